@@ -1,0 +1,54 @@
+"""Package description for colcon (ament_python) and pip alike."""
+
+from pathlib import Path
+
+from setuptools import find_packages
+from setuptools import setup
+
+NAME = 'rpms_ros'
+
+
+def files(pattern: str) -> list[str]:
+    """Return the files that match, as data_files wants them."""
+    return sorted(str(path) for path in Path().glob(pattern))
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='On-line identification of magnetically or electrically stimulated muscle',
+    license='Apache-2.0',
+    maintainer='rpms_ros maintainers',
+    maintainer_email='rpms-ros@users.noreply.github.com',
+    python_requires='>=3.11',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed', '**/*.yaml', '**/*.xml']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/launch', files('launch/*.launch.py')),
+        (f'share/{NAME}/config', files('config/*.yaml')),
+    ],
+    zip_safe=False,
+    # The lower bounds are what Ubuntu 24.04 ships.
+    install_requires=[
+        'matplotlib>=3.6',
+        'numba',
+        'numpy>=1.26',
+        'pyserial>=3.5',
+        'PyYAML>=6.0',
+        'rosbags>=0.11',
+        'scipy>=1.11',
+        'tqdm>=4.66',
+    ],
+    extras_require={'test': ['hypothesis', 'pytest', 'pytest-timeout']},
+    entry_points={
+        'console_scripts': [
+            'rpms = rpms_ros.cli:main',
+            'identifier = rpms_ros.nodes.identifier:main',
+            'plant_simulator = rpms_ros.nodes.plant_simulator:main',
+            'recorder = rpms_ros.nodes.recorder:main',
+            'stimulator_driver = rpms_ros.nodes.stimulator_driver:main',
+        ],
+    },
+)
