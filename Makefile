@@ -1,0 +1,76 @@
+# make build   environment in .venv, both packages in it; nothing to source afterwards
+# make demo    simulated muscle, on-line identification, a report
+# make test    the whole suite           ARGS='-k twitch -x' goes to pytest
+# make lint    ruff, mypy, import contracts          make format   what ruff can do by itself
+# make bench   benchmarks
+# make clean   remove what was built or written      make distclean   .venv too
+#
+# PYTHON=/path/to/python3.12 chooses the interpreter of .venv.
+
+VENV := $(CURDIR)/.venv
+BIN := $(VENV)/bin
+STAMPS := $(VENV)/stamps
+
+# An environment of its own: a sourced ROS must not show through.
+unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH CMAKE_PREFIX_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+export PYTHON
+export VIRTUAL_ENV := $(VENV)
+export AMENT_PREFIX_PATH := $(VENV)
+export PATH := $(BIN):$(PATH)
+
+MSGS := $(shell find msg_defs -type f)
+PACKAGE := package.xml setup.py setup.cfg resource/rpms_ros
+
+.PHONY: build demo test lint format bench clean distclean
+.NOTPARALLEL:
+
+build: $(STAMPS)/msgs $(STAMPS)/package
+
+# The environment does not depend on time: it is made when it is missing or half made.
+ifneq ($(wildcard $(VENV)/.interrupted),)
+.PHONY: $(STAMPS)/venv
+endif
+
+$(STAMPS)/venv:
+	@tools/build venv
+	@mkdir -p $(STAMPS) && touch $@
+
+$(STAMPS)/lock: $(STAMPS)/venv requirements/rpms.lock
+	@tools/build lock
+	@touch $@
+
+$(STAMPS)/msgs: $(STAMPS)/lock $(MSGS)
+	@tools/build msgs
+	@touch $@
+
+$(STAMPS)/package: $(STAMPS)/lock $(PACKAGE)
+	@tools/build package
+	@touch $@
+
+demo: build
+	@$(BIN)/rpms demo
+
+# A skipped test is a failed one, but for recordings that are not there: tools/skip_policy.py.
+test: build
+	@PYTHONPATH=tools $(BIN)/python -m pytest -p skip_policy $(ARGS)
+
+lint: build
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+
+format: build
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: build
+	@$(BIN)/python bench/run.py $(ARGS)
+
+clean:
+	rm -rf build install log out *.egg-info .hypothesis
+	rm -rf .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find . -path ./.venv -prune -o -type d -name __pycache__ -exec rm -rf {} +
+
+distclean: clean
+	rm -rf .venv
