@@ -1,0 +1,36 @@
+"""Exceptions of the package: one class a room, so that a caller can tell who refused.
+
+Every message reads ``expected <condition>, got <value>`` and names the thing that was wrong.
+"""
+
+
+class RpmsError(Exception):
+    """Base class of every error that this package raises on purpose."""
+
+
+class MuscleError(RpmsError):
+    """A muscle model was given a value that no muscle has."""
+
+
+class StimulationError(RpmsError):
+    """A pulse, a schedule or a limit is not acceptable."""
+
+
+class IdentificationError(RpmsError):
+    """An estimator was given settings or data that it cannot use."""
+
+
+class RecordingError(RpmsError):
+    """A recording cannot be read, written or imported."""
+
+
+class MessageError(RpmsError):
+    """A ROS message holds a value that its definition does not allow."""
+
+
+class ReportError(RpmsError):
+    """A figure or report cannot be made from what was given."""
+
+
+class NodeError(RpmsError):
+    """A node was configured with parameters that cannot work."""

@@ -1,0 +1,120 @@
+"""Pulses and force samples as arrays: the domain values that every room speaks.
+
+Time is an integer number of nanoseconds since an epoch, as in ``header.stamp``: floating-point
+seconds since 1970 resolve only 0.2 us, and sums of them depend on their order.
+"""
+
+from dataclasses import dataclass
+from dataclasses import field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+NANOSECONDS_PER_SECOND = 1_000_000_000
+MAGNETIC_PULSE_WIDTH = 100e-6
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+class Pulse(NamedTuple):
+    """One stimulation pulse.
+
+    Attributes
+    ----------
+    onset_ns : int
+        Onset of the pulse [ns].
+    intensity : float
+        Share of the stimulator's maximum, 0..1.
+    sequence : int
+        Counter of the driver, +1 a pulse.
+    width : float
+        Duration [s].
+    """
+
+    onset_ns: int
+    intensity: float
+    sequence: int = 0
+    width: float = MAGNETIC_PULSE_WIDTH
+
+
+@dataclass(frozen=True)
+class PulseTrain:
+    """Pulses in the order in which they were given, as arrays of one length.
+
+    Attributes
+    ----------
+    onset_ns : ndarray of int64, shape (pulses,)
+        Onsets [ns].
+    intensity : ndarray of float64, shape (pulses,)
+        Shares of the maximum, 0..1.
+    sequence : ndarray of int64, shape (pulses,)
+        Counters of the driver.
+    width : ndarray of float64, shape (pulses,)
+        Durations [s].
+    """
+
+    onset_ns: IntArray
+    intensity: FloatArray
+    sequence: IntArray
+    width: FloatArray
+
+    def __post_init__(self) -> None:
+        lengths = {len(self.onset_ns), len(self.intensity), len(self.sequence), len(self.width)}
+        if len(lengths) != 1:
+            raise ValueError(f'expected arrays of one length, got lengths {sorted(lengths)}')
+
+    def __len__(self) -> int:
+        return len(self.onset_ns)
+
+    @classmethod
+    def regular(
+        cls,
+        intensity: npt.ArrayLike,
+        rate_hz: float,
+        start_ns: int = 0,
+        width: float = MAGNETIC_PULSE_WIDTH,
+    ) -> 'PulseTrain':
+        """Return pulses at a constant repetition rate (Eq. 29)."""
+        values = np.asarray(intensity, dtype=np.float64)
+        count = np.arange(len(values), dtype=np.int64)
+        onset = start_ns + np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
+        return cls(onset, values, count, np.full(len(values), width))
+
+    @classmethod
+    def of(cls, pulses: list[Pulse]) -> 'PulseTrain':
+        """Return a train of single pulses."""
+        return cls(
+            np.array([pulse.onset_ns for pulse in pulses], dtype=np.int64),
+            np.array([pulse.intensity for pulse in pulses], dtype=np.float64),
+            np.array([pulse.sequence for pulse in pulses], dtype=np.int64),
+            np.array([pulse.width for pulse in pulses], dtype=np.float64),
+        )
+
+
+@dataclass(frozen=True)
+class ForceTrace:
+    """Force samples in the order in which they were given.
+
+    Attributes
+    ----------
+    stamp_ns : ndarray of int64, shape (samples,)
+        Times of the samples [ns].
+    force : ndarray of float64, shape (samples,)
+        Force along the measured axis [N].
+    """
+
+    stamp_ns: IntArray
+    force: FloatArray
+    frame_id: str = field(default='force_sensor')
+
+    def __post_init__(self) -> None:
+        if len(self.stamp_ns) != len(self.force):
+            raise ValueError(
+                f'expected as many stamps as forces, got {len(self.stamp_ns)} and '
+                f'{len(self.force)}'
+            )
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
