@@ -25,6 +25,7 @@ PACKAGE := package.xml setup.py setup.cfg resource/rpms_ros
 .NOTPARALLEL:
 
 build: $(STAMPS)/msgs $(STAMPS)/package
+	@:
 
 # The environment does not depend on time: it is made when it is missing or half made.
 ifneq ($(wildcard $(VENV)/.interrupted),)
@@ -52,7 +53,7 @@ demo: build
 
 # A skipped test is a failed one, but for recordings that are not there: tools/skip_policy.py.
 test: build
-	@PYTHONPATH=tools $(BIN)/python -m pytest -p skip_policy $(ARGS)
+	@ROS_PYTHON_CHECK_FIELDS=1 PYTHONPATH=tools $(BIN)/python -m pytest -p skip_policy $(ARGS)
 
 lint: build
 	$(BIN)/ruff check .

@@ -1,0 +1,182 @@
+"""The files that describe the two packages agree with each other and with the source tree."""
+
+import ast
+import configparser
+import re
+import tomllib
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MSGS = ROOT / 'msg_defs'
+
+
+def package_xml(folder: Path) -> ET.Element:
+    return ET.parse(folder / 'package.xml').getroot()
+
+
+def text(element: ET.Element, tag: str) -> str:
+    found = element.find(tag)
+    assert found is not None
+    assert found.text is not None
+    return found.text
+
+
+def depends(element: ET.Element, *tags: str) -> set[str]:
+    return {item.text or '' for tag in tags for item in element.findall(tag)}
+
+
+def setup_arguments() -> dict[str, object]:
+    """Literal keyword arguments of setup(), without running it."""
+    tree = ast.parse((ROOT / 'setup.py').read_text())
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    (setup,) = [c for c in calls if isinstance(c.func, ast.Name) and c.func.id == 'setup']
+    literal = {}
+    for keyword in setup.keywords:
+        if keyword.arg in ('version', 'license', 'maintainer', 'maintainer_email', 'entry_points'):
+            literal[keyword.arg] = ast.literal_eval(keyword.value)
+    return literal
+
+
+def scripts() -> list[str]:
+    entry_points = setup_arguments()['entry_points']
+    assert isinstance(entry_points, dict)
+    return list(entry_points['console_scripts'])
+
+
+def imported_packages() -> set[str]:
+    """Top-level names that the sources of rpms_ros import."""
+    names = set()
+    for path in (ROOT / 'rpms_ros').rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names.add(node.module.split('.')[0])
+    return names
+
+
+def test_one_version() -> None:
+    init = (ROOT / 'rpms_ros' / '__init__.py').read_text()
+    project = tomllib.loads((MSGS / 'pyproject.toml').read_text())['project']
+    versions = {
+        'package.xml': text(package_xml(ROOT), 'version'),
+        'msg_defs/package.xml': text(package_xml(MSGS), 'version'),
+        'msg_defs/pyproject.toml': project['version'],
+        'setup.py': setup_arguments()['version'],
+        '__version__': re.findall(r"^__version__ = '(.*)'$", init, re.MULTILINE)[0],
+    }
+    assert len(set(versions.values())) == 1, versions
+
+
+@pytest.mark.parametrize('folder', [ROOT, MSGS], ids=['rpms_ros', 'rpms_msgs'])
+def test_package_xml_is_complete(folder: Path) -> None:
+    root = package_xml(folder)
+    assert root.get('format') == '3'
+    assert text(root, 'license') == 'Apache-2.0'
+    assert text(root, 'description').endswith('.')
+
+
+def test_setup_repeats_package_xml() -> None:
+    root = package_xml(ROOT)
+    maintainer = root.find('maintainer')
+    assert maintainer is not None
+    arguments = setup_arguments()
+    assert arguments['license'] == text(root, 'license')
+    assert arguments['maintainer'] == maintainer.text
+    assert arguments['maintainer_email'] == maintainer.get('email')
+
+
+def test_build_types() -> None:
+    assert text(package_xml(ROOT), 'export/build_type') == 'ament_python'
+    assert text(package_xml(MSGS), 'export/build_type') == 'ament_cmake'
+
+
+def test_cmake_generates_every_interface() -> None:
+    cmake = (MSGS / 'CMakeLists.txt').read_text()
+    named = set(re.findall(r'"((?:msg|srv|action)/\w+\.\w+)"', cmake))
+    there = {
+        str(path.relative_to(MSGS))
+        for kind in ('msg', 'srv', 'action')
+        for path in (MSGS / kind).glob(f'*.{kind}')
+    }
+    assert named == there
+
+
+def test_cmake_depends_as_package_xml_says() -> None:
+    cmake = (MSGS / 'CMakeLists.txt').read_text()
+    found = set(re.findall(r'find_package\((\w+) REQUIRED\)', cmake))
+    assert found == depends(package_xml(MSGS), 'buildtool_depend', 'depend')
+
+
+def test_interfaces_use_declared_packages_only() -> None:
+    used = set()
+    for path in MSGS.glob('*/*.*'):
+        if path.suffix in ('.msg', '.srv', '.action'):
+            used |= set(re.findall(r'^(\w+)/\w+', path.read_text(), re.MULTILINE))
+    assert used <= depends(package_xml(MSGS), 'depend')
+
+
+@pytest.mark.parametrize('script', scripts())
+def test_console_script_has_a_target(script: str) -> None:
+    module, function = script.split('=')[1].strip().split(':')
+    path = ROOT.joinpath(*module.split('.')).with_suffix('.py')
+    if not path.exists():
+        path = ROOT.joinpath(*module.split('.'), '__init__.py')
+    assert path.exists(), f'expected {module} for "{script}", found no such file'
+    tree = ast.parse(path.read_text())
+    names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    names |= {alias.asname or alias.name for node in imports for alias in node.names}
+    assert function in names
+
+
+def test_executables_go_where_ros2_run_looks() -> None:
+    config = configparser.ConfigParser()
+    config.read(ROOT / 'setup.cfg')
+    assert config['install']['install_scripts'] == '$base/lib/rpms_ros'
+    assert config['develop']['script_dir'] == '$base/lib/rpms_ros'
+
+
+# Import name: rosdep key, where they differ.
+ROSDEP = {
+    'matplotlib': 'python3-matplotlib',
+    'numba': 'python3-numba',
+    'numpy': 'python3-numpy',
+    'scipy': 'python3-scipy',
+    'serial': 'python3-serial',
+    'tqdm': 'python3-tqdm',
+    'yaml': 'python3-yaml',
+}
+ROS_PACKAGES = {'action_msgs', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs'}
+ROS_PACKAGES |= {'geometry_msgs', 'lifecycle_msgs', 'rcl_interfaces', 'rclpy', 'rosgraph_msgs'}
+ROS_PACKAGES |= {'rpms_msgs', 'std_msgs', 'std_srvs'}
+
+
+def test_every_import_is_a_declared_dependency() -> None:
+    keys = {ROSDEP.get(name, name) for name in imported_packages()}
+    needed = keys & (set(ROSDEP.values()) | ROS_PACKAGES)
+    assert needed <= depends(package_xml(ROOT), 'depend', 'exec_depend')
+
+
+def test_locks_pin_every_package_once() -> None:
+    pins = []
+    for name in ('rpms.lock', 'colcon.lock'):
+        lines = (ROOT / 'requirements' / name).read_text().splitlines()
+        pins += [line for line in lines if not line.startswith('#')]
+    assert [pin for pin in pins if not re.fullmatch(r'[\w.-]+==[\w.]+', pin)] == []
+    names = [pin.split('==')[0] for pin in pins]
+    assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize('name', ['rpms', 'colcon'])
+def test_lock_follows_its_source(name: str) -> None:
+    source = (ROOT / 'requirements' / f'{name}.in').read_text()
+    wanted = re.findall(r'^([\w.-]+)(?:\[\w+\])?(==[\w.]+)?$', source, re.MULTILINE)
+    lock = (ROOT / 'requirements' / f'{name}.lock').read_text().splitlines()
+    for package, version in wanted:
+        entries = [line for line in lock if line.startswith(f'{package.lower()}==')]
+        assert len(entries) == 1, package
+        assert entries[0].endswith(version)

@@ -1,0 +1,52 @@
+"""tools/skip_policy.py, run in pytests of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOOLS = Path(__file__).resolve().parents[2] / 'tools'
+
+
+def run(folder: Path, source: str, *, strict: bool = False) -> subprocess.CompletedProcess[str]:
+    (folder / 'test_it.py').write_text(source)
+    environment = {**os.environ, 'PYTHONPATH': str(TOOLS), 'RPMS_STRICT_SKIPS': str(int(strict))}
+    environment['PYTEST_DISABLE_PLUGIN_AUTOLOAD'] = '1'  # quicker
+    command = [sys.executable, '-m', 'pytest', '-q', '-p', 'skip_policy', '-p', 'no:cacheprovider']
+    return subprocess.run(
+        [*command, '--rootdir', str(folder), str(folder)],
+        cwd=folder,
+        env=environment,
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+
+
+SKIP = 'import pytest\ndef test_a(): pass\ndef test_b(): pytest.skip({reason!r})\n'
+SKIP_MODULE = 'import pytest\npytest.skip({reason!r}, allow_module_level=True)\n'
+MISSING = 'RPMS_RECORDINGS: no such folder'
+
+
+@pytest.mark.parametrize('source', [SKIP, SKIP_MODULE], ids=['test', 'module'])
+def test_an_unexpected_skip_fails_the_run(tmp_path: Path, source: str) -> None:
+    result = run(tmp_path, source.format(reason='do not feel like it'))
+    assert result.returncode == pytest.ExitCode.TESTS_FAILED
+    assert 'unexpected skips' in result.stdout
+    assert 'do not feel like it' in result.stdout
+
+
+def test_missing_recordings_may_be_skipped(tmp_path: Path) -> None:
+    assert run(tmp_path, SKIP.format(reason=MISSING)).returncode == pytest.ExitCode.OK
+
+
+def test_missing_recordings_fail_a_strict_run(tmp_path: Path) -> None:
+    result = run(tmp_path, SKIP.format(reason=MISSING), strict=True)
+    assert result.returncode == pytest.ExitCode.TESTS_FAILED
+
+
+def test_an_expected_failure_is_no_skip(tmp_path: Path) -> None:
+    source = 'import pytest\n@pytest.mark.xfail\ndef test_a(): assert False\n'
+    assert run(tmp_path, source, strict=True).returncode == pytest.ExitCode.OK
