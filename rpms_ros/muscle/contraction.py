@@ -1,0 +1,266 @@
+r"""The complete contraction, Eq. (11), as a stream of pulses in and force out.
+
+An n-th order twitch with equal poles is a polynomial times one exponential, so the sum over any
+number of past pulses is too.  With lags ``s`` in units of T_a it is carried exactly by n moments
+
+.. math:: M_j = \sum_q w_q s_q^j e^{-s_q}, \qquad j = 0 .. n-1
+
+which move on by a time ``d`` through the binomial theorem,
+``M_j' = e^{-d} sum_i C(j, i) d^(j-i) M_i``, and give the force as ``c M_(n-1)`` with
+``c = (e / (n-1))^(n-1)``.  Every term is positive: nothing cancels, however long the history.
+
+The youngest pulses stay separate for a while, so that one which arrives late, or between two
+others, still gets its exact place and repetition rate.
+"""
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle.subject import Subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+# A motor axon is absolutely refractory for about a millisecond: no interval counts as shorter.
+REFRACTORY_PERIOD = 1e-3
+
+
+@numba.njit(cache=True)
+def _move_moments(moments: FloatArray, distance: float) -> None:
+    """Move the moments (n,) on by `distance` (in units of T_a), in place."""
+    decay = math.exp(-distance)
+    for j in range(len(moments) - 1, -1, -1):
+        total = 0.0
+        factor = 1.0
+        for i in range(j, -1, -1):
+            total += factor * moments[i]
+            # C(j, i-1) d^(j-i+1) out of C(j, i) d^(j-i)
+            factor *= distance * i / (j - i + 1)
+        moments[j] = decay * total
+
+
+@numba.njit(cache=True)
+def _fold(
+    reference_ns: int,
+    moments: FloatArray,
+    onset_ns: IntArray,
+    weight: FloatArray,
+    time_constant_ns: float,
+) -> int:
+    """Add pulses, ascending in onset, to the moments; return the new reference time."""
+    for index in range(len(onset_ns)):
+        if onset_ns[index] > reference_ns:
+            _move_moments(moments, (onset_ns[index] - reference_ns) / time_constant_ns)
+            reference_ns = onset_ns[index]
+        lag = (reference_ns - onset_ns[index]) / time_constant_ns
+        term = weight[index] * math.exp(-lag)
+        for j in range(len(moments)):
+            moments[j] += term
+            term *= lag
+    return reference_ns
+
+
+@numba.njit(cache=True)
+def _read(
+    stamp_ns: IntArray,
+    reference_ns: int,
+    moments: FloatArray,
+    onset_ns: IntArray,
+    weight: FloatArray,
+    time_constant_ns: float,
+) -> FloatArray:
+    """Return the top moment at ascending stamps (samples,); `moments` is used up."""
+    result = np.empty(len(stamp_ns))
+    at_sample = np.empty_like(moments)
+    begun = 0
+    for index in range(len(stamp_ns)):
+        first = begun
+        while begun < len(onset_ns) and onset_ns[begun] <= stamp_ns[index]:
+            begun += 1
+        if begun > first:
+            reference_ns = _fold(
+                reference_ns, moments, onset_ns[first:begun], weight[first:begun], time_constant_ns
+            )
+        at_sample[:] = moments
+        _move_moments(at_sample, (stamp_ns[index] - reference_ns) / time_constant_ns)
+        result[index] = at_sample[-1]
+    return result
+
+
+class Contraction:
+    """Isometric force of a stimulated muscle, Eq. (11).
+
+    Pulses may be added at any time and in any order; force may be read at any time that is not
+    more than `window` seconds before the newest one read.  The cost of a sample does not depend
+    on how many pulses there have been.
+
+    Parameters
+    ----------
+    subject : Subject
+        The muscle.
+    fixed_rate_hz : float or None
+        Repetition rate at which every pulse is weighted [Hz]; None takes each pulse's own, from
+        the interval to the pulse before it (the first one counts as alone).
+    window : float
+        Span over which pulses are kept apart [s].
+
+    Raises
+    ------
+    MuscleError
+        If the rate or the window is not above zero.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        fixed_rate_hz: float | None = None,
+        window: float = 2.0,
+    ) -> None:
+        if fixed_rate_hz is not None and not (math.isfinite(fixed_rate_hz) and fixed_rate_hz > 0):
+            raise MuscleError(f'expected a repetition rate above 0 Hz, got {fixed_rate_hz}')
+        if not window > 0:
+            raise MuscleError(f'expected a window above 0 s, got {window}')
+        self.subject = subject
+        self._fixed_rate = fixed_rate_hz
+        self._window_ns = round(window * NANOSECONDS_PER_SECOND)
+        self._latency_ns = round(subject.latency * NANOSECONDS_PER_SECOND)
+        self._time_constant_ns = subject.time_constant * NANOSECONDS_PER_SECOND
+        power = subject.order - 1
+        self._peak = 1.0 if power == 0 else (math.e / power) ** power
+        self._moments = np.zeros(subject.order)
+        self._reference_ns: int | None = None
+        self._last_folded_ns: int | None = None
+        self._onset_ns = np.empty(0, dtype=np.int64)
+        self._intensity = np.empty(0)
+
+    def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
+        """Add pulses.
+
+        Parameters
+        ----------
+        onset_ns : array_like of int, shape (pulses,) or ()
+            Onsets of the pulses [ns], in any order.
+        intensity : array_like, shape (pulses,) or ()
+            Shares of the maximum, 0..1.
+
+        Raises
+        ------
+        MuscleError
+            If an intensity is not between 0 and 1; nothing is added then.
+        """
+        onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
+        values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
+        if onsets.shape != values.shape:
+            raise MuscleError(
+                f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
+            )
+        valid = (values >= 0.0) & (values <= 1.0)
+        if not valid.all():
+            raise MuscleError(f'expected intensities from 0 to 1, got {values[~valid][0]}')
+        begun = self._begun(onsets)
+        if begun.any():
+            self._add_late(onsets[begun], values[begun])
+        merged = np.concatenate((self._onset_ns, onsets[~begun]))
+        order = np.argsort(merged, kind='stable')
+        self._onset_ns = merged[order]
+        self._intensity = np.concatenate((self._intensity, values[~begun]))[order]
+
+    def force(self, stamp_ns: npt.ArrayLike) -> FloatArray:
+        """Return the force at the given times.
+
+        Parameters
+        ----------
+        stamp_ns : array_like of int, shape (samples,) or ()
+            Times [ns], in any order.
+
+        Returns
+        -------
+        ndarray, shape (samples,)
+            Force of the pulses added so far [N].
+
+        Raises
+        ------
+        MuscleError
+            If a time lies further back than pulses are kept apart.
+        """
+        stamps = np.atleast_1d(np.asarray(stamp_ns, dtype=np.int64))
+        if not len(stamps):
+            return np.empty(0)
+        order = np.argsort(stamps, kind='stable')
+        ascending = stamps[order]
+        if self._reference_ns is None:
+            self._reference_ns = int(np.concatenate((ascending[:1], self._effective()[:1])).min())
+        if ascending[0] < self._reference_ns:
+            raise MuscleError(
+                f'expected times from {self._reference_ns} ns on, got {ascending[0]} ns'
+            )
+        moments = self._moments.copy()
+        top = _read(
+            ascending,
+            self._reference_ns,
+            moments,
+            self._effective(),
+            self._weights(),
+            self._time_constant_ns,
+        )
+        result = np.empty(len(stamps))
+        result[order] = self._peak * top
+        self._fold_before(int(ascending[-1]) - self._window_ns)
+        return result
+
+    def _effective(self) -> IntArray:
+        """Return when the separate pulses begin to act (pulses,) [ns]."""
+        return self._onset_ns + self._latency_ns
+
+    def _begun(self, onset_ns: IntArray) -> npt.NDArray[np.bool_]:
+        if self._reference_ns is None:
+            return np.zeros(len(onset_ns), dtype=np.bool_)
+        return onset_ns + self._latency_ns <= self._reference_ns
+
+    def _weights(self) -> FloatArray:
+        """Return the peak force of each separate pulse's twitch (pulses,) [N]."""
+        if self._fixed_rate is not None:
+            return self.subject.pulse_weight(self._intensity, self._fixed_rate)
+        rate = np.zeros(len(self._onset_ns))
+        interval = np.diff(self._onset_ns) / NANOSECONDS_PER_SECOND
+        rate[1:] = 1.0 / np.maximum(interval, REFRACTORY_PERIOD)
+        if len(rate) and self._last_folded_ns is not None:
+            since = (self._onset_ns[0] - self._last_folded_ns) / NANOSECONDS_PER_SECOND
+            rate[0] = 1.0 / max(since, REFRACTORY_PERIOD)
+        return self.subject.pulse_weight(self._intensity, rate)
+
+    def _add_late(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses from before the separate ones: exact, but as if each stood alone."""
+        rate = self._fixed_rate if self._fixed_rate is not None else 0.0
+        assert self._reference_ns is not None
+        _fold(
+            self._reference_ns,
+            self._moments,
+            onset_ns + self._latency_ns,
+            self.subject.pulse_weight(intensity, rate),
+            self._time_constant_ns,
+        )
+
+    def _fold_before(self, limit_ns: int) -> None:
+        """Fold what began to act before `limit_ns` into the moments."""
+        count = int(np.searchsorted(self._effective(), limit_ns))
+        if not count:
+            return
+        assert self._reference_ns is not None
+        weights = self._weights()
+        self._reference_ns = int(
+            _fold(
+                self._reference_ns,
+                self._moments,
+                self._effective()[:count],
+                weights[:count],
+                self._time_constant_ns,
+            )
+        )
+        self._last_folded_ns = int(self._onset_ns[count - 1])
+        self._onset_ns = self._onset_ns[count:]
+        self._intensity = self._intensity[count:]

@@ -1,0 +1,124 @@
+"""What a force sensor adds to the force: noise, slow drift, stimulation artifact, saturation.
+
+Each disturbance is reproducible: noise by its seed, drift and artifact by the time stamps alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """What lies between the force of the muscle and the number that the sensor gives.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of white noise [N].
+    offset : float
+        Constant baseline [N].
+    drift : float
+        Amplitude of a slow sinusoidal baseline [N].
+    drift_period : float
+        Its period [s].
+    artifact : float
+        Peak of the stimulation artifact at full intensity [N]; the artifact grows with the
+        intensity and dies away with `artifact_decay`.
+    artifact_decay : float
+        Time constant of the artifact [s].
+    saturation : float
+        Largest force that the sensor can show, in either direction [N].
+    """
+
+    noise: float = 0.0
+    offset: float = 0.0
+    drift: float = 0.0
+    drift_period: float = 120.0
+    artifact: float = 0.0
+    artifact_decay: float = 0.5e-3
+    saturation: float = float('inf')
+
+    def __post_init__(self) -> None:
+        if not (self.noise >= 0 and np.isfinite(self.noise)):
+            raise MuscleError(f'expected a noise of at least 0 N, got {self.noise}')
+        for name in ('drift_period', 'artifact_decay', 'saturation'):
+            if not getattr(self, name) > 0:
+                raise MuscleError(f'expected a {name} above 0, got {getattr(self, name)}')
+        for name in ('offset', 'drift', 'artifact'):
+            if not np.isfinite(getattr(self, name)):
+                raise MuscleError(f'expected a finite {name}, got {getattr(self, name)}')
+
+
+class Sensor:
+    """A force sensor with disturbances, fed in blocks of any length.
+
+    Parameters
+    ----------
+    disturbances : Disturbances
+        What it adds.
+    seed : int
+        Seed of the noise.
+    """
+
+    def __init__(self, disturbances: Disturbances, seed: int = 0) -> None:
+        self.disturbances = disturbances
+        self._generator = np.random.default_rng(seed)
+        self._origin_ns: int | None = None
+
+    def measure(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        onset_ns: IntArray,
+        intensity: FloatArray,
+    ) -> FloatArray:
+        """Return what the sensor shows.
+
+        Parameters
+        ----------
+        stamp_ns : ndarray of int64, shape (samples,)
+            Times of the samples, ascending [ns].
+        force : ndarray, shape (samples,)
+            Force of the muscle [N].
+        onset_ns : ndarray of int64, shape (pulses,)
+            Onsets of the pulses that may leave an artifact in these samples, ascending [ns].
+        intensity : ndarray, shape (pulses,)
+            Their shares of the maximum.
+
+        Returns
+        -------
+        ndarray, shape (samples,)
+            Measured force [N].
+        """
+        settings = self.disturbances
+        measured = force + settings.offset + settings.noise * self._noise(len(stamp_ns))
+        if settings.drift and len(stamp_ns):
+            if self._origin_ns is None:
+                self._origin_ns = int(stamp_ns[0])
+            time = (stamp_ns - self._origin_ns) / NANOSECONDS_PER_SECOND
+            measured += settings.drift * np.sin(2 * np.pi * time / settings.drift_period)
+        if settings.artifact and len(onset_ns):
+            measured += self._artifact(stamp_ns, onset_ns, intensity)
+        return np.clip(measured, -settings.saturation, settings.saturation)
+
+    def _noise(self, count: int) -> FloatArray:
+        return self._generator.standard_normal(count)
+
+    def _artifact(
+        self,
+        stamp_ns: IntArray,
+        onset_ns: IntArray,
+        intensity: FloatArray,
+    ) -> FloatArray:
+        """Return the artifact of the pulse before each sample (samples,) [N]."""
+        latest = np.searchsorted(onset_ns, stamp_ns, side='right') - 1
+        lag = (stamp_ns - onset_ns[np.maximum(latest, 0)]) / NANOSECONDS_PER_SECOND
+        decay = np.exp(-np.maximum(lag, 0.0) / self.disturbances.artifact_decay)
+        peak = self.disturbances.artifact * intensity[np.maximum(latest, 0)]
+        return np.where(latest >= 0, peak * decay, 0.0)

@@ -1,0 +1,140 @@
+"""Recruitment: which share of the muscle answers, by intensity and by repetition rate.
+
+``rho(u, f) = rho_u(u) rho_f(f)`` (Eq. 8).  Eq. (9) is printed with beta_2 inside the product
+with beta_1; only outside does Table 3 give rho_u(0) = 0 and rho_u(1) = 1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.pulses import FloatArray
+
+
+@dataclass(frozen=True)
+class IntensityRecruitment:
+    """Recruitment by intensity, rho_u of Eq. (9); the defaults are Table 3.
+
+    Attributes
+    ----------
+    threshold, saturation : float
+        u_thr and u_sat, share of the maximum intensity.
+    threshold_slope, saturation_slope : float
+        alpha_thr and alpha_sat: how sharply the curve bends there.
+    gain, offset : float
+        beta_1 and beta_2.
+    """
+
+    threshold: float = 0.48
+    saturation: float = 0.98
+    threshold_slope: float = 5.0
+    saturation_slope: float = 4.0
+    gain: float = 0.738
+    offset: float = 0.539
+
+    def __post_init__(self) -> None:
+        if not self.threshold < self.saturation:
+            raise MuscleError(
+                f'expected threshold < saturation, got {self.threshold} and {self.saturation}'
+            )
+        if not (self.threshold_slope > 0 and self.saturation_slope > 0):
+            raise MuscleError(
+                f'expected slopes above 0, got {self.threshold_slope} and {self.saturation_slope}'
+            )
+
+    def __call__(self, intensity: npt.ArrayLike) -> FloatArray:
+        """Return rho_u at ``intensity`` (shape (...), share 0..1), same shape."""
+        u = np.asarray(intensity, dtype=np.float64)
+        above = u - self.threshold
+        beyond = u - self.saturation
+        bend = above * np.arctan(self.threshold_slope * above)
+        limit = beyond * np.arctan(self.saturation_slope * beyond)
+        return self.gain * (bend - limit) + self.offset
+
+    def normalised(self) -> 'IntensityRecruitment':
+        """Return the same shape with rho_u(0) = 0 and rho_u(1) = 1 exactly."""
+        unit = IntensityRecruitment(
+            self.threshold,
+            self.saturation,
+            self.threshold_slope,
+            self.saturation_slope,
+            gain=1.0,
+            offset=0.0,
+        )
+        low, high = (float(value) for value in unit(np.array([0.0, 1.0])))
+        gain = 1.0 / (high - low)
+        return IntensityRecruitment(
+            self.threshold,
+            self.saturation,
+            self.threshold_slope,
+            self.saturation_slope,
+            gain=gain,
+            offset=-gain * low,
+        )
+
+
+@dataclass(frozen=True)
+class RateRecruitment:
+    """Recruitment by repetition rate, rho_f of Eq. (10); the defaults are Table 3.
+
+    Measured from 15 to 35 Hz (`lowest_rate`, `highest_rate`).
+
+    Attributes
+    ----------
+    saturation : float
+        f_sat [Hz].
+    slope : float
+        gamma_sat [1/Hz].
+    gain : float
+        delta_1 [1/Hz].
+    offset : float
+        delta_2.
+    lowest_rate, highest_rate : float
+        Rates between which the formula was fitted [Hz].
+    """
+
+    saturation: float = 25.0
+    slope: float = 0.05
+    gain: float = 0.0597
+    offset: float = -0.321
+    lowest_rate: float = 15.0
+    highest_rate: float = 35.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.lowest_rate < self.highest_rate:
+            raise MuscleError(
+                'expected 0 < lowest_rate < highest_rate, got '
+                f'{self.lowest_rate} and {self.highest_rate}'
+            )
+
+    def __call__(self, rate_hz: npt.ArrayLike) -> FloatArray:
+        """Return rho_f at ``rate_hz`` (shape (...), Hz), same shape."""
+        rate = np.asarray(rate_hz, dtype=np.float64)
+        excess = rate - self.saturation
+        bend = np.arctan(self.slope * excess) / np.pi + 0.5
+        return self.gain * (rate - excess * bend) + self.offset
+
+    def per_pulse(self, rate_hz: npt.ArrayLike) -> FloatArray:
+        """Return rho_f(f) / f, the weight of one pulse at rate f, shape (...) [s].
+
+        Eq. (11) divides rho_f by the steady mean of the train, which is proportional to f.
+        Towards f = 0 that is 0/0, spoiled by the rounding of delta_2, and below the lowest
+        measured rate it is extrapolation; a twitch that stands alone long enough does not know
+        the one before it, so the weight of the lowest measured rate is kept from there down.
+        """
+        rate = np.maximum(np.asarray(rate_hz, dtype=np.float64), self.lowest_rate)
+        return self(rate) / rate
+
+
+@dataclass(frozen=True)
+class RecruitmentField:
+    """The recruitment field rho(u, f) of Eq. (8)."""
+
+    by_intensity: IntensityRecruitment = IntensityRecruitment()
+    by_rate: RateRecruitment = RateRecruitment()
+
+    def __call__(self, intensity: npt.ArrayLike, rate_hz: npt.ArrayLike) -> FloatArray:
+        """Return rho at intensities and rates (Hz) that broadcast together."""
+        return self.by_intensity(intensity) * self.by_rate(rate_hz)

@@ -1,0 +1,144 @@
+"""Subjects: one set of numbers that says what a muscle does when it is stimulated.
+
+The presets hold the averages of the paper; `random_subject` draws from its ranges, so that a
+method can be tried on people who differ as much as its subjects did.
+"""
+
+from dataclasses import dataclass
+from dataclasses import field
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle.recruitment import IntensityRecruitment
+from rpms_ros.muscle.recruitment import RateRecruitment
+from rpms_ros.muscle.twitch import twitch_area
+from rpms_ros.pulses import FloatArray
+
+REFERENCE_RATE = 20.0
+
+
+class Modality(Enum):
+    """How the nerve is stimulated."""
+
+    MAGNETIC = 'rpms'
+    ELECTRICAL = 'fes'
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A muscle under isometric stimulation, Eq. (11).
+
+    Attributes
+    ----------
+    time_constant : float
+        T_a of the twitch [s].
+    latency : float
+        T_1 from the pulse to the onset of the twitch [s].
+    order : int
+        Number of equal real poles of the twitch.
+    recruitment : IntensityRecruitment
+        rho_u.
+    rate_recruitment : RateRecruitment
+        rho_f.
+    maximum_force : float
+        Steady mean force at full intensity and `REFERENCE_RATE` [N].
+    """
+
+    time_constant: float = 38.44e-3
+    latency: float = 9.45e-3
+    order: int = 3
+    recruitment: IntensityRecruitment = field(default_factory=IntensityRecruitment)
+    rate_recruitment: RateRecruitment = field(default_factory=RateRecruitment)
+    maximum_force: float = 10.0
+
+    def __post_init__(self) -> None:
+        if not self.latency >= 0:
+            raise MuscleError(f'expected a latency of at least 0 s, got {self.latency}')
+        if self.order not in range(1, 7):
+            raise MuscleError(f'expected a whole order from 1 to 6, got {self.order}')
+        if not self.maximum_force > 0:
+            raise MuscleError(f'expected a maximum force above 0 N, got {self.maximum_force}')
+        twitch_area(self.time_constant, self.order)
+
+    def pulse_weight(self, intensity: npt.ArrayLike, rate_hz: npt.ArrayLike) -> FloatArray:
+        """Return the peak force [N] of the twitch that one pulse adds, Eq. (11).
+
+        ``rho(u, f) F_max / Fbar(f)`` with Fbar of Eq. (7); `intensity` and `rate_hz` [Hz]
+        broadcast together.
+        """
+        area = twitch_area(self.time_constant, self.order)
+        share = self.recruitment(intensity) * self.rate_recruitment.per_pulse(rate_hz)
+        return share * (self.maximum_force / self._reference() / area)
+
+    def steady_force(self, intensity: npt.ArrayLike, rate_hz: npt.ArrayLike) -> FloatArray:
+        """Return the steady mean force [N] of a train, rho(u, f) F_max (Eq. 8)."""
+        area = twitch_area(self.time_constant, self.order)
+        mean = np.asarray(rate_hz, dtype=np.float64) * area
+        force: FloatArray = self.pulse_weight(intensity, rate_hz) * mean
+        return force
+
+    def _reference(self) -> float:
+        # Table 3 gives rho_f(20 Hz) = 0.9990; F_max is meant to be exact at that rate.
+        return float(self.rate_recruitment(REFERENCE_RATE))
+
+
+def average_subject(modality: Modality = Modality.MAGNETIC) -> Subject:
+    """Return the paper's average subject: Tables 1 to 3."""
+    if modality is Modality.ELECTRICAL:
+        return Subject(time_constant=36.62e-3, latency=24.4e-3)
+    return Subject()
+
+
+def simulation_subject() -> Subject:
+    """Return the plant of the simulated identification: Sec. 3.3.3 and Eq. (30), no latency."""
+    shape = IntensityRecruitment(0.48, 0.98, threshold_slope=6.0, saturation_slope=4.0)
+    return Subject(latency=0.0, recruitment=shape.normalised())
+
+
+def random_subject(
+    generator: np.random.Generator,
+    modality: Modality = Modality.MAGNETIC,
+) -> Subject:
+    """Return a subject drawn uniformly from the ranges of Tables 1, 2 and 6.
+
+    Latency and time constant come from Tables 1 and 2 of the modality, threshold, saturation
+    and its slope from Table 6 widened to hold Table 3, the force from 5 to 50 N.
+    """
+    latencies = {Modality.MAGNETIC: (6.28, 14.63), Modality.ELECTRICAL: (20.83, 28.24)}
+    constants = {Modality.MAGNETIC: (26.71, 49.81), Modality.ELECTRICAL: (22.58, 53.22)}
+    shape = IntensityRecruitment(
+        threshold=generator.uniform(0.45, 0.70),
+        saturation=generator.uniform(0.80, 1.00),
+        threshold_slope=generator.uniform(4.5, 7.0),
+        saturation_slope=generator.uniform(3.5, 17.0),
+    )
+    return Subject(
+        time_constant=1e-3 * generator.uniform(*constants[modality]),
+        latency=1e-3 * generator.uniform(*latencies[modality]),
+        recruitment=shape.normalised(),
+        maximum_force=generator.uniform(5.0, 50.0),
+    )
+
+
+SUBJECTS = {
+    'rpms': lambda: average_subject(Modality.MAGNETIC),
+    'fes': lambda: average_subject(Modality.ELECTRICAL),
+    'simulation': simulation_subject,
+}
+"""Presets by name, for command lines and node parameters."""
+
+
+def subject_by_name(name: str) -> Subject:
+    """Return a preset of `SUBJECTS`.
+
+    Raises
+    ------
+    MuscleError
+        If there is no such preset.
+    """
+    if name not in SUBJECTS:
+        raise MuscleError(f'expected a subject of {", ".join(SUBJECTS)}, got {name!r}')
+    return SUBJECTS[name]()

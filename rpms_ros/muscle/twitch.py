@@ -1,0 +1,116 @@
+r"""The twitch: force of a muscle after one pulse, and what a train of them adds up to.
+
+An n-th order system with n equal real poles at ``-1/T_a`` answers an impulse with
+``t**(n-1) exp(-t/T_a)``; its maximum lies at ``t = (n-1) T_a``.  Divided by that maximum it is
+
+.. math:: F(t) = \left(\frac{t}{(n-1) T_a}\right)^{n-1} e^{(n-1) - t/T_a}
+
+which is Eq. (2) of Bernhardt et al. without its surplus factor ``n-1``, and Eq. (5) for n = 3.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.pulses import FloatArray
+
+
+def _require_twitch(time_constant: float, order: float) -> None:
+    if not (math.isfinite(time_constant) and time_constant > 0):
+        raise MuscleError(f'expected a time constant above 0 s, got {time_constant}')
+    if not (math.isfinite(order) and order >= 1):
+        raise MuscleError(f'expected an order of at least 1, got {order}')
+
+
+def twitch(lag: npt.ArrayLike, time_constant: float, order: float = 3) -> FloatArray:
+    """Return the normalised force after one pulse, Eqs. (2) and (5).
+
+    Parameters
+    ----------
+    lag : array_like, shape (...)
+        Time after the onset of the contraction [s]; 0 is returned before it.
+    time_constant : float
+        T_a [s].
+    order : float
+        Number of equal real poles, at least 1; need not be whole.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Share of the twitch's maximum, 0..1.
+
+    Raises
+    ------
+    MuscleError
+        If the time constant or the order cannot be one.
+    """
+    _require_twitch(time_constant, order)
+    scaled = np.asarray(lag, dtype=np.float64) / time_constant
+    active = np.maximum(scaled, 0.0)
+    power = order - 1.0
+    if power == 0.0:
+        return np.where(scaled >= 0.0, np.exp(-active), 0.0)
+    shape = (active / power) ** power * np.exp(power - active)
+    return np.where(scaled > 0.0, shape, 0.0)
+
+
+def twitch_area(time_constant: float, order: float = 3) -> float:
+    """Return the integral of the normalised twitch [s]: T_a e^2 / 2 for order 3 (Eq. 7).
+
+    Raises
+    ------
+    MuscleError
+        If the time constant or the order cannot be one.
+    """
+    _require_twitch(time_constant, order)
+    power = order - 1.0
+    peak = 1.0 if power == 0.0 else power**power * math.exp(-power)
+    return time_constant * math.gamma(order) / peak
+
+
+def steady_mean(rate_hz: float, time_constant: float, order: float = 3) -> float:
+    """Return the constant part of a train's summed twitches, Eq. (7), in twitch maxima.
+
+    The mean over one period of the superposition is the area of one twitch times the rate;
+    the sampled sum of Eq. (7) agrees with this integral to 1e-6 for T_s well below T_a.
+    """
+    return rate_hz * twitch_area(time_constant, order)
+
+
+def summed_twitches(
+    time: npt.ArrayLike,
+    rate_hz: float,
+    time_constant: float,
+    order: float = 3,
+) -> FloatArray:
+    """Return the superposition of equal twitches from time 0 on, Eq. (6), in twitch maxima.
+
+    Parameters
+    ----------
+    time : array_like, shape (samples,)
+        Time after the onset of the first twitch [s].
+    rate_hz : float
+        Repetition rate [Hz].
+    time_constant, order : float
+        As in `twitch`.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        Sum of the twitches that have begun.
+
+    Raises
+    ------
+    MuscleError
+        If the rate is not above zero.
+    """
+    if not (math.isfinite(rate_hz) and rate_hz > 0):
+        raise MuscleError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+    moments = np.asarray(time, dtype=np.float64)
+    total = np.zeros_like(moments)
+    last = float(moments.max(initial=0.0))
+    for index in range(math.floor(last * rate_hz) + 1):
+        total += twitch(moments - index / rate_hz, time_constant, order)
+    return total
