@@ -1,0 +1,1 @@
+"""ROS nodes: parameters, topics, clocks, life cycle.  The only room that imports rclpy."""

@@ -1,0 +1,241 @@
+"""Parameters of a node as one frozen dataclass, declared in ROS from the dataclass alone.
+
+A field made by `parameter` carries default, description, unit and bounds::
+
+    @dataclass(frozen=True)
+    class PlantParameters(NodeParameters):
+        rate: float = parameter(1000.0, 'Force samples a second', unit='Hz', minimum=1.0)
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            if ...:  # conditions on several fields
+                raise NodeError(...)
+
+``declare_parameters(node, PlantParameters)`` returns the dataclass with what YAML file, command
+line or overrides say.  `follow_parameters` keeps up with later changes.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+from typing import TypeVar
+from typing import get_type_hints
+
+from rcl_interfaces.msg import FloatingPointRange
+from rcl_interfaces.msg import IntegerRange
+from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from rpms_ros.errors import NodeError
+from rpms_ros.errors import RpmsError
+
+_LARGEST_INTEGER = 2**63 - 1
+_LARGEST_DOUBLE = 1.7976931348623157e308
+_METADATA = 'parameter'
+
+_TYPES = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+    tuple[bool, ...]: Parameter.Type.BOOL_ARRAY,
+    tuple[int, ...]: Parameter.Type.INTEGER_ARRAY,
+    tuple[float, ...]: Parameter.Type.DOUBLE_ARRAY,
+    tuple[str, ...]: Parameter.Type.STRING_ARRAY,
+}
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a field says of itself besides its name, type and default.
+
+    Attributes
+    ----------
+    doc : str
+        One sentence.
+    unit : str
+        Unit, empty for a share, a count or a name.
+    minimum, maximum : float or None
+        Inclusive bounds, of every element if the field is a tuple.
+    choices : tuple of str
+        Every string that is allowed; empty allows any.
+    dynamic : bool
+        Whether it may be changed while the node runs.
+    """
+
+    doc: str
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    dynamic: bool = False
+
+    def conditions(self) -> str:
+        """Return unit, bounds and choices in words."""
+        parts = [f'[{self.unit}]'] if self.unit else []
+        if self.minimum is not None and self.maximum is not None:
+            parts.append(f'{self.minimum} to {self.maximum}')
+        elif self.minimum is not None:
+            parts.append(f'at least {self.minimum}')
+        elif self.maximum is not None:
+            parts.append(f'at most {self.maximum}')
+        if self.choices:
+            parts.append('one of ' + ', '.join(self.choices))
+        return ' '.join(parts)
+
+
+def parameter(default: Any, doc: str, **description: Any) -> Any:
+    """Return a dataclass field that is a ROS parameter; keywords are those of `Description`.
+
+    A tuple must not be empty by default: ROS cannot tell the type of an empty list.
+    """
+    return dataclasses.field(
+        default=default, metadata={_METADATA: Description(doc, **description)}
+    )
+
+
+@dataclass(frozen=True)
+class NodeParameters:
+    """Base of a node's parameters: every value is held to its type and bounds."""
+
+    def __post_init__(self) -> None:
+        for name, description in descriptions(type(self)).items():
+            _require(name, getattr(self, name), type_of(type(self), name), description)
+
+
+Settings = TypeVar('Settings', bound=NodeParameters)
+
+
+def descriptions(settings: type[NodeParameters]) -> dict[str, Description]:
+    """Return the description of each parameter by name, in the order of the fields."""
+    return {
+        field.name: field.metadata[_METADATA]
+        for field in dataclasses.fields(settings)
+        if _METADATA in field.metadata
+    }
+
+
+def type_of(settings: type[NodeParameters], name: str) -> Parameter.Type:
+    """Return the ROS type of a parameter."""
+    return _TYPES[get_type_hints(settings)[name]]
+
+
+def _require(name: str, value: Any, expected: Parameter.Type, description: Description) -> None:
+    """Raise NodeError unless `value` has the type and keeps the bounds."""
+    got = Parameter.Type.from_parameter_value(list(value) if isinstance(value, tuple) else value)
+    if got is not expected:
+        names = [kind.name.lower().replace('_', ' ') for kind in (expected, got)]
+        lacks_point = (expected, got) == (Parameter.Type.DOUBLE, Parameter.Type.INTEGER)
+        hint = f' (write {value}.0)' if lacks_point else ''
+        raise NodeError(f'parameter {name}: expected {names[0]}, got {names[1]} {value}{hint}')
+    for item in value if isinstance(value, list | tuple) else (value,):
+        if not _within(item, description):
+            conditions = description.conditions() or 'finite'
+            raise NodeError(f'parameter {name}: expected {conditions}, got {item!r}')
+
+
+def _within(item: Any, description: Description) -> bool:
+    if isinstance(item, str):
+        return not description.choices or item in description.choices
+    if isinstance(item, float) and not math.isfinite(item):
+        return False
+    if description.minimum is not None and item < description.minimum:
+        return False
+    return description.maximum is None or item <= description.maximum
+
+
+def _descriptor(name: str, kind: Parameter.Type, description: Description) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        name=name,
+        description=description.doc,
+        additional_constraints=description.conditions(),
+        read_only=not description.dynamic,
+    )
+    low, high = description.minimum, description.maximum
+    if low is None and high is None:
+        return descriptor
+    if kind is Parameter.Type.DOUBLE:
+        bounds = FloatingPointRange(
+            from_value=-_LARGEST_DOUBLE if low is None else float(low),
+            to_value=_LARGEST_DOUBLE if high is None else float(high),
+        )
+        descriptor.floating_point_range = [bounds]
+    elif kind is Parameter.Type.INTEGER:
+        bounds = IntegerRange(
+            from_value=-_LARGEST_INTEGER if low is None else int(low),
+            to_value=_LARGEST_INTEGER if high is None else int(high),
+        )
+        descriptor.integer_range = [bounds]
+    return descriptor
+
+
+def declare_parameters(node: Node, settings: type[Settings]) -> Settings:
+    """Declare every field of `settings` on `node` and return them with their values.
+
+    Raises
+    ------
+    NodeError
+        If a value has the wrong type, is out of bounds, or does not go with the others.
+    """
+    # rclpy's own errors name neither the bounds nor the right way to write the value, and it
+    # ignores misspelled names; the values given are not to be had in a public way.
+    given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    values: dict[str, Any] = {}
+    for name, description in descriptions(settings).items():
+        kind = type_of(settings, name)
+        default = getattr(settings, name)
+        if name in given:
+            _require(name, given[name].value, kind, description)
+        descriptor = _descriptor(name, kind, description)
+        plain = list(default) if isinstance(default, tuple) else default
+        declared = node.declare_parameter(name, plain, descriptor).value
+        values[name] = tuple(declared) if isinstance(default, tuple) else declared
+    _warn_of_unknown(node, given)
+    try:
+        return settings(**values)
+    except RpmsError as error:
+        raise NodeError(f'parameters of {node.get_name()}: {error}') from error
+
+
+def _warn_of_unknown(node: Node, given: dict[str, Parameter]) -> None:
+    for name in given:
+        # A file may hold parameters of several nodes, so this is no error.
+        if not node.has_parameter(name) and not name.startswith('qos_overrides.'):
+            node.get_logger().warning(f'parameter {name} is unknown here and ignored')
+
+
+def follow_parameters(node: Node, current: Settings, apply: Callable[[Settings], None]) -> None:
+    """Call `apply` with the new parameters whenever dynamic ones were changed.
+
+    A change that breaks a bound or a condition on several fields is refused with its reason.
+    """
+    known = set(descriptions(type(current)))
+    latest = current
+
+    def changed(parameters: list[Parameter]) -> Settings:
+        values = {
+            given.name: tuple(given.value) if isinstance(given.value, list) else given.value
+            for given in parameters
+            if given.name in known
+        }
+        return dataclasses.replace(latest, **values)
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            changed(parameters)
+        except RpmsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def keep(parameters: list[Parameter]) -> None:
+        nonlocal latest
+        before, latest = latest, changed(parameters)
+        if latest != before:
+            apply(latest)
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(keep)

@@ -1,0 +1,106 @@
+"""What every test needs.  Real rclpy: a domain, a context and an executor for each test."""
+
+import os
+import time
+from collections.abc import Callable
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+# Jazzy's messages check the types of their fields only if this is set before they are imported.
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+# Numba's threads and BLAS's would fight over the cores with other tests.
+os.environ.setdefault('OMP_NUM_THREADS', '1')
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
+WaitFor = Callable[..., None]
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """A DDS domain that no other test uses meanwhile, in this process or in another."""
+    from rpms_ros.nodes.discovery import reserved_domain
+    from rpms_ros.nodes.discovery import use_fast_discovery
+
+    use_fast_discovery()
+    with reserved_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def context(domain: int) -> Iterator['Context']:
+    """A private context in a private domain."""
+    import rclpy
+    from rclpy.context import Context
+
+    private = Context()
+    rclpy.init(args=[], context=private, domain_id=domain)
+    yield private
+    private.try_shutdown()
+
+
+class Graph:
+    """Nodes of one test in one persistent executor, stepped by the test itself."""
+
+    def __init__(self, context: 'Context', executor: 'Executor') -> None:
+        self.context = context
+        self._executor = executor
+        self._nodes: list[Node] = []
+
+    def add(self, build: Callable[..., 'Node'], **parameters: object) -> 'Node':
+        """Build a node in the private context with these parameters and add it."""
+        from rclpy.parameter import Parameter
+
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        node = build(
+            context=self.context, parameter_overrides=overrides, use_global_arguments=False
+        )
+        self._nodes.append(node)
+        self._executor.add_node(node)
+        return node
+
+    def wait_for(self, predicate: Callable[[], bool], timeout: float = 10.0) -> None:
+        """Step the executor until `predicate` holds; fail the test after `timeout` seconds."""
+        end = time.monotonic() + timeout
+        while not predicate():
+            if time.monotonic() > end:
+                pytest.fail(f'still waiting after {timeout} s')
+            self._executor.spin_once(timeout_sec=0.01)
+
+    def close(self) -> None:
+        """Destroy the nodes, newest first."""
+        for node in reversed(self._nodes):
+            self._executor.remove_node(node)
+            node.destroy_node()
+        self._executor.shutdown()
+
+
+@pytest.fixture
+def graph(context: 'Context') -> Iterator[Graph]:
+    """A persistent executor for the nodes of this test, in the private context."""
+    from rclpy.experimental.events_executor import EventsExecutor
+
+    running = Graph(context, EventsExecutor(context=context))
+    yield running
+    running.close()
+
+
+@pytest.fixture
+def wait_for() -> WaitFor:
+    """Wait until a predicate holds, without any executor: for processes and threads."""
+
+    def wait(predicate: Callable[[], bool], timeout: float = 10.0) -> None:
+        end = time.monotonic() + timeout
+        pause = 1e-3
+        while not predicate():
+            if time.monotonic() > end:
+                pytest.fail(f'still waiting after {timeout} s')
+            time.sleep(pause)
+
+    return wait

@@ -1,0 +1,98 @@
+"""Parameters as one dataclass, on a real node."""
+
+from dataclasses import dataclass
+
+import pytest
+from rcl_interfaces.msg import ParameterType
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from rpms_ros.errors import NodeError
+from rpms_ros.nodes.parameters import NodeParameters
+from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.parameters import follow_parameters
+from rpms_ros.nodes.parameters import parameter
+
+
+@dataclass(frozen=True)
+class Example(NodeParameters):
+    rate: float = parameter(20.0, 'Rate.', unit='Hz', minimum=1.0, maximum=50.0)
+    count: int = parameter(3, 'Count.', minimum=0)
+    gain: float = parameter(1.0, 'Gain.', dynamic=True, minimum=0.0)
+    limit: float = parameter(2.0, 'Largest gain.', dynamic=True)
+    mode: str = parameter('a', 'Mode.', choices=('a', 'b'))
+    weights: tuple[float, ...] = parameter((0.5, 1.0), 'Weights.', minimum=0.0, maximum=1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gain > self.limit:
+            raise NodeError(f'expected a gain up to limit {self.limit}, got {self.gain}')
+
+
+def declare(context: Context, **values: object) -> tuple[Node, Example]:
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = Node(
+        'example', context=context, parameter_overrides=overrides, use_global_arguments=False
+    )
+    return node, declare_parameters(node, Example)
+
+
+def test_defaults_and_overrides_come_back(context: Context) -> None:
+    assert declare(context)[1] == Example()
+    _, settings = declare(context, rate=50.0, mode='b', weights=[0.25])
+    assert settings == Example(rate=50.0, mode='b', weights=(0.25,))
+
+
+def test_a_descriptor_says_what_the_field_says(context: Context) -> None:
+    node, _ = declare(context)
+    rate = node.describe_parameter('rate')
+    assert (rate.type, rate.read_only) == (ParameterType.PARAMETER_DOUBLE, True)
+    assert rate.description == 'Rate.'
+    assert rate.additional_constraints == '[Hz] 1.0 to 50.0'
+    bounds = rate.floating_point_range[0]
+    assert (bounds.from_value, bounds.to_value) == (1.0, 50.0)
+    assert node.describe_parameter('count').integer_range[0].from_value == 0
+    assert not node.describe_parameter('gain').read_only
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'rate': 20}, r'rate: expected double, got integer 20 \(write 20\.0\)'),
+        ({'rate': 50.00001}, r'rate: expected \[Hz\] 1\.0 to 50\.0, got 50\.00001'),
+        ({'rate': float('nan')}, r'rate: expected \[Hz\] 1\.0 to 50\.0, got nan'),
+        ({'limit': float('inf')}, 'limit: expected finite, got inf'),
+        ({'count': -1}, 'count: expected at least 0, got -1'),
+        ({'count': 1.0}, r'count: expected integer, got double 1\.0'),
+        ({'mode': 'c'}, "mode: expected one of a, b, got 'c'"),
+        ({'weights': [0.5, 1.5]}, r'weights: expected 0\.0 to 1\.0, got 1\.5'),
+        ({'gain': 3.0}, r'parameters of example: expected a gain up to limit 2\.0, got 3\.0'),
+    ],
+)
+def test_a_bad_value_gives_one_clear_line(
+    context: Context, values: dict[str, object], message: str
+) -> None:
+    with pytest.raises(NodeError, match=message):
+        declare(context, **values)
+
+
+def test_dynamic_changes_are_followed_or_refused_with_a_reason(context: Context) -> None:
+    node, settings = declare(context)
+    seen: list[Example] = []
+    follow_parameters(node, settings, seen.append)
+    assert node.set_parameters([Parameter('gain', value=1.5)])[0].successful
+    assert seen == [Example(gain=1.5)]
+    # 1.5 is still in force: the new limit must not undercut it.
+    refused = node.set_parameters([Parameter('limit', value=1.0)])[0]
+    assert refused.reason == 'expected a gain up to limit 1.0, got 1.5'
+    assert not node.set_parameters([Parameter('rate', value=30.0)])[0].successful
+    assert seen == [Example(gain=1.5)]
+    both = [Parameter('gain', value=4.0), Parameter('limit', value=5.0)]
+    assert node.set_parameters_atomically(both).successful
+    assert seen[1:] == [Example(gain=4.0, limit=5.0)]
+
+
+def test_the_dataclass_holds_its_bounds_without_a_node() -> None:
+    with pytest.raises(NodeError, match='count: expected at least 0, got -5'):
+        Example(count=-5)

@@ -1,0 +1,110 @@
+"""The runner as a process: exit codes, signals, one line for what is wrong."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+NODE = """
+import sys
+from dataclasses import dataclass
+from rclpy.node import Node
+from rpms_ros.nodes.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.runner import run
+
+@dataclass(frozen=True)
+class Example(NodeParameters):
+    rate: float = parameter(20.0, 'Rate.', unit='Hz', minimum=1.0)
+
+class ExampleNode(Node):
+    def __init__(self, **options):
+        super().__init__('example', **options)
+        settings = declare_parameters(self, Example)
+        self.create_timer(0.01, lambda: print('running at', settings.rate, flush=True))
+
+sys.exit(run(ExampleNode))
+"""
+
+
+def start(domain: int, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, '-c', NODE, *arguments],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+@pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_node_with_exit_code_zero(domain: int, stop: signal.Signals) -> None:
+    with start(domain) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'running at 20.0\n'
+        process.send_signal(stop)
+        _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, '')
+
+
+def test_parameters_come_from_a_yaml_file(domain: int, tmp_path: Path) -> None:
+    file = tmp_path / 'example.yaml'
+    file.write_text('example:\n  ros__parameters:\n    rate: 2.5\n    rat: 1.0\n')
+    with start(domain, '--ros-args', '--params-file', str(file)) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'running at 2.5\n'
+        process.terminate()
+        _, errors = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert 'parameter rat is unknown here and ignored' in errors
+
+
+@pytest.mark.parametrize(
+    ('yaml', 'message'),
+    [
+        ('rate: 20', 'error: parameter rate: expected double, got integer 20 (write 20.0)\n'),
+        ('rate: 0.5', 'error: parameter rate: expected [Hz] at least 1.0, got 0.5\n'),
+    ],
+)
+def test_a_bad_parameter_is_one_line_and_exit_code_two(
+    domain: int, tmp_path: Path, yaml: str, message: str
+) -> None:
+    file = tmp_path / 'example.yaml'
+    file.write_text(f'example:\n  ros__parameters:\n    {yaml}\n')
+    with start(domain, '--ros-args', '--params-file', str(file)) as process:
+        _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (2, message)
+
+
+@pytest.mark.parametrize('arguments', [['--params-file', '/missing.yaml'], ['--nonsense']])
+def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(
+    domain: int, arguments: list[str]
+) -> None:
+    with start(domain, '--ros-args', *arguments) as process:
+        _, errors = process.communicate(timeout=20)
+    assert process.returncode == 2
+    # rcl may log a line of its own before ours
+    assert errors.splitlines()[-1].startswith('error: ')
+    assert 'Traceback' not in errors
+
+
+def test_a_user_s_discovery_profile_is_kept() -> None:
+    from rpms_ros.nodes.discovery import PROFILE
+    from rpms_ros.nodes.discovery import use_fast_discovery
+
+    theirs = {'FASTDDS_DEFAULT_PROFILES_FILE': '/their.xml'}
+    use_fast_discovery(theirs)
+    assert theirs == {'FASTDDS_DEFAULT_PROFILES_FILE': '/their.xml'}
+    ours: dict[str, str] = {}
+    use_fast_discovery(ours)
+    assert ours['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(PROFILE)
+    assert PROFILE.is_file()
+
+
+def test_reserved_domains_differ() -> None:
+    from rpms_ros.nodes.discovery import reserved_domain
+
+    with reserved_domain() as first, reserved_domain() as second:
+        assert first != second
