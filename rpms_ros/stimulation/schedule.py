@@ -1,0 +1,222 @@
+"""Schedules: segments in a row, repeated or not, and the pulses that they stand for.
+
+A schedule is known in full before its first pulse: counts, duration and intensities follow from
+its description and its seed, so a device's limits can be held against all of it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.stimulation.fields import Bound
+from rpms_ros.stimulation.fields import bounded
+from rpms_ros.stimulation.fields import check_bounds
+from rpms_ros.stimulation.segment import LONGEST_S
+from rpms_ros.stimulation.segment import Segment
+
+MOST_PULSES = 500_000
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """Segments that are given several times in a row.
+
+    Attributes
+    ----------
+    times : int
+        How often.
+    segments : tuple of Segment or Repeat
+        What is repeated; random segments without a seed of their own differ each time.
+    """
+
+    segments: tuple['Segment | Repeat', ...]
+    times: int = bounded(Bound(1, 100_000, whole=True), 2)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if not self.segments:
+            raise StimulationError('expected at least one segment to repeat, got none')
+
+    @cached_property
+    def pulse_count(self) -> int:
+        """Number of pulses of all repetitions."""
+        return self.times * sum(segment.pulse_count for segment in self.segments)
+
+    @cached_property
+    def length_s(self) -> float:
+        """Duration of all repetitions [s]."""
+        return self.times * sum(segment.length_s for segment in self.segments)
+
+    @cached_property
+    def pieces(self) -> int:
+        """Number of segments that it unrolls to."""
+        inner = (item.pieces if isinstance(item, Repeat) else 1 for item in self.segments)
+        return self.times * sum(inner)
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What a schedule adds up to, before anything fires.
+
+    Attributes
+    ----------
+    pulses : int
+        Number of pulses.
+    duration : float
+        Length [s].
+    highest_rate_hz : float
+        Largest rate between two neighbouring pulses [Hz]; 0 with fewer than two.
+    highest_intensity : float
+        Largest share of the maximum.
+    mean_square_intensity : float
+        Mean of the squared intensity over the pulses, which the coil's energy goes with.
+    """
+
+    pulses: int
+    duration: float
+    highest_rate_hz: float
+    highest_intensity: float
+    mean_square_intensity: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A schedule worked out, pulse by pulse.
+
+    Attributes
+    ----------
+    onset_ns : ndarray of int64, shape (pulses,)
+        Onsets from the start of the schedule [ns].
+    intensity : ndarray of float64, shape (pulses,)
+        Shares of the maximum, 0..1.
+    segment : ndarray of int64, shape (pulses,)
+        Index of the outermost segment that each pulse belongs to.
+    duration_ns : int
+        Length of the schedule [ns].
+    """
+
+    onset_ns: IntArray
+    intensity: FloatArray
+    segment: IntArray
+    duration_ns: int
+
+    def __len__(self) -> int:
+        return len(self.onset_ns)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Segments in a row.
+
+    Attributes
+    ----------
+    segments : tuple of Segment or Repeat
+        In the order in which they are given.
+    name : str
+        What people call it.
+    seed : int
+        Of every random segment that has none of its own.
+    width_s : float
+        Duration of every pulse [s].
+    """
+
+    segments: tuple[Segment | Repeat, ...]
+    name: str = 'schedule'
+    seed: int = bounded(Bound(0, 2**53, whole=True), 0)
+    width_s: float = bounded(Bound(0.0, 0.01, 's', above=True), MAGNETIC_PULSE_WIDTH)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if not self.segments:
+            raise StimulationError('expected at least one segment, got none')
+        pieces = Repeat(self.segments, 1)
+        for what, value, most in (
+            ('pulses', pieces.pulse_count, MOST_PULSES),
+            ('segments after unrolling', pieces.pieces, MOST_PULSES),
+            ('seconds', pieces.length_s, LONGEST_S),
+        ):
+            if value > most:
+                raise StimulationError(f'expected at most {most:g} {what}, got {value:g}')
+
+    @property
+    def pulse_count(self) -> int:
+        """Number of pulses, without working them out."""
+        return sum(segment.pulse_count for segment in self.segments)
+
+    @property
+    def length_s(self) -> float:
+        """Length of the schedule [s]."""
+        return sum(segment.length_s for segment in self.segments)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Every pulse; the same for the same description and seed."""
+        return _worked_out(self)
+
+    @cached_property
+    def totals(self) -> Totals:
+        """What the pulses add up to."""
+        plan = self.plan
+        gaps = np.diff(plan.onset_ns)
+        some = len(plan) > 0
+        return Totals(
+            pulses=len(plan),
+            duration=plan.duration_ns / NANOSECONDS_PER_SECOND,
+            highest_rate_hz=NANOSECONDS_PER_SECOND / float(gaps.min()) if len(gaps) else 0.0,
+            highest_intensity=float(plan.intensity.max()) if some else 0.0,
+            mean_square_intensity=float(np.mean(plan.intensity**2)) if some else 0.0,
+        )
+
+    def pulses(self, start_ns: int = 0) -> PulseTrain:
+        """Return the pulses of the schedule when it starts at ``start_ns`` [ns]."""
+        plan = self.plan
+        return PulseTrain(
+            onset_ns=plan.onset_ns + start_ns,
+            intensity=plan.intensity.copy(),
+            sequence=np.arange(len(plan), dtype=np.int64),
+            width=np.full(len(plan), self.width_s),
+        )
+
+
+class _Tape:
+    """Collects segments one after another."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = np.random.default_rng(seed)
+        self.onsets: list[IntArray] = [np.empty(0, dtype=np.int64)]
+        self.intensities: list[FloatArray] = [np.empty(0)]
+        self.owners: list[IntArray] = [np.empty(0, dtype=np.int64)]
+        self.end_ns = 0
+
+    def add(self, item: Segment | Repeat, owner: int) -> None:
+        """Append one segment, or all repetitions of several."""
+        if isinstance(item, Repeat):
+            for _ in range(item.times):
+                for inner in item.segments:
+                    self.add(inner, owner)
+            return
+        onset = item.onsets_ns()
+        onset_s = onset / NANOSECONDS_PER_SECOND
+        self.onsets.append(onset + self.end_ns)
+        self.intensities.append(np.clip(item.intensities(onset_s, self.random), 0.0, 1.0))
+        self.owners.append(np.full(len(onset), owner, dtype=np.int64))
+        self.end_ns += round(item.length_s * NANOSECONDS_PER_SECOND)
+
+
+def _worked_out(schedule: Schedule) -> Plan:
+    tape = _Tape(schedule.seed)
+    for owner, item in enumerate(schedule.segments):
+        tape.add(item, owner)
+    return Plan(
+        np.concatenate(tape.onsets),
+        np.concatenate(tape.intensities),
+        np.concatenate(tape.owners),
+        tape.end_ns,
+    )
