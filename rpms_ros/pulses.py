@@ -15,6 +15,7 @@ NANOSECONDS_PER_SECOND = 1_000_000_000
 MAGNETIC_PULSE_WIDTH = 100e-6
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 
@@ -67,6 +68,24 @@ class PulseTrain:
 
     def __len__(self) -> int:
         return len(self.onset_ns)
+
+    def __getitem__(self, selected: slice | BoolArray | IntArray) -> 'PulseTrain':
+        return PulseTrain(
+            self.onset_ns[selected],
+            self.intensity[selected],
+            self.sequence[selected],
+            self.width[selected],
+        )
+
+    @classmethod
+    def joined(cls, trains: list['PulseTrain']) -> 'PulseTrain':
+        """Return the pulses of all trains, one train after the other."""
+        return cls(
+            np.concatenate([train.onset_ns for train in trains]),
+            np.concatenate([train.intensity for train in trains]),
+            np.concatenate([train.sequence for train in trains]),
+            np.concatenate([train.width for train in trains]),
+        )
 
     @classmethod
     def regular(

@@ -95,8 +95,9 @@ class Contraction:
     """Isometric force of a stimulated muscle, Eq. (11).
 
     Pulses may be added at any time and in any order; force may be read at any time that is not
-    more than `window` seconds before the newest one read.  The cost of a sample does not depend
-    on how many pulses there have been.
+    more than `window` seconds before the newest one read.  A pulse that comes later than that
+    acts from its own time on, but is weighted as if it stood alone.  The cost of a sample does
+    not depend on how many pulses there have been.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ class Contraction:
     ) -> None:
         if fixed_rate_hz is not None and not (math.isfinite(fixed_rate_hz) and fixed_rate_hz > 0):
             raise MuscleError(f'expected a repetition rate above 0 Hz, got {fixed_rate_hz}')
-        if not window > 0:
+        if not (math.isfinite(window) and window > 0):
             raise MuscleError(f'expected a window above 0 s, got {window}')
         self.subject = subject
         self._fixed_rate = fixed_rate_hz
@@ -192,18 +193,18 @@ class Contraction:
             return np.empty(0)
         order = np.argsort(stamps, kind='stable')
         ascending = stamps[order]
-        if self._reference_ns is None:
-            self._reference_ns = int(np.concatenate((ascending[:1], self._effective()[:1])).min())
-        if ascending[0] < self._reference_ns:
-            raise MuscleError(
-                f'expected times from {self._reference_ns} ns on, got {ascending[0]} ns'
-            )
-        moments = self._moments.copy()
+        effective = self._effective()
+        reference = self._reference_ns
+        if reference is None:
+            # Nothing is folded yet: the moments are zero at any time.
+            reference = int(np.concatenate((ascending[:1], effective[:1])).min())
+        if ascending[0] < reference:
+            raise MuscleError(f'expected times from {reference} ns on, got {ascending[0]} ns')
         top = _read(
             ascending,
-            self._reference_ns,
-            moments,
-            self._effective(),
+            reference,
+            self._moments.copy(),
+            effective,
             self._weights(),
             self._time_constant_ns,
         )
@@ -236,31 +237,21 @@ class Contraction:
     def _add_late(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses from before the separate ones: exact, but as if each stood alone."""
         rate = self._fixed_rate if self._fixed_rate is not None else 0.0
-        assert self._reference_ns is not None
-        _fold(
-            self._reference_ns,
-            self._moments,
-            onset_ns + self._latency_ns,
-            self.subject.pulse_weight(intensity, rate),
-            self._time_constant_ns,
-        )
+        self._fold(onset_ns + self._latency_ns, self.subject.pulse_weight(intensity, rate))
 
     def _fold_before(self, limit_ns: int) -> None:
         """Fold what began to act before `limit_ns` into the moments."""
-        count = int(np.searchsorted(self._effective(), limit_ns))
+        effective = self._effective()
+        count = int(np.searchsorted(effective, limit_ns))
         if not count:
             return
-        assert self._reference_ns is not None
-        weights = self._weights()
-        self._reference_ns = int(
-            _fold(
-                self._reference_ns,
-                self._moments,
-                self._effective()[:count],
-                weights[:count],
-                self._time_constant_ns,
-            )
-        )
+        self._fold(effective[:count], self._weights()[:count])
         self._last_folded_ns = int(self._onset_ns[count - 1])
         self._onset_ns = self._onset_ns[count:]
         self._intensity = self._intensity[count:]
+
+    def _fold(self, effective_ns: IntArray, weight: FloatArray) -> None:
+        reference = int(effective_ns[0]) if self._reference_ns is None else self._reference_ns
+        self._reference_ns = int(
+            _fold(reference, self._moments, effective_ns, weight, self._time_constant_ns)
+        )

@@ -70,6 +70,23 @@ def evaluate_with_gradient(
     return bends - u_thr * thr_atan + u_sat * sat_atan
 
 
+@numba.njit(cache=True)
+def _evaluate_all(
+    intensity: FloatArray,
+    u_thr: float,
+    u_sat: float,
+    alpha_sat: float,
+    alpha_thr: float,
+    rho: FloatArray,
+    gradient: FloatArray,
+) -> None:
+    """Write rho (n,) and its derivatives (n, 4) at intensities (n,)."""
+    for index in range(len(intensity)):
+        rho[index] = evaluate_with_gradient(
+            intensity[index], u_thr, u_sat, alpha_sat, alpha_thr, gradient[index]
+        )
+
+
 def identified_recruitment(
     parameters: RecruitmentParameters,
     intensity: npt.ArrayLike,
@@ -103,6 +120,5 @@ def identified_recruitment_with_gradient(
     flat = np.atleast_1d(values).ravel()
     rho = np.empty(len(flat))
     gradient = np.empty((len(flat), len(PARAMETER_NAMES)))
-    for index, value in enumerate(flat):
-        rho[index] = evaluate_with_gradient(value, *parameters, gradient[index])
+    _evaluate_all(flat, *(float(value) for value in parameters), rho, gradient)
     return rho.reshape(values.shape), gradient.reshape((*values.shape, len(PARAMETER_NAMES)))

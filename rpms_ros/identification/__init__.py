@@ -1,0 +1,43 @@
+"""What the force says about the muscle: bases, estimators, alignment of pulses and force."""
+
+from rpms_ros.identification.basis import DistortedSineBasis
+from rpms_ros.identification.estimate import CONVERGED
+from rpms_ros.identification.estimate import CURVE_INTENSITY
+from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import INFORMED
+from rpms_ros.identification.estimate import NOT_INFORMED
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.estimate import Estimator
+from rpms_ros.identification.recursive import RecursiveEstimator
+from rpms_ros.identification.session import IdentifiedSession
+from rpms_ros.identification.session import identify
+from rpms_ros.identification.settings import PRESETS
+from rpms_ros.identification.settings import TABLE_4
+from rpms_ros.identification.settings import TABLE_5
+from rpms_ros.identification.settings import RecruitmentBounds
+from rpms_ros.identification.settings import RecursiveSettings
+from rpms_ros.identification.settings import settings_by_name
+from rpms_ros.identification.stream import IdentificationStream
+from rpms_ros.identification.stream import StreamSettings
+
+__all__ = [
+    'CONVERGED',
+    'CURVE_INTENSITY',
+    'DEFAULT_RATE',
+    'INFORMED',
+    'NOT_INFORMED',
+    'PRESETS',
+    'TABLE_4',
+    'TABLE_5',
+    'DistortedSineBasis',
+    'Estimate',
+    'Estimator',
+    'IdentificationStream',
+    'IdentifiedSession',
+    'RecruitmentBounds',
+    'RecursiveEstimator',
+    'RecursiveSettings',
+    'StreamSettings',
+    'identify',
+    'settings_by_name',
+]

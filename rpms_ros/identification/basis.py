@@ -1,0 +1,132 @@
+r"""Orthonormal basis functions of the impulse response, Eqs. (14) and (31).
+
+The paper's distorted sines, for taps ``i = 1 .. m`` of ``T_s`` seconds each,
+
+.. math:: \tilde r_l(i) = \sqrt{2/m}\,\sin\!\left(l \pi (1 - e^{-(i - 0.5)/\eta})\right)
+
+are continuous in ``i``, so they are evaluated at the true lag ``i = lag / T_s`` of every pulse:
+nothing needs a common grid of pulses and samples.  They vanish at ``i = 0.5``, which is where
+their support begins; it ends at ``m + 0.5``, so that a grid of any phase meets exactly m taps.
+
+``R = (C^T)^{-1} R~`` with ``C^T C = R~ R~^T`` makes them orthonormal on the taps.  The sum over
+pulses is linear, so the raw functions are summed and the triangular factor is applied once.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_triangular
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.pulses import FloatArray
+
+
+@numba.njit(cache=True)
+def distorted_sines(tap: float, memory: float, form_factor: float, values: FloatArray) -> bool:
+    """Write the raw functions at a tap (not whole in general) into `values` (functions,).
+
+    Returns False, and writes nothing, outside the support.
+    """
+    if tap <= 0.5 or tap > memory + 0.5:
+        return False
+    angle = math.pi * (1.0 - math.exp(-(tap - 0.5) / form_factor))
+    scale = math.sqrt(2.0 / memory)
+    # sin(l x) by the recurrence sin((l+1) x) = 2 cos(x) sin(l x) - sin((l-1) x): one sine for all
+    twice_cosine = 2.0 * math.cos(angle)
+    before = 0.0
+    current = math.sin(angle)
+    for index in range(len(values)):
+        values[index] = scale * current
+        before, current = current, twice_cosine * current - before
+    return True
+
+
+@numba.njit(cache=True)
+def _evaluate_all(taps: FloatArray, memory: float, form_factor: float, values: FloatArray) -> None:
+    """Write the raw functions at taps (n,) into `values` (n, functions), zero beforehand."""
+    for index in range(len(taps)):
+        distorted_sines(taps[index], memory, form_factor, values[index])
+
+
+@dataclass(frozen=True)
+class DistortedSineBasis:
+    """Distorted sines, Eq. (31), made orthonormal by Cholesky factorisation.
+
+    Attributes
+    ----------
+    functions : int
+        m_r, number of functions.
+    memory_taps : int
+        m, length of the truncated convolution sum in taps.
+    form_factor : float
+        eta, in taps: fits the functions to the speed of the plant.
+    tap : float
+        T_s [s].
+    """
+
+    functions: int = 8
+    memory_taps: int = 350
+    form_factor: float = 120.0
+    tap: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.functions <= self.memory_taps:
+            raise IdentificationError(
+                f'expected 1 to {self.memory_taps} basis functions, got {self.functions}'
+            )
+        if not (math.isfinite(self.form_factor) and self.form_factor > 0):
+            raise IdentificationError(f'expected a form factor above 0, got {self.form_factor}')
+        if not (math.isfinite(self.tap) and self.tap > 0):
+            raise IdentificationError(f'expected a tap above 0 s, got {self.tap}')
+
+    @property
+    def duration(self) -> float:
+        """Lag up to which a pulse acts [s]."""
+        return (self.memory_taps + 0.5) * self.tap
+
+    @cached_property
+    def mixing(self) -> FloatArray:
+        """The factor (C^T)^-1, lower triangular, shape (functions, functions)."""
+        raw = self._raw(np.arange(1, self.memory_taps + 1, dtype=np.float64))
+        try:
+            factor = np.linalg.cholesky(raw.T @ raw)
+        except np.linalg.LinAlgError as error:
+            raise IdentificationError(
+                f'expected a form factor that keeps {self.functions} functions independent over '
+                f'{self.memory_taps} taps, got {self.form_factor}'
+            ) from error
+        inverse: FloatArray = solve_triangular(factor, np.eye(self.functions), lower=True)
+        return inverse
+
+    @cached_property
+    def area(self) -> FloatArray:
+        """Integral of each function, T_s times its sum over the taps, shape (functions,) [s]."""
+        taps = self.tap * np.arange(1, self.memory_taps + 1)
+        total: FloatArray = self.tap * self.evaluate(taps).sum(axis=0)
+        return total
+
+    def evaluate(self, lag: npt.ArrayLike) -> FloatArray:
+        """Return the orthonormal functions.
+
+        Parameters
+        ----------
+        lag : array_like, shape (lags,)
+            Time after the onset of a pulse [s].
+
+        Returns
+        -------
+        ndarray, shape (lags, functions)
+            Zero outside the support.
+        """
+        taps = np.atleast_1d(np.asarray(lag, dtype=np.float64)) / self.tap
+        values: FloatArray = self._raw(taps) @ self.mixing.T
+        return values
+
+    def _raw(self, taps: FloatArray) -> FloatArray:
+        raw = np.zeros((len(taps), self.functions))
+        _evaluate_all(taps, float(self.memory_taps), self.form_factor, raw)
+        return raw

@@ -1,0 +1,135 @@
+"""What is known of a muscle after some force samples, whichever algorithm found it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field
+from types import MappingProxyType
+from typing import Protocol
+
+import numpy as np
+
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+NOT_INFORMED = 0
+INFORMED = 1
+CONVERGED = 2
+
+CURVE_INTENSITY: FloatArray = np.linspace(0.0, 1.0, 101)
+CURVE_INTENSITY.flags.writeable = False
+DEFAULT_RATE = 20.0
+# Intensities that differ by less than this do not show a curve, only a point of it.
+SMALLEST_INTENSITY_SPAN = 0.05
+
+
+def _empty() -> FloatArray:
+    return np.empty(0)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Snapshot of an estimator; arrays that it does not offer are empty.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Time of the newest force sample that was processed [ns].
+    estimator : str
+        Name of the algorithm.
+    nonlinear_names, nonlinear : tuple of str, ndarray (p,)
+        Nonlinear parameters.
+    nonlinear_covariance : ndarray (p, p)
+        Their covariance.
+    nonlinear_excitation : ndarray of int (p,)
+        `NOT_INFORMED`, `INFORMED` or `CONVERGED`.
+    linear_names, linear : tuple of str, ndarray (n,)
+        Linear parameters [N].
+    repetition_rate : float
+        Rate for which the curve is stated [Hz].
+    curve_intensity, curve_force, curve_lower, curve_upper : ndarray (intensities,)
+        Recruitment curve K rho(u) as steady mean force [N]; the force is empty if the data show
+        one intensity only.
+    response_time, response_force, response_lower, response_upper : ndarray (times,)
+        Response to one pulse at full intensity [s], [N].
+    physiology_names, physiology, physiology_lower, physiology_upper
+        Numbers read off the response; the unit stands in the name.
+    confidence : float
+        Level of the intervals; 0 if there are none.
+    output_error : float
+        A-priori error over the last second, L2, relative to the force.
+    damping, condition_number : float
+        State of the Levenberg-Marquardt step.
+    samples, pulses : int
+        What was used.
+    faults : mapping of str to int
+        What went wrong since the start, and how often.
+    """
+
+    stamp_ns: int
+    estimator: str
+    nonlinear_names: tuple[str, ...]
+    nonlinear: FloatArray
+    linear_names: tuple[str, ...]
+    linear: FloatArray
+    repetition_rate: float
+    curve_intensity: FloatArray
+    curve_force: FloatArray
+    response_time: FloatArray
+    response_force: FloatArray
+    output_error: float
+    samples: int
+    pulses: int
+    damping: float = 0.0
+    condition_number: float = 0.0
+    nonlinear_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    nonlinear_excitation: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    curve_lower: FloatArray = field(default_factory=_empty)
+    curve_upper: FloatArray = field(default_factory=_empty)
+    response_lower: FloatArray = field(default_factory=_empty)
+    response_upper: FloatArray = field(default_factory=_empty)
+    physiology_names: tuple[str, ...] = ()
+    physiology: FloatArray = field(default_factory=_empty)
+    physiology_lower: FloatArray = field(default_factory=_empty)
+    physiology_upper: FloatArray = field(default_factory=_empty)
+    confidence: float = 0.0
+    faults: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def curve_known(self) -> bool:
+        """Whether the data tell the recruitment curve."""
+        return len(self.curve_force) > 0
+
+
+class Estimator(Protocol):
+    """What every estimator offers, on line and off line."""
+
+    @property
+    def name(self) -> str:
+        """Name that goes into estimates."""
+
+    @property
+    def memory(self) -> float:
+        """Longest time for which a pulse acts on the model's output [s]."""
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act: the clock has jumped and they lie nowhere."""
+
+    def update(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        usable: BoolArray,
+    ) -> FloatArray:
+        """Learn from samples (samples,), ascending, none before one that was already given.
+
+        Every pulse up to the last stamp must have been added.  Samples that are not usable are
+        predicted only.  Returns the a-priori prediction of each (samples,) [N].  The answer does
+        not depend on how the samples are cut into blocks, in no bit.
+        """
+
+    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return what is known now."""

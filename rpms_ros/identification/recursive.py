@@ -1,0 +1,210 @@
+"""The paper's on-line estimator: modified recursive Levenberg-Marquardt, Sec. 3.2.2."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.estimate import CURVE_INTENSITY
+from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import SMALLEST_INTENSITY_SPAN
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.recursion_kernel import CONDITION
+from rpms_ros.identification.recursion_kernel import DAMPING
+from rpms_ros.identification.recursion_kernel import ERROR_ENERGY
+from rpms_ros.identification.recursion_kernel import FORCE_ENERGY
+from rpms_ros.identification.recursion_kernel import NONLINEAR
+from rpms_ros.identification.recursion_kernel import SAMPLES
+from rpms_ros.identification.recursion_kernel import RecursionConstants
+from rpms_ros.identification.recursion_kernel import RecursionState
+from rpms_ros.identification.recursion_kernel import process
+from rpms_ros.identification.recursion_kernel import workspace
+from rpms_ros.identification.settings import TABLE_4
+from rpms_ros.identification.settings import RecursiveSettings
+from rpms_ros.muscle.identified_form import PARAMETER_NAMES
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+RESPONSE_STEP = 5e-3
+
+
+class RecursiveEstimator:
+    """Modified recursive Levenberg-Marquardt over the separable Hammerstein model.
+
+    Parameters
+    ----------
+    settings : RecursiveSettings
+        Basis and design parameters; `TABLE_4` by default.
+    seed : int
+        Seed of the random H[0].
+    rate_hz : float
+        Repetition rate for which the recruitment curve is stated [Hz].
+
+    Raises
+    ------
+    IdentificationError
+        If the rate is not above zero.
+    """
+
+    name = 'recursive'
+
+    def __init__(
+        self,
+        settings: RecursiveSettings = TABLE_4,
+        seed: int = 0,
+        rate_hz: float = DEFAULT_RATE,
+    ) -> None:
+        if not rate_hz > 0:
+            raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+        self.settings = settings
+        self.rate_hz = rate_hz
+        self._constants = _constants(settings)
+        self._state = _start(settings, seed)
+        self._workspace = workspace(settings.basis.functions)
+        self._onset_ns = np.empty(0, dtype=np.int64)
+        self._intensity = np.empty(0)
+        self._intensity_range = (np.inf, -np.inf)
+        self._pulses = 0
+        self._previous_ns = 0
+        self._response_time = np.arange(0.0, settings.basis.duration, RESPONSE_STEP)
+        self._response_basis = settings.basis.evaluate(self._response_time)
+
+    @property
+    def memory(self) -> float:
+        """Longest time for which a pulse acts on the model's output [s]."""
+        return self.settings.basis.duration
+
+    @property
+    def parameters(self) -> RecruitmentParameters:
+        """Nonlinear parameters as they stand."""
+        theta = self._state.theta
+        return RecruitmentParameters(
+            float(theta[0]), float(theta[1]), float(theta[2]), self.settings.start.alpha_thr
+        )
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        if not len(onset_ns):
+            return
+        self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
+        self._intensity = np.concatenate((self._intensity, intensity))
+        low, high = self._intensity_range
+        self._intensity_range = (
+            min(low, float(intensity.min())),
+            max(high, float(intensity.max())),
+        )
+        self._pulses += len(onset_ns)
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act: the clock has jumped and they lie nowhere."""
+        self._onset_ns = np.empty(0, dtype=np.int64)
+        self._intensity = np.empty(0)
+
+    def update(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        usable: BoolArray,
+    ) -> FloatArray:
+        """Learn from samples (samples,), ascending; return their a-priori prediction [N].
+
+        See `rpms_ros.identification.estimate.Estimator.update`.
+        """
+        prediction = np.empty(len(stamp_ns))
+        if not len(stamp_ns):
+            return prediction
+        self._previous_ns = process(
+            stamp_ns,
+            force,
+            usable,
+            self._previous_ns,
+            self._onset_ns,
+            self._intensity,
+            self._state,
+            self._constants,
+            self._workspace,
+            prediction,
+        )
+        oldest = int(stamp_ns[-1]) - round((self.memory + 1e-3) * NANOSECONDS_PER_SECOND)
+        if len(self._onset_ns) and self._onset_ns[0] < oldest:
+            kept = int(np.searchsorted(self._onset_ns, oldest))
+            self._onset_ns = self._onset_ns[kept:]
+            self._intensity = self._intensity[kept:]
+        return prediction
+
+    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return what is known now."""
+        parameters = self.parameters
+        linear = self._state.linear.copy()
+        scalars = self._state.scalars
+        full = identified_recruitment(parameters, 1.0)
+        energy = float(scalars[FORCE_ENERGY])
+        error = float(np.sqrt(scalars[ERROR_ENERGY] / energy)) if energy > 0.0 else 0.0
+        return Estimate(
+            stamp_ns=stamp_ns,
+            estimator=self.name,
+            nonlinear_names=PARAMETER_NAMES,
+            nonlinear=np.array(parameters),
+            linear_names=tuple(f'basis_{index + 1}' for index in range(len(linear))),
+            linear=linear,
+            repetition_rate=self.rate_hz,
+            curve_intensity=CURVE_INTENSITY,
+            curve_force=self._curve(parameters, linear),
+            response_time=self._response_time,
+            response_force=self._response_basis @ linear * full,
+            output_error=error,
+            samples=int(scalars[SAMPLES]),
+            pulses=self._pulses,
+            damping=float(scalars[DAMPING]),
+            condition_number=float(scalars[CONDITION]),
+            faults=dict(faults),
+        )
+
+    def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:
+        """Return K rho(u) [N] (101,), empty if one intensity only has been seen."""
+        low, high = self._intensity_range
+        if not high - low >= SMALLEST_INTENSITY_SPAN:
+            return np.empty(0)
+        gain = self.rate_hz * float(self.settings.basis.area @ linear)
+        return gain * identified_recruitment(parameters, CURVE_INTENSITY)
+
+
+def _constants(settings: RecursiveSettings) -> RecursionConstants:
+    basis = settings.basis
+    bounds = settings.bounds
+    return RecursionConstants(
+        tap_ns=basis.tap * NANOSECONDS_PER_SECOND,
+        memory_taps=float(basis.memory_taps),
+        form_factor=basis.form_factor,
+        mixing=np.ascontiguousarray(basis.mixing),
+        alpha_thr=settings.start.alpha_thr,
+        forgetting=settings.forgetting,
+        damping_factor=settings.damping_factor,
+        gain_ratio_margin=settings.gain_ratio_margin,
+        condition_limit=settings.condition_limit,
+        damping_increment=settings.damping_increment,
+        projected=settings.projected,
+        lower=np.array([bounds.u_thr[0], bounds.u_sat[0], bounds.alpha_sat[0]]),
+        upper=np.array([bounds.u_thr[1], bounds.u_sat[1], bounds.alpha_sat[1]]),
+        separation=bounds.separation,
+    )
+
+
+def _start(settings: RecursiveSettings, seed: int) -> RecursionState:
+    functions = settings.basis.functions
+    generator = np.random.default_rng(seed)
+    hessian = generator.uniform(0.0, settings.hessian_scale, (NONLINEAR, NONLINEAR))
+    scalars = np.zeros(6)
+    scalars[DAMPING] = settings.damping
+    return RecursionState(
+        theta=np.array(settings.start[:NONLINEAR]),
+        linear=np.zeros(functions),
+        covariance=settings.linear_covariance * np.eye(functions),
+        projection=np.zeros((functions, NONLINEAR)),
+        hessian=0.5 * (hessian + hessian.T),
+        scalars=scalars,
+    )

@@ -1,0 +1,149 @@
+"""Settings of the recursive estimator, with the paper's Tables 4 and 5 as presets."""
+
+import math
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.basis import DistortedSineBasis
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+
+
+@dataclass(frozen=True)
+class RecruitmentBounds:
+    """Box in which the nonlinear parameters stay, and the order of the two bends.
+
+    Without it the recursion can end in the mirror minimum near u_thr <-> u_sat.
+
+    Attributes
+    ----------
+    u_thr, u_sat, alpha_sat : tuple of float
+        Lowest and highest value.
+    separation : float
+        u_sat is at least this far above u_thr.
+    """
+
+    u_thr: tuple[float, float] = (0.0, 1.0)
+    u_sat: tuple[float, float] = (0.05, 1.5)
+    alpha_sat: tuple[float, float] = (0.5, 50.0)
+    separation: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name in ('u_thr', 'u_sat', 'alpha_sat'):
+            low, high = getattr(self, name)
+            if not low < high:
+                raise IdentificationError(f'expected bounds of {name} in order, got {low}, {high}')
+        if not self.separation > 0:
+            raise IdentificationError(f'expected a separation above 0, got {self.separation}')
+
+    def hold(self, parameters: RecruitmentParameters) -> bool:
+        """Return whether the parameters lie within the bounds."""
+        return (
+            self.u_thr[0] <= parameters.u_thr <= self.u_thr[1]
+            and self.u_sat[0] <= parameters.u_sat <= self.u_sat[1]
+            and self.alpha_sat[0] <= parameters.alpha_sat <= self.alpha_sat[1]
+            and parameters.u_sat >= parameters.u_thr + self.separation
+        )
+
+
+SIMULATION_START = RecruitmentParameters(0.40, 0.90, 3.0)
+EXPERIMENT_START = RecruitmentParameters(0.40, 0.90, 10.0)
+
+
+@dataclass(frozen=True)
+class RecursiveSettings:
+    """Design parameters of the modified recursive Levenberg-Marquardt algorithm, Sec. 3.2.2.
+
+    Attributes
+    ----------
+    basis : DistortedSineBasis
+        Functions of the impulse response.
+    start : RecruitmentParameters
+        theta_rho[0] and the fixed alpha_thr.
+    forgetting : float
+        lambda, per sample.
+    damping : float
+        delta[0].
+    damping_factor : float
+        kappa.
+    gain_ratio_margin : float
+        zeta.
+    condition_limit : float
+        xi.
+    damping_increment : float
+        delta_s.
+    hessian_scale : float
+        Upper end of the uniform distribution of the entries of H[0].
+    linear_covariance : float
+        Diagonal of the initial covariance of the linear parameters; large, since theta_h[0] = 0
+        is a guess without knowledge.
+    projected : bool
+        Project the gradient off the linear regressors (variable projection); False takes the
+        plain partial derivative at fixed linear parameters, which does not converge.
+    bounds : RecruitmentBounds
+        Where the nonlinear parameters stay.
+    """
+
+    basis: DistortedSineBasis = field(default_factory=DistortedSineBasis)
+    start: RecruitmentParameters = SIMULATION_START
+    forgetting: float = 0.99
+    damping: float = 1e-3
+    damping_factor: float = 1.002
+    gain_ratio_margin: float = 0.02
+    condition_limit: float = 1000.0
+    damping_increment: float = 0.01
+    hessian_scale: float = 1e-4
+    linear_covariance: float = 1e6
+    projected: bool = True
+    bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.forgetting <= 1:
+            raise IdentificationError(f'expected 0 < forgetting <= 1, got {self.forgetting}')
+        if not 0 <= self.gain_ratio_margin < 0.5:
+            raise IdentificationError(
+                f'expected 0 <= gain ratio margin < 0.5, got {self.gain_ratio_margin}'
+            )
+        if not self.damping_factor > 1:
+            raise IdentificationError(f'expected a damping factor > 1, got {self.damping_factor}')
+        if not self.condition_limit > 1:
+            raise IdentificationError(
+                f'expected a condition limit > 1, got {self.condition_limit}'
+            )
+        for name in ('damping', 'damping_increment', 'hessian_scale', 'linear_covariance'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise IdentificationError(f'expected {name} above 0, got {value}')
+        if not self.bounds.hold(self.start):
+            raise IdentificationError(
+                f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
+            )
+
+
+TABLE_4 = RecursiveSettings()
+"""Simulated identification: Table 4, start [40 % 90 % 3]."""
+
+TABLE_5 = replace(
+    TABLE_4,
+    basis=DistortedSineBasis(form_factor=45.0),
+    start=EXPERIMENT_START,
+    forgetting=0.999,
+)
+"""Experimental identification: Table 5, start [40 % 90 % 10]."""
+
+PRESETS = {'table_4': TABLE_4, 'table_5': TABLE_5}
+"""Presets by name, for command lines and node parameters."""
+
+
+def settings_by_name(name: str) -> RecursiveSettings:
+    """Return a preset of `PRESETS`.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such preset.
+    """
+    if name not in PRESETS:
+        raise IdentificationError(f'expected a preset of {", ".join(PRESETS)}, got {name!r}')
+    return PRESETS[name]

@@ -1,0 +1,97 @@
+"""Compiled algebra of symmetric matrices of a few rows, without allocation.
+
+LAPACK's calls cost more than the arithmetic at this size; numba offers them with allocation only.
+"""
+
+import math
+
+import numba
+
+from rpms_ros.pulses import FloatArray
+
+
+@numba.njit(cache=True)
+def solve_positive(matrix: FloatArray, vector: FloatArray) -> bool:
+    """Solve ``matrix x = vector`` by Cholesky, in place in both; return whether it is positive.
+
+    Parameters
+    ----------
+    matrix : ndarray (n, n)
+        Symmetric; its lower triangle is overwritten by the factor.
+    vector : ndarray (n,)
+        Right-hand side, overwritten by the solution; zeros if the matrix is not positive.
+    """
+    count = len(vector)
+    for column in range(count):
+        pivot = matrix[column, column]
+        for inner in range(column):
+            pivot -= matrix[column, inner] * matrix[column, inner]
+        if not pivot > 0.0:
+            vector[:] = 0.0
+            return False
+        pivot = math.sqrt(pivot)
+        matrix[column, column] = pivot
+        for row in range(column + 1, count):
+            total = matrix[row, column]
+            for inner in range(column):
+                total -= matrix[row, inner] * matrix[column, inner]
+            matrix[row, column] = total / pivot
+    for row in range(count):
+        for inner in range(row):
+            vector[row] -= matrix[row, inner] * vector[inner]
+        vector[row] /= matrix[row, row]
+    for row in range(count - 1, -1, -1):
+        for inner in range(row + 1, count):
+            vector[row] -= matrix[inner, row] * vector[inner]
+        vector[row] /= matrix[row, row]
+    return True
+
+
+@numba.njit(cache=True)
+def _rotate(work: FloatArray, low: int, high: int) -> None:
+    """Annul work[low, high] of a symmetric matrix by one Jacobi rotation, in place."""
+    coupling = work[low, high]
+    if coupling == 0.0:
+        return
+    ratio = (work[high, high] - work[low, low]) / (2.0 * coupling)
+    tangent = 1.0 / (abs(ratio) + math.hypot(1.0, ratio))
+    if ratio < 0.0:
+        tangent = -tangent
+    cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
+    sine = tangent * cosine
+    for index in range(len(work)):
+        left = work[index, low]
+        right = work[index, high]
+        work[index, low] = cosine * left - sine * right
+        work[index, high] = sine * left + cosine * right
+    for index in range(len(work)):
+        left = work[low, index]
+        right = work[high, index]
+        work[low, index] = cosine * left - sine * right
+        work[high, index] = sine * left + cosine * right
+
+
+@numba.njit(cache=True)
+def condition_number(matrix: FloatArray) -> float:
+    """Return the ratio of the largest to the smallest singular value of a symmetric matrix.
+
+    Singular values of a symmetric matrix are the magnitudes of its eigenvalues, found by cyclic
+    Jacobi rotations; six sweeps reach working precision at four rows.  Infinite if singular.
+    """
+    work = matrix.copy()
+    count = len(work)
+    for _ in range(6):
+        off_diagonal = 0.0
+        for low in range(count):
+            for high in range(low + 1, count):
+                off_diagonal += abs(work[low, high])
+                _rotate(work, low, high)
+        if off_diagonal == 0.0:
+            break
+    largest = 0.0
+    smallest = math.inf
+    for index in range(count):
+        magnitude = abs(work[index, index])
+        largest = max(largest, magnitude)
+        smallest = min(smallest, magnitude)
+    return largest / smallest if smallest > 0.0 else math.inf
