@@ -32,6 +32,7 @@ from rclpy.parameter import Parameter
 
 from rpms_ros.errors import NodeError
 from rpms_ros.errors import RpmsError
+from rpms_ros.nodes.logger import logger_of
 
 _LARGEST_INTEGER = 2**63 - 1
 _LARGEST_DOUBLE = 1.7976931348623157e308
@@ -205,7 +206,7 @@ def _warn_of_unknown(node: Node, given: dict[str, Parameter]) -> None:
     for name in given:
         # A file may hold parameters of several nodes, so this is no error.
         if not node.has_parameter(name) and not name.startswith('qos_overrides.'):
-            node.get_logger().warning(f'parameter {name} is unknown here and ignored')
+            logger_of(node).warning(f'parameter {name} is unknown here and ignored')
 
 
 def follow_parameters(node: Node, current: Settings, apply: Callable[[Settings], None]) -> None:

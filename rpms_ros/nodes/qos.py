@@ -29,3 +29,8 @@ ESTIMATE = _profile(1000)
 
 # The latest state, also for those who join after it was published.
 STATUS = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# What the subscription that use_sim_time makes expects: only the newest time matters.
+CLOCK = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
+)

@@ -1,0 +1,140 @@
+"""Parameters of the plant simulator, and the plant that they describe."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.errors import NodeError
+from rpms_ros.muscle import SUBJECTS
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import Disturbances
+from rpms_ros.muscle import Sensor
+from rpms_ros.muscle import Subject
+from rpms_ros.muscle import random_subject
+from rpms_ros.muscle import subject_by_name
+from rpms_ros.nodes.parameters import NodeParameters
+from rpms_ros.nodes.parameters import parameter
+from rpms_ros.nodes.sampled_plant import SampledPlant
+
+RANDOM = 'random'
+_KEEP = 'negative keeps the preset'
+
+
+@dataclass(frozen=True)
+class PlantParameters(NodeParameters):
+    """Parameters of the plant simulator."""
+
+    rate: float = parameter(
+        1000.0, 'Force samples a second.', unit='Hz', minimum=1.0, maximum=20000.0
+    )
+    subject: str = parameter('rpms', 'Preset of the muscle.', choices=(*SUBJECTS, RANDOM))
+    seed: int = parameter(1, 'Seed of the noise, and of a random subject.', minimum=0)
+    maximum_force: float = parameter(
+        -1.0, f'Steady mean force at full intensity and 20 Hz; {_KEEP}.', unit='N', minimum=-1.0
+    )
+    time_constant: float = parameter(
+        -1.0, f'Time constant of the twitch; {_KEEP}.', unit='s', minimum=-1.0, maximum=10.0
+    )
+    latency: float = parameter(
+        -1.0, f'From pulse to onset of force; {_KEEP}.', unit='s', minimum=-1.0, maximum=1.0
+    )
+    threshold: float = parameter(
+        -1.0, f'Threshold of recruitment; {_KEEP}.', minimum=-1.0, maximum=1.0
+    )
+    saturation: float = parameter(
+        -1.0, f'Saturation of recruitment; {_KEEP}.', minimum=-1.0, maximum=2.0
+    )
+    threshold_slope: float = parameter(
+        -1.0, f'Sharpness of the bend at the threshold; {_KEEP}.', minimum=-1.0
+    )
+    saturation_slope: float = parameter(
+        -1.0, f'Sharpness of the bend at the saturation; {_KEEP}.', minimum=-1.0
+    )
+    fixed_rate: float = parameter(
+        0.0,
+        'Weigh every pulse as at this repetition rate; 0 takes the interval to the one before.',
+        unit='Hz',
+        minimum=0.0,
+        maximum=1000.0,
+    )
+    noise: float = parameter(0.0, 'Standard deviation of the noise.', unit='N', minimum=0.0)
+    offset: float = parameter(0.0, 'Constant baseline.', unit='N')
+    drift: float = parameter(0.0, 'Amplitude of a slow sinusoidal baseline.', unit='N')
+    drift_period: float = parameter(120.0, 'Its period.', unit='s', minimum=0.1)
+    artifact: float = parameter(
+        0.0, 'Peak of the stimulation artifact at full intensity.', unit='N'
+    )
+    artifact_decay: float = parameter(
+        0.0005, 'Time constant of the artifact.', unit='s', minimum=1e-6, maximum=0.005
+    )
+    largest_force: float = parameter(
+        1e6, 'Largest force that the sensor shows.', unit='N', minimum=1e-3
+    )
+    axis: str = parameter('z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'))
+    frame_id: str = parameter('force_sensor', 'Frame of the wrench.')
+    hold_back: float = parameter(
+        0.01,
+        'Samples are published this much after their stamp, so that pulses arrive before them.',
+        unit='s',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    minimum_subscribers: int = parameter(
+        0, 'Subscribers of the force to wait for before the first sample.', minimum=0
+    )
+    publish_clock: bool = parameter(False, 'Publish /clock and live by it.')
+    real_time_factor: float = parameter(
+        1.0, 'Seconds of /clock in one second.', minimum=0.01, maximum=100.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.real_time_factor != 1.0 and not self.publish_clock:
+            raise NodeError(
+                'expected publish_clock with a real_time_factor other than 1.0, '
+                f'got {self.real_time_factor} without'
+            )
+        try:
+            build_plant(self)
+        except MuscleError as error:
+            raise NodeError(str(error)) from error
+
+
+def subject_of(settings: PlantParameters) -> Subject:
+    """Return the preset, changed where the parameters say so."""
+    if settings.subject == RANDOM:
+        preset = random_subject(np.random.default_rng(settings.seed))
+    else:
+        preset = subject_by_name(settings.subject)
+    bends = ('threshold', 'saturation', 'threshold_slope', 'saturation_slope')
+    curve = preset.recruitment
+    if changes := _given(settings, bends):
+        curve = dataclasses.replace(curve, **changes).normalised()
+    changes = _given(settings, ('maximum_force', 'time_constant', 'latency'))
+    return dataclasses.replace(preset, recruitment=curve, **changes)
+
+
+def build_plant(settings: PlantParameters) -> SampledPlant:
+    """Return the plant that the parameters describe."""
+    disturbances = Disturbances(
+        noise=settings.noise,
+        offset=settings.offset,
+        drift=settings.drift,
+        drift_period=settings.drift_period,
+        artifact=settings.artifact,
+        artifact_decay=settings.artifact_decay,
+        saturation=settings.largest_force,
+    )
+    return SampledPlant(
+        Contraction(subject_of(settings), settings.fixed_rate or None),
+        Sensor(disturbances, settings.seed),
+        settings.rate,
+    )
+
+
+def _given(settings: PlantParameters, names: tuple[str, ...]) -> dict[str, Any]:
+    values = {name: getattr(settings, name) for name in names}
+    return {name: value for name, value in values.items() if value >= 0}

@@ -1,0 +1,119 @@
+"""Node that plays the muscle and its force sensor: `pulses` in, `force` out.
+
+Time of the samples is the node's clock, or a clock of its own that is published on /clock.  What
+wakes the node up is a steady timer: each tick publishes every sample that is due, with its own
+stamp, so a late tick delays samples but neither loses nor misdates one.
+"""
+
+import time
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import messages
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.clock_jump import JumpDetector
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.plant_parameters import PlantParameters
+from rpms_ros.nodes.plant_parameters import build_plant
+from rpms_ros.nodes.runner import run
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import Pulse
+
+_FASTEST_TICK = 1000.0
+# Samples a tick, so that pulses get their turn while the node catches up.
+_LARGEST_BURST = 500
+
+
+class PlantSimulator(Node):
+    """Simulated muscle; keyword arguments go to `rclpy.node.Node`."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('plant_simulator', **options)
+        self.settings = declare_parameters(self, PlantParameters)
+        _warm_up(self.settings)
+        self.plant = build_plant(self.settings)
+        self._begun = False
+        self._axis = messages.AXES[self.settings.axis]
+        self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
+        self._clock_publisher = (
+            self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
+            if self.settings.publish_clock
+            else None
+        )
+        self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
+        self._hold_back_ns = round(self.settings.hold_back * NANOSECONDS_PER_SECOND)
+        self._jump = JumpDetector()
+        self._origin_ns = self.get_clock().now().nanoseconds
+        self._steady_origin_ns = time.monotonic_ns()
+        period = 1.0 / min(self.settings.rate, _FASTEST_TICK)
+        self.create_timer(period, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _now_ns(self) -> int:
+        if self._clock_publisher is None:
+            return int(self.get_clock().now().nanoseconds)
+        elapsed = time.monotonic_ns() - self._steady_origin_ns
+        return self._origin_ns + round(elapsed * self.settings.real_time_factor)
+
+    def _on_pulse(self, message: PulseMessage) -> None:
+        pulse = messages.pulse_of(message)
+        fault = self.plant.add(pulse)
+        if fault is not None:
+            count = self.plant.faults[fault]
+            logger_of(self).warning(
+                f'{fault}: {pulse} ({count} so far)', throttle_duration_sec=1.0
+            )
+
+    def _tick(self) -> None:
+        now_ns = self._now_ns()
+        if self._clock_publisher is not None:
+            stamp = messages.time_message(now_ns, MESSAGE_TYPES)
+            self._clock_publisher.publish(ClockMessage(clock=stamp))
+        self._begin_if_needed(now_ns)
+        if self._begun:
+            self._publish_due(now_ns - self._hold_back_ns)
+
+    def _begin_if_needed(self, now_ns: int) -> None:
+        """Begin to sample once somebody listens, and anew when the clock has jumped."""
+        if not self._begun:
+            if self._force.get_subscription_count() >= self.settings.minimum_subscribers:
+                self.plant.begin(now_ns)
+                self._begun = True
+            return
+        if self._clock_publisher is None and self._jump.at(now_ns):
+            logger_of(self).warning('the clock has jumped: the plant starts anew')
+            faults, self.plant = self.plant.faults, build_plant(self.settings)
+            self.plant.faults = faults
+            self.plant.begin(now_ns)
+
+    def _publish_due(self, until_ns: int) -> None:
+        trace = self.plant.sample(min(self.plant.due(until_ns), _LARGEST_BURST))
+        frame_id = self.settings.frame_id
+        for stamp_ns, force in zip(trace.stamp_ns.tolist(), trace.force.tolist(), strict=True):
+            self._force.publish(
+                messages.force_message(stamp_ns, force, self._axis, MESSAGE_TYPES, frame_id)
+            )
+
+
+def _warm_up(settings: PlantParameters) -> None:
+    """Compile what will run: compiling takes seconds when it was never done on this machine."""
+    plant = build_plant(settings)
+    plant.begin(0)
+    for onset_s in (0, 1, 10):
+        plant.add(Pulse(onset_s * NANOSECONDS_PER_SECOND, 0.5))
+    plant.sample(1)
+    plant.begin(20 * NANOSECONDS_PER_SECOND)
+    plant.sample(1)
+
+
+def main() -> int:
+    """Run the plant simulator as a process."""
+    return run(PlantSimulator)

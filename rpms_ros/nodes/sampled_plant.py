@@ -1,0 +1,108 @@
+"""The plant of the simulator without its node: pulses in, force samples on an exact grid out."""
+
+import math
+from collections import Counter
+from fractions import Fraction
+
+import numpy as np
+
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import Sensor
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import PulseTrain
+
+# Names of what can be wrong with a pulse.
+INTENSITY = 'pulse_intensity_out_of_range'
+WIDTH = 'pulse_width_out_of_range'
+LATE = 'pulse_late'
+
+# The artifact of a pulse has gone to exp(-40) by then, whatever its decay up to 5 ms.
+_ARTIFACT_MEMORY_NS = NANOSECONDS_PER_SECOND // 5
+
+
+class SampledPlant:
+    """A muscle with a force sensor that is sampled at stamps ``start + k / rate``.
+
+    Parameters
+    ----------
+    contraction : Contraction
+        The muscle.
+    sensor : Sensor
+        What the sensor adds.
+    rate : float
+        Force samples a second [Hz].
+    """
+
+    def __init__(self, contraction: Contraction, sensor: Sensor, rate: float) -> None:
+        self._contraction = contraction
+        self._sensor = sensor
+        # A fraction, so that the grid is exact for as long as anybody samples.
+        self._period_ns = NANOSECONDS_PER_SECOND / Fraction(rate)
+        self._first_ns = 0
+        self._produced = 0
+        self._recent: list[Pulse] = []
+        self.faults: Counter[str] = Counter()
+
+    def begin(self, start_ns: int) -> None:
+        """Begin the grid at the first multiple of the sampling period from `start_ns` on."""
+        self._first_ns = round(math.ceil(start_ns / self._period_ns) * self._period_ns)
+        self._produced = 0
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest sample, or one period before the first [ns]."""
+        return self._stamp(self._produced - 1)
+
+    def add(self, pulse: Pulse) -> str | None:
+        """Let a pulse act; return the name of what is wrong with it, if anything is.
+
+        A pulse that cannot be has no effect.  A late one, whose effect should have begun before
+        samples that are already out, acts on the samples still to come, exactly.
+        """
+        fault = _fault_of(pulse)
+        if fault is None:
+            self._contraction.add_pulses(pulse.onset_ns, pulse.intensity)
+            self._recent.append(pulse)
+            latency_ns = round(self._contraction.subject.latency * NANOSECONDS_PER_SECOND)
+            if self._produced and pulse.onset_ns + latency_ns < self.newest_ns:
+                fault = LATE
+        if fault is not None:
+            self.faults[fault] += 1
+        return fault
+
+    def due(self, now_ns: int) -> int:
+        """Return how many samples lie up to `now_ns` and have not been produced."""
+        begun = (now_ns - self._first_ns) // self._period_ns + 1
+        return max(0, begun - self._produced)
+
+    def sample(self, count: int) -> ForceTrace:
+        """Return the next `count` samples."""
+        indices = range(self._produced, self._produced + count)
+        stamps = np.array([self._stamp(index) for index in indices], dtype=np.int64)
+        self._produced += count
+        force = self._contraction.force(stamps)
+        recent = self._acting_pulses(stamps)
+        return ForceTrace(
+            stamps, self._sensor.measure(stamps, force, recent.onset_ns, recent.intensity)
+        )
+
+    def _stamp(self, index: int) -> int:
+        return self._first_ns + round(index * self._period_ns)
+
+    def _acting_pulses(self, stamps: IntArray) -> PulseTrain:
+        """Return the pulses that may leave an artifact in these samples, ascending."""
+        if len(stamps):
+            limit = int(stamps[0]) - _ARTIFACT_MEMORY_NS
+            self._recent = sorted(pulse for pulse in self._recent if pulse.onset_ns >= limit)
+        return PulseTrain.of(self._recent)
+
+
+def _fault_of(pulse: Pulse) -> str | None:
+    if not 0.0 <= pulse.intensity <= 1.0:
+        return INTENSITY
+    if not 0.0 <= pulse.width < math.inf:
+        return WIDTH
+    return None

@@ -1,0 +1,184 @@
+"""The plant simulator on real rclpy: exact stamps, exact force, late and malformed pulses."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import messages
+from rpms_ros.errors import NodeError
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import average_subject
+from rpms_ros.nodes import qos
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.plant_parameters import PlantParameters
+from rpms_ros.nodes.plant_parameters import subject_of
+from rpms_ros.nodes.plant_simulator import PlantSimulator
+from rpms_ros.pulses import Pulse
+
+
+class Laboratory:
+    """A plant, somebody who listens to its force and somebody who sends it pulses."""
+
+    def __init__(self, graph, **parameters: object) -> None:
+        self.graph = graph
+        self.stamps: list[int] = []
+        self.forces: list[float] = []
+        self.probe = graph.add(lambda **options: Node('probe', **options))
+        self.probe.create_subscription(WrenchStamped, 'force', self._on_force, qos.FORCE)
+        self.pulses = self.probe.create_publisher(PulseMessage, 'pulses', qos.PULSES)
+        self.plant = graph.add(PlantSimulator, minimum_subscribers=1, **parameters)
+        graph.wait_for(lambda: self.pulses.get_subscription_count() == 1)
+
+    def _on_force(self, message: WrenchStamped) -> None:
+        stamp_ns, force = messages.force_of(message, messages.AXES['z'])
+        self.stamps.append(stamp_ns)
+        self.forces.append(force)
+
+    def send(self, pulse: Pulse) -> None:
+        self.pulses.publish(messages.pulse_message(pulse, MESSAGE_TYPES))
+
+    def wait_for_samples(self, count: int) -> None:
+        self.graph.wait_for(lambda: len(self.stamps) >= count)
+
+    def wait_until(self, stamp_ns: int) -> None:
+        self.graph.wait_for(lambda: bool(self.stamps) and self.stamps[-1] >= stamp_ns)
+
+
+@pytest.fixture
+def laboratory(graph) -> Iterator[Laboratory]:
+    return Laboratory(graph)
+
+
+def test_stamps_lie_on_an_exact_grid_without_a_gap(laboratory: Laboratory) -> None:
+    laboratory.wait_for_samples(300)
+    stamps = np.array(laboratory.stamps)
+    assert stamps[0] % 1_000_000 == 0
+    assert set(np.diff(stamps).tolist()) == {1_000_000}
+
+
+def test_a_rate_that_does_not_divide_a_nanosecond_does_not_drift(graph) -> None:
+    laboratory = Laboratory(graph, rate=300.0)
+    laboratory.wait_for_samples(100)
+    steps = np.arange(len(laboratory.stamps))
+    first = laboratory.stamps[0]
+    exact = [round(int(step) * 10_000_000 / 3) for step in steps]
+    # either end is rounded to a whole nanosecond
+    assert np.abs(np.array(laboratory.stamps) - first - exact).max() <= 1
+
+
+def test_the_force_is_that_of_the_contraction_bit_for_bit(laboratory: Laboratory) -> None:
+    laboratory.wait_for_samples(1)
+    # in the future, so that no sample is out before the pulse is known
+    onset_ns = laboratory.stamps[-1] + 100_000_000
+    laboratory.send(Pulse(onset_ns, 0.9))
+    laboratory.wait_until(onset_ns + 300_000_000)
+    muscle = Contraction(average_subject())
+    muscle.add_pulses(onset_ns, 0.9)
+    expected = muscle.force(laboratory.stamps)
+    assert max(laboratory.forces) > 1.0
+    np.testing.assert_array_equal(laboratory.forces, expected)
+
+
+def test_a_late_pulse_acts_exactly_on_the_samples_still_to_come(laboratory: Laboratory) -> None:
+    laboratory.wait_for_samples(200)
+    onset_ns = laboratory.stamps[0]
+    laboratory.send(Pulse(onset_ns, 0.9))
+    laboratory.graph.wait_for(lambda: laboratory.plant.plant.faults['pulse_late'] == 1)
+    heard = len(laboratory.stamps)
+    laboratory.wait_for_samples(heard + 100)
+    muscle = Contraction(average_subject())
+    muscle.add_pulses(onset_ns, 0.9)
+    expected = muscle.force(laboratory.stamps[-50:])
+    assert laboratory.forces[0] == 0.0
+    # the moments are moved on by other steps here: rounding only
+    np.testing.assert_allclose(laboratory.forces[-50:], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('pulse', 'fault'),
+    [
+        (Pulse(0, math.nan), 'pulse_intensity_out_of_range'),
+        (Pulse(0, 1.01), 'pulse_intensity_out_of_range'),
+        (Pulse(0, -0.01), 'pulse_intensity_out_of_range'),
+        (Pulse(0, 0.5, width=math.nan), 'pulse_width_out_of_range'),
+        (Pulse(0, 0.5, width=-1e-4), 'pulse_width_out_of_range'),
+    ],
+)
+def test_a_pulse_that_cannot_be_is_counted_and_has_no_effect(
+    laboratory: Laboratory, pulse: Pulse, fault: str
+) -> None:
+    laboratory.wait_for_samples(1)
+    laboratory.send(pulse._replace(onset_ns=laboratory.stamps[-1]))
+    laboratory.graph.wait_for(lambda: laboratory.plant.plant.faults[fault] == 1)
+    laboratory.wait_for_samples(len(laboratory.stamps) + 100)
+    assert not any(laboratory.forces)
+
+
+def test_two_plants_with_one_seed_make_the_same_noise(graph) -> None:
+    laboratory = Laboratory(graph, noise=0.1, seed=5)
+    laboratory.wait_for_samples(200)
+    expected = 0.1 * np.random.default_rng(5).standard_normal(200)
+    np.testing.assert_array_equal(laboratory.forces[:200], expected)
+
+
+def test_its_own_clock_runs_at_the_factor(graph) -> None:
+    laboratory = Laboratory(graph, publish_clock=True, real_time_factor=20.0)
+    times: list[int] = []
+    laboratory.probe.create_subscription(
+        Clock,
+        '/clock',
+        lambda message: times.append(messages.nanoseconds(message.clock)),
+        qos.CLOCK,
+    )
+    laboratory.wait_for_samples(4000)
+    laboratory.graph.wait_for(lambda: bool(times) and times[-1] >= laboratory.stamps[-1])
+    assert times == sorted(times)
+    assert set(np.diff(laboratory.stamps).tolist()) == {1_000_000}
+
+
+def test_no_sample_comes_before_enough_listen(graph) -> None:
+    plant = graph.add(PlantSimulator, minimum_subscribers=1)
+    begun = plant.get_clock().now().nanoseconds
+    graph.wait_for(lambda: plant.get_clock().now().nanoseconds > begun + 100_000_000)
+    stamps: list[int] = []
+    probe = graph.add(lambda **options: Node('probe', **options))
+    probe.create_subscription(
+        WrenchStamped,
+        'force',
+        lambda force: stamps.append(messages.nanoseconds(force.header.stamp)),
+        qos.FORCE,
+    )
+    graph.wait_for(lambda: bool(stamps))
+    assert stamps[0] > begun + 100_000_000
+
+
+def test_presets_are_changed_where_a_parameter_says_so() -> None:
+    assert subject_of(PlantParameters()) == average_subject()
+    changed = subject_of(PlantParameters(maximum_force=20.0, latency=0.0, threshold=0.5))
+    assert (changed.maximum_force, changed.latency) == (20.0, 0.0)
+    assert changed.recruitment.threshold == 0.5
+    assert changed.recruitment(1.0) == pytest.approx(1.0, rel=1e-12)  # normalised anew
+    assert subject_of(PlantParameters(subject='random', seed=3)) == subject_of(
+        PlantParameters(subject='random', seed=3)
+    )
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'real_time_factor': 2.0}, r'expected publish_clock with a real_time_factor .* got 2\.0'),
+        ({'threshold': 0.9, 'saturation': 0.8}, r'expected threshold < saturation, got 0\.9'),
+        ({'maximum_force': 0.0}, r'expected a maximum force above 0 N, got 0\.0'),
+    ],
+)
+def test_parameters_that_do_not_go_together_are_refused(
+    values: dict[str, float], message: str
+) -> None:
+    with pytest.raises(NodeError, match=message):
+        PlantParameters(**values)
