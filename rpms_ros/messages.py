@@ -1,0 +1,197 @@
+"""The only place where ROS messages become domain values and back.
+
+Nothing of ROS is imported here.  Messages are read by their attributes, so rclpy's classes and
+those of rosbags do alike; what is built is built from the classes that the caller brings.
+
+Every number passes ``float``, ``int`` or ``bool`` on its way into a message: Jazzy's generated
+classes do not check their fields by default and would send an int in a float64 as garbage.
+"""
+
+import math
+from array import array
+from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import MessageError
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import Pulse
+
+MessageTypes = Mapping[str, Callable[..., Any]]
+"""Message classes by name, such as ``std_msgs/msg/Header``; they take their fields by keyword."""
+
+Axis = tuple[float, float, float]
+
+AXES: dict[str, Axis] = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
+AXES |= {f'-{name}': (-x, -y, -z) for name, (x, y, z) in list(AXES.items())}
+
+TIME = 'builtin_interfaces/msg/Time'
+HEADER = 'std_msgs/msg/Header'
+VECTOR = 'geometry_msgs/msg/Vector3'
+WRENCH = 'geometry_msgs/msg/Wrench'
+WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
+PULSE = 'rpms_msgs/msg/Pulse'
+MUSCLE_ESTIMATE = 'rpms_msgs/msg/MuscleEstimate'
+
+# Fields of MuscleEstimate that are called the same and hold the same as in Estimate.
+_NUMBERS = ('repetition_rate', 'confidence', 'output_error', 'damping', 'condition_number')
+_COUNTS = ('samples', 'pulses')
+_NAMES = ('nonlinear_names', 'linear_names', 'physiology_names')
+_CURVES = tuple(f'curve_{part}' for part in ('intensity', 'force', 'lower', 'upper'))
+_RESPONSES = tuple(f'response_{part}' for part in ('time', 'force', 'lower', 'upper'))
+_PHYSIOLOGY = ('physiology', 'physiology_lower', 'physiology_upper')
+_ARRAYS = ('nonlinear', 'linear', *_CURVES, *_RESPONSES, *_PHYSIOLOGY)
+
+
+def unit_axis(direction: Sequence[float]) -> Axis:
+    """Return the direction with length 1.
+
+    Raises
+    ------
+    MessageError
+        If it is not a finite vector of three numbers that differs from zero.
+    """
+    length = math.hypot(*direction)
+    if len(direction) != 3 or not (math.isfinite(length) and length > 0):
+        raise MessageError(f'expected a direction (x, y, z) other than zero, got {direction}')
+    x, y, z = (float(value) / length for value in direction)
+    return (x, y, z)
+
+
+def nanoseconds(stamp: Any) -> int:
+    """Return a builtin_interfaces/Time in nanoseconds."""
+    return int(stamp.sec) * NANOSECONDS_PER_SECOND + int(stamp.nanosec)
+
+
+def time_message(stamp_ns: int, types: MessageTypes) -> Any:
+    """Return a builtin_interfaces/Time of integer nanoseconds."""
+    seconds, rest = divmod(int(stamp_ns), NANOSECONDS_PER_SECOND)
+    return types[TIME](sec=seconds, nanosec=rest)
+
+
+def header_message(stamp_ns: int, frame_id: str, types: MessageTypes) -> Any:
+    """Return a std_msgs/Header."""
+    return types[HEADER](stamp=time_message(stamp_ns, types), frame_id=frame_id)
+
+
+def pulse_of(message: Any) -> Pulse:
+    """Return the pulse in an rpms_msgs/Pulse, as it is: whether it makes sense is not asked."""
+    return Pulse(
+        nanoseconds(message.header.stamp),
+        float(message.intensity),
+        int(message.sequence),
+        float(message.width),
+    )
+
+
+def pulse_message(pulse: Pulse, types: MessageTypes, frame_id: str = '') -> Any:
+    """Return an rpms_msgs/Pulse; the sequence wraps at 2^32."""
+    return types[PULSE](
+        header=header_message(pulse.onset_ns, frame_id, types),
+        sequence=int(pulse.sequence) % 2**32,
+        intensity=float(pulse.intensity),
+        width=float(pulse.width),
+    )
+
+
+def force_of(message: Any, axis: Axis) -> tuple[int, float]:
+    """Return stamp [ns] and force along `axis` [N] of a geometry_msgs/WrenchStamped.
+
+    Components across the axis are not looked at, so that NaN there does no harm.
+    """
+    force = message.wrench.force
+    total = 0.0
+    for share, component in zip(axis, (force.x, force.y, force.z), strict=True):
+        if share:
+            total += share * component
+    return nanoseconds(message.header.stamp), total
+
+
+def force_message(
+    stamp_ns: int, force: float, axis: Axis, types: MessageTypes, frame_id: str = ''
+) -> Any:
+    """Return a geometry_msgs/WrenchStamped with `force` [N] along `axis` and no torque."""
+    x, y, z = (float(share * force) for share in axis)
+    vector = types[VECTOR]
+    wrench = types[WRENCH](force=vector(x=x, y=y, z=z), torque=vector(x=0.0, y=0.0, z=0.0))
+    return types[WRENCH_STAMPED](header=header_message(stamp_ns, frame_id, types), wrench=wrench)
+
+
+def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = '') -> Any:
+    """Return an rpms_msgs/MuscleEstimate."""
+    fields: dict[str, Any] = {name: float(getattr(estimate, name)) for name in _NUMBERS}
+    fields |= {name: int(getattr(estimate, name)) for name in _COUNTS}
+    fields |= {name: [str(item) for item in getattr(estimate, name)] for name in _NAMES}
+    fields |= {name: _doubles(getattr(estimate, name)) for name in _ARRAYS}
+    return types[MUSCLE_ESTIMATE](
+        header=header_message(estimate.stamp_ns, frame_id, types),
+        estimator=str(estimate.estimator),
+        nonlinear_covariance=_doubles(estimate.nonlinear_covariance),
+        nonlinear_excitation=array('B', [int(item) for item in estimate.nonlinear_excitation]),
+        fault_names=[str(name) for name in estimate.faults],
+        fault_counts=array('Q', [int(count) for count in estimate.faults.values()]),
+        **fields,
+    )
+
+
+def estimate_of(message: Any) -> Estimate:
+    """Return the estimate in an rpms_msgs/MuscleEstimate.
+
+    Raises
+    ------
+    MessageError
+        If arrays that belong together differ in length.
+    """
+    names, counts = list(message.fault_names), [int(count) for count in message.fault_counts]
+    _require_lengths(message)
+    fields: dict[str, Any] = {name: float(getattr(message, name)) for name in _NUMBERS}
+    fields |= {name: int(getattr(message, name)) for name in _COUNTS}
+    fields |= {name: tuple(getattr(message, name)) for name in _NAMES}
+    fields |= {name: _array(getattr(message, name)) for name in _ARRAYS}
+    covariance = _array(message.nonlinear_covariance)
+    size = math.isqrt(len(covariance))
+    return Estimate(
+        stamp_ns=nanoseconds(message.header.stamp),
+        estimator=str(message.estimator),
+        nonlinear_covariance=covariance.reshape(size, size),
+        nonlinear_excitation=np.array(message.nonlinear_excitation, dtype=np.int64),
+        faults=dict(zip(names, counts, strict=True)),
+        **fields,
+    )
+
+
+def _require_lengths(message: Any) -> None:
+    """Raise MessageError unless each array is as long as the one that names its elements."""
+    parameters = len(message.nonlinear_names)
+    exact = {
+        'nonlinear': parameters,
+        'linear': len(message.linear_names),
+        'fault_counts': len(message.fault_names),
+        'response_force': len(message.response_time),
+        'physiology': len(message.physiology_names),
+    }
+    optional = {
+        'nonlinear_covariance': parameters**2,
+        'nonlinear_excitation': parameters,
+        **dict.fromkeys(_CURVES[1:], len(message.curve_intensity)),
+        **dict.fromkeys(_RESPONSES[2:], len(message.response_time)),
+        **dict.fromkeys(_PHYSIOLOGY[1:], len(message.physiology_names)),
+    }
+    for name, length in (exact | optional).items():
+        got = len(getattr(message, name))
+        if got != length and not (name in optional and got == 0):
+            raise MessageError(f'expected {length} elements in {name}, got {got}')
+
+
+def _doubles(values: npt.ArrayLike) -> 'array[float]':
+    return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def _array(values: Any) -> FloatArray:
+    return np.array(values, dtype=np.float64)

@@ -1,0 +1,21 @@
+"""Generated message classes by name, for `rpms_ros.messages` to build from."""
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Wrench
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Header
+
+from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import Pulse
+from rpms_ros import messages
+
+MESSAGE_TYPES: messages.MessageTypes = {
+    messages.TIME: Time,
+    messages.HEADER: Header,
+    messages.VECTOR: Vector3,
+    messages.WRENCH: Wrench,
+    messages.WRENCH_STAMPED: WrenchStamped,
+    messages.PULSE: Pulse,
+    messages.MUSCLE_ESTIMATE: MuscleEstimate,
+}

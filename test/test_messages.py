@@ -1,0 +1,152 @@
+"""Messages to domain values and back, with the classes of rclpy and of rosbags."""
+
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores
+from rosbags.typesys import get_typestore
+
+from rpms_ros import messages
+from rpms_ros.errors import MessageError
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.pulses import Pulse
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+# builtin_interfaces/Time counts its seconds in an int32
+stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+
+
+def estimate(**changes: Any) -> Estimate:
+    values: dict[str, Any] = {
+        'stamp_ns': 1_700_000_000_123_456_789,
+        'estimator': 'recursive',
+        'nonlinear_names': ('u_thr', 'u_sat'),
+        'nonlinear': np.array([0.48, 0.98]),
+        'linear_names': ('basis_1', 'basis_2', 'basis_3'),
+        'linear': np.array([1.0, -2.0, 0.1]),
+        'repetition_rate': 20.0,
+        'curve_intensity': np.linspace(0, 1, 11),
+        'curve_force': np.linspace(0, 9, 11),
+        'response_time': np.arange(4) * 1e-3,
+        'response_force': np.array([0.0, 0.1, 0.3, 0.2]),
+        'output_error': 0.005,
+        'samples': 90_000,
+        'pulses': 1_800,
+        'damping': 1e-4,
+        'condition_number': 712.0,
+        'nonlinear_covariance': np.array([[1.0, 0.5], [0.5, 2.0]]),
+        'nonlinear_excitation': np.array([1, 2]),
+        'physiology_names': ('latency_s',),
+        'physiology': np.array([9.45e-3]),
+        'confidence': 0.95,
+        'faults': {'late_pulse': 2, 'force_not_finite': 1},
+    }
+    return Estimate(**values | changes)
+
+
+def same(first: Any, second: Any) -> bool:
+    """Equal in every bit, arrays included."""
+    if isinstance(first, np.ndarray):
+        return first.shape == second.shape and first.tobytes() == second.tobytes()
+    return bool(first == second)
+
+
+@given(stamps, numbers, st.integers(0, 2**32 - 1), numbers)
+def test_a_pulse_survives_the_round_trip(
+    onset: int, intensity: float, sequence: int, width: float
+) -> None:
+    pulse = Pulse(onset, intensity, sequence, width)
+    assert messages.pulse_of(messages.pulse_message(pulse, MESSAGE_TYPES)) == pulse
+
+
+def test_integers_become_floats_and_the_sequence_wraps() -> None:
+    message = messages.pulse_message(Pulse(5, 1, 2**32 + 7, 0), MESSAGE_TYPES, 'coil')
+    assert type(message.intensity) is float
+    assert type(message.width) is float
+    assert message.sequence == 7
+    assert message.header.frame_id == 'coil'
+
+
+@pytest.mark.parametrize('build', [MESSAGE_TYPES, STORE.types], ids=['rclpy', 'rosbags'])
+@given(stamp=stamps, force=numbers)
+def test_a_force_survives_the_round_trip(
+    build: messages.MessageTypes, stamp: int, force: float
+) -> None:
+    for axis in messages.AXES.values():
+        message = messages.force_message(stamp, force, axis, build, 'sensor')
+        assert messages.force_of(message, axis) == (stamp, force)
+    assert message.header.frame_id == 'sensor'
+
+
+def test_the_force_is_the_share_along_the_axis() -> None:
+    axis = messages.unit_axis((3.0, 0.0, -4.0))
+    vector = SimpleNamespace(x=1.0, y=math.nan, z=-2.0)
+    stamp = SimpleNamespace(sec=0, nanosec=1)
+    message = SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp), wrench=SimpleNamespace(force=vector)
+    )
+    # 0.6 * 1 + 0.8 * 2, within the rounding of three operations
+    assert messages.force_of(message, axis)[1] == pytest.approx(2.2, rel=1e-15)
+
+
+@pytest.mark.parametrize('direction', [(0, 0, 0), (math.nan, 0, 1), (1, 0), (math.inf, 0, 0)])
+def test_a_direction_that_is_none_is_refused(direction: tuple[float, ...]) -> None:
+    with pytest.raises(MessageError, match=r'expected a direction \(x, y, z\) other than zero'):
+        messages.unit_axis(direction)
+
+
+def test_an_estimate_survives_the_round_trip_in_every_bit() -> None:
+    for given_ in (
+        estimate(),
+        estimate(curve_force=np.empty(0), nonlinear_covariance=np.empty((0, 0))),
+    ):
+        returned = messages.estimate_of(messages.estimate_message(given_, MESSAGE_TYPES))
+        for name, value in vars(given_).items():
+            assert same(value, getattr(returned, name)), name
+
+
+def test_every_field_of_the_message_is_filled() -> None:
+    full = estimate(
+        curve_lower=np.zeros(11),
+        curve_upper=np.ones(11),
+        response_lower=np.zeros(4),
+        response_upper=np.ones(4),
+        physiology_lower=np.array([8e-3]),
+        physiology_upper=np.array([10e-3]),
+    )
+    message = messages.estimate_message(full, MESSAGE_TYPES, 'wrist')
+    empty = type(message)()
+    for name in message.get_fields_and_field_types():
+        assert getattr(message, name) != getattr(empty, name), name
+
+
+def shorten(name: str) -> Callable[[Any], None]:
+    return lambda message: setattr(message, name, getattr(message, name)[:-1])
+
+
+@pytest.mark.parametrize(
+    ('name', 'length'),
+    [
+        ('nonlinear', 2),
+        ('linear', 3),
+        ('curve_force', 11),
+        ('response_force', 4),
+        ('fault_counts', 2),
+        ('nonlinear_covariance', 4),
+        ('nonlinear_excitation', 2),
+    ],
+)
+def test_arrays_that_belong_together_have_one_length(name: str, length: int) -> None:
+    message = messages.estimate_message(estimate(), MESSAGE_TYPES)
+    shorten(name)(message)
+    with pytest.raises(MessageError, match=f'expected {length} elements in {name}'):
+        messages.estimate_of(message)
