@@ -1,0 +1,331 @@
+"""The stream of Eq. (11) against the direct sum over all pulses."""
+
+import pickle
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import Subject
+from rpms_ros.muscle import average_subject
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle import twitch
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+
+MILLISECOND = 1_000_000
+# As many nanoseconds as have passed since 1970: what `header.stamp` really holds.
+EPOCH_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
+
+subjects = st.builds(
+    Subject,
+    time_constant=st.floats(5e-3, 0.1),
+    latency=st.floats(0.0, 0.03),
+    order=st.integers(1, 6),
+    maximum_force=st.floats(1.0, 100.0),
+)
+onsets = st.lists(st.integers(0, 3 * NANOSECONDS_PER_SECOND), min_size=1, max_size=30, unique=True)
+stamps = st.lists(st.integers(0, 4 * NANOSECONDS_PER_SECOND), min_size=1, max_size=30)
+
+
+def intensities_of(onset_ns: IntArray) -> FloatArray:
+    """Return some intensity for each onset, the same one in every call."""
+    return np.asarray(onset_ns % 1009 / 1009)
+
+
+def superposition(
+    subject: Subject,
+    onset_ns: IntArray,
+    intensity: FloatArray,
+    stamp_ns: IntArray,
+    rate_hz: float | None,
+) -> FloatArray:
+    """Return Eq. (11) as it stands: a sum of twitches over every pulse there has been."""
+    rates = np.full(len(onset_ns), rate_hz)
+    if rate_hz is None:
+        interval = np.diff(onset_ns) / NANOSECONDS_PER_SECOND
+        rates = np.concatenate(([0.0], 1.0 / np.maximum(interval, 1e-3)))
+    weights = subject.pulse_weight(intensity, rates)
+    latency_ns = round(subject.latency * NANOSECONDS_PER_SECOND)
+    total = np.zeros(len(stamp_ns))
+    for onset, weight in zip(onset_ns, weights, strict=True):
+        lag = (stamp_ns - onset - latency_ns) / NANOSECONDS_PER_SECOND
+        total += weight * twitch(lag, subject.time_constant, subject.order)
+    return total
+
+
+def regular_train(seconds: float, start_ns: int = 0) -> PulseTrain:
+    """Return pulses of varied intensity at 20 Hz."""
+    generator = np.random.default_rng(3)
+    return PulseTrain.regular(generator.uniform(size=round(20 * seconds)), 20.0, start_ns)
+
+
+def grid(start_s: float, stop_s: float) -> IntArray:
+    """Return stamps at 1 kHz."""
+    return MILLISECOND * np.arange(round(1000 * start_s), round(1000 * stop_s), dtype=np.int64)
+
+
+@settings(deadline=None)
+@given(subjects, onsets, stamps, st.sampled_from([None, 12.0, 20.0, 35.0]))
+def test_force_is_the_sum_of_all_twitches(
+    subject: Subject, onset: list[int], stamp: list[int], rate_hz: float | None
+) -> None:
+    onset_ns = np.sort(np.array(onset))
+    intensity = intensities_of(onset_ns)
+    contraction = Contraction(subject, rate_hz)
+    contraction.add_pulses(onset_ns, intensity)
+    measured = contraction.force(stamp)
+    expected = superposition(subject, onset_ns, intensity, np.array(stamp), rate_hz)
+    # Every term is positive, so rounding is relative: 30 moves of a few ulp each, at most.
+    np.testing.assert_allclose(measured, expected, rtol=1e-12, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(subjects, st.lists(st.integers(1, 2000), max_size=8))
+def test_block_length_changes_no_bit(subject: Subject, cuts: list[int]) -> None:
+    train = regular_train(2.0)
+    stamp_ns = grid(0.0, 2.0)
+    whole = Contraction(subject, window=0.3)
+    whole.add_pulses(train.onset_ns, train.intensity)
+    expected = whole.force(stamp_ns)
+    stream = Contraction(subject, window=0.3)
+    stream.add_pulses(train.onset_ns, train.intensity)
+    edges = [0, *sorted(cuts), len(stamp_ns)]
+    pieces = [stream.force(stamp_ns[low:high]) for low, high in pairwise(edges)]
+    np.testing.assert_array_equal(np.concatenate(pieces), expected)
+
+
+@settings(deadline=None)
+@given(onsets, st.lists(st.integers(0, 290 * MILLISECOND), min_size=30, max_size=30))
+def test_pulses_that_arrive_late_change_no_bit(onset: list[int], delays: list[int]) -> None:
+    onset_ns = np.array(onset)
+    arrival_ns = onset_ns + np.array(delays[: len(onset)])
+    intensity = intensities_of(onset_ns)
+    stream = Contraction(average_subject(), window=0.3)
+    for now_ns in range(0, 3500 * MILLISECOND, 10 * MILLISECOND):
+        arrived = (arrival_ns <= now_ns) & (arrival_ns > now_ns - 10 * MILLISECOND)
+        stream.add_pulses(onset_ns[arrived], intensity[arrived])
+        stream.force(now_ns)
+    punctual = Contraction(average_subject(), window=0.3)
+    punctual.add_pulses(onset_ns, intensity)
+    stamp_ns = grid(3.5, 3.6)
+    np.testing.assert_array_equal(stream.force(stamp_ns), punctual.force(stamp_ns))
+
+
+def test_reading_before_the_first_pulse_does_not_close_the_past() -> None:
+    stream = Contraction(average_subject())
+    stream.force(grid(1.0, 1.001))
+    onset_ns = np.array([960, 1010]) * MILLISECOND
+    stream.add_pulses(onset_ns, [0.8, 0.9])
+    expected = superposition(
+        average_subject(), onset_ns, np.array([0.8, 0.9]), grid(0.95, 1.2), None
+    )
+    # As above; the second pulse has its rate of 20 Hz only if the first one is still known.
+    np.testing.assert_allclose(stream.force(grid(0.95, 1.2)), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_pulse_from_before_the_window_acts_at_its_own_time() -> None:
+    train = regular_train(3.0)
+    late = np.array([512 * MILLISECOND + 77])
+    stream = Contraction(average_subject(), fixed_rate_hz=20.0, window=0.5)
+    stream.add_pulses(train.onset_ns, train.intensity)
+    stream.force(grid(0.0, 1.2))
+    stream.add_pulses(late, [0.9])
+    onset_ns = np.concatenate((train.onset_ns, late))
+    intensity = np.concatenate((train.intensity, [0.9]))
+    stamp_ns = grid(1.2, 2.0)
+    expected = superposition(average_subject(), onset_ns, intensity, stamp_ns, 20.0)
+    # As above.
+    np.testing.assert_allclose(stream.force(stamp_ns), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_pulse_from_before_the_window_counts_as_alone() -> None:
+    subject = average_subject()
+    stream = Contraction(subject, window=0.1)
+    stream.add_pulses([0, 50 * MILLISECOND], [0.0, 0.0])
+    before = stream.force(grid(0.3, 0.301))
+    stream.add_pulses(20 * MILLISECOND, 1.0)
+    added = stream.force(grid(0.3, 0.301)) - before
+    lag = 0.28 - subject.latency
+    expected = subject.pulse_weight(1.0, 0.0) * twitch(lag, subject.time_constant)
+    # The force before is four orders smaller than what is added.
+    np.testing.assert_allclose(added, [expected], rtol=1e-11)
+
+
+@settings(deadline=None)
+@given(onsets, st.integers(0, 4 * NANOSECONDS_PER_SECOND))
+def test_force_does_not_know_the_future(onset: list[int], stamp: int) -> None:
+    onset_ns = np.array(onset)
+    latency_ns = round(average_subject().latency * NANOSECONDS_PER_SECOND)
+    past = onset_ns[onset_ns + latency_ns <= stamp]
+    knowing = Contraction(average_subject())
+    knowing.add_pulses(onset_ns, intensities_of(onset_ns))
+    ignorant = Contraction(average_subject())
+    ignorant.add_pulses(past, intensities_of(past))
+    np.testing.assert_array_equal(knowing.force(stamp), ignorant.force(stamp))
+
+
+def test_force_is_zero_until_the_latency_is_over() -> None:
+    contraction = Contraction(average_subject())
+    contraction.add_pulses(0, 1.0)
+    force = contraction.force([0, 9_450_000, 9_450_001])
+    np.testing.assert_array_equal(force[:2], 0.0)
+    assert force[2] > 0.0
+
+
+@settings(deadline=None)
+@given(onsets, onsets, stamps)
+def test_trains_at_one_rate_add_up(first: list[int], second: list[int], stamp: list[int]) -> None:
+    both = Contraction(average_subject(), fixed_rate_hz=20.0)
+    total = np.zeros(len(stamp))
+    for onset in (first, second):
+        onset_ns = np.array(onset)
+        alone = Contraction(average_subject(), fixed_rate_hz=20.0)
+        alone.add_pulses(onset_ns, intensities_of(onset_ns))
+        both.add_pulses(onset_ns, intensities_of(onset_ns))
+        total += alone.force(stamp)
+    # Positive terms summed in another order.
+    np.testing.assert_allclose(both.force(stamp), total, rtol=1e-12, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(st.permutations(list(range(0, 400 * MILLISECOND, 20 * MILLISECOND))))
+def test_stamps_may_be_read_in_any_order(stamp: list[int]) -> None:
+    train = regular_train(0.4)
+    contraction = Contraction(average_subject())
+    contraction.add_pulses(train.onset_ns, train.intensity)
+    mixed = contraction.force(stamp)
+    np.testing.assert_array_equal(contraction.force(sorted(stamp)), mixed[np.argsort(stamp)])
+
+
+def test_the_epoch_changes_no_bit() -> None:
+    def run(start_ns: int) -> FloatArray:
+        train = regular_train(3.0, start_ns)
+        contraction = Contraction(average_subject(), window=0.4)
+        contraction.add_pulses(train.onset_ns, train.intensity)
+        blocks = np.split(start_ns + grid(0.0, 3.0), 10)
+        return np.concatenate([contraction.force(block) for block in blocks])
+
+    np.testing.assert_array_equal(run(EPOCH_NS), run(0))
+
+
+def test_state_does_not_grow_with_the_history() -> None:
+    contraction = Contraction(average_subject(), window=0.5)
+    sizes = []
+    for second in range(60):
+        train = regular_train(1.0, EPOCH_NS + second * NANOSECONDS_PER_SECOND)
+        contraction.add_pulses(train.onset_ns, train.intensity)
+        contraction.force(train.onset_ns + 49 * MILLISECOND)
+        sizes.append(len(pickle.dumps(contraction)))
+    assert sizes[1] == sizes[-1]
+
+
+def test_no_samples_give_no_forces() -> None:
+    contraction = Contraction(average_subject())
+    contraction.add_pulses([], [])
+    assert contraction.force([]).shape == (0,)
+
+
+def test_a_twitch_peaks_with_the_weight_of_its_pulse() -> None:
+    subject = average_subject()
+    contraction = Contraction(subject)
+    contraction.add_pulses(0, 0.7)
+    peak_ns = round((subject.latency + 2 * subject.time_constant) * NANOSECONDS_PER_SECOND)
+    # The stamp is rounded to 1 ns, which is far below what a flat maximum shows.
+    np.testing.assert_allclose(
+        contraction.force(peak_ns), [subject.pulse_weight(0.7, 0.0)], rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize('rate_hz', [15.0, 20.0, 25.0, 35.0])
+def test_a_long_train_reaches_the_steady_mean_force(rate_hz: float) -> None:
+    subject = average_subject()
+    train = PulseTrain.regular(np.full(200, 0.9), rate_hz)
+    contraction = Contraction(subject)
+    contraction.add_pulses(train.onset_ns, train.intensity)
+    period_ns = NANOSECONDS_PER_SECOND / rate_hz
+    start_ns = train.onset_ns[-1]
+    # The last pulse acts after its latency: these are the 400 phases of the period before.
+    phase = start_ns + np.rint(np.arange(400) / 400 * period_ns).astype(np.int64)
+    mean = contraction.force(phase + round(subject.latency * 1e9)).mean()
+    # The mean of a periodic smooth function over equal steps; the rounding to 1 ns remains.
+    assert mean == pytest.approx(float(subject.steady_force(0.9, rate_hz)), rel=1e-6)
+
+
+def test_every_pulse_after_the_first_has_its_own_rate() -> None:
+    subject = average_subject()
+    onset_ns = np.array([0, 30, 80, 280]) * MILLISECOND
+    rates = [0.0, 1 / 0.03, 20.0, 5.0]
+    for count in range(1, 5):
+        longer = Contraction(subject)
+        shorter = Contraction(subject)
+        longer.add_pulses(onset_ns[:count], np.full(count, 0.8))
+        shorter.add_pulses(onset_ns[: count - 1], np.full(count - 1, 0.8))
+        stamp_ns = int(onset_ns[count - 1]) + 80 * MILLISECOND
+        added = longer.force(stamp_ns) - shorter.force(stamp_ns)
+        shape = twitch(0.08 - subject.latency, subject.time_constant)
+        expected = subject.pulse_weight(0.8, rates[count - 1]) * shape
+        # A difference of forces of the same size.
+        np.testing.assert_allclose(added, [expected], rtol=1e-12)
+
+
+def test_an_interval_counts_as_one_millisecond_at_least() -> None:
+    subject = average_subject()
+
+    def added(second_ns: int) -> float:
+        contraction = Contraction(subject)
+        contraction.add_pulses([0, second_ns], [0.0, 1.0])
+        alone = Contraction(subject)
+        alone.add_pulses(0, 0.0)
+        stamp_ns = second_ns + 90 * MILLISECOND
+        return float((contraction.force(stamp_ns) - alone.force(stamp_ns))[0])
+
+    # The force of the first pulse, four orders smaller, has been taken off.
+    assert added(200_000) == pytest.approx(added(MILLISECOND), rel=1e-12)
+    assert added(0) == pytest.approx(added(MILLISECOND), rel=1e-12)
+
+
+def test_a_pulse_of_no_intensity_brings_no_force() -> None:
+    contraction = Contraction(simulation_subject())
+    contraction.add_pulses([0, 50 * MILLISECOND], [0.0, 0.0])
+    np.testing.assert_array_equal(contraction.force(grid(0.0, 0.3)), 0.0)
+
+
+@pytest.mark.parametrize('rate_hz', [0.0, -1.0, float('nan'), float('inf')])
+def test_a_rate_must_be_one(rate_hz: float) -> None:
+    with pytest.raises(MuscleError, match='expected a repetition rate above 0 Hz, got'):
+        Contraction(average_subject(), fixed_rate_hz=rate_hz)
+
+
+@pytest.mark.parametrize('window', [0.0, -1.0, float('nan'), float('inf')])
+def test_a_window_must_be_one(window: float) -> None:
+    with pytest.raises(MuscleError, match='expected a window above 0 s, got'):
+        Contraction(average_subject(), window=window)
+
+
+@pytest.mark.parametrize('intensity', [-0.01, 1.01, float('nan'), float('inf')])
+def test_a_bad_intensity_adds_nothing(intensity: float) -> None:
+    contraction = Contraction(average_subject())
+    with pytest.raises(MuscleError, match='expected intensities from 0 to 1, got'):
+        contraction.add_pulses([0, 1], [1.0, intensity])
+    np.testing.assert_array_equal(contraction.force(50 * MILLISECOND), 0.0)
+
+
+def test_each_onset_has_an_intensity() -> None:
+    with pytest.raises(MuscleError, match='expected as many intensities as onsets, got 1 and 2'):
+        Contraction(average_subject()).add_pulses([0, 1], [0.5])
+
+
+def test_force_cannot_be_read_from_before_the_window() -> None:
+    contraction = Contraction(average_subject(), window=0.1)
+    contraction.add_pulses([0, 50 * MILLISECOND], [1.0, 1.0])
+    contraction.force(NANOSECONDS_PER_SECOND)
+    with pytest.raises(MuscleError, match='expected times from 59450000 ns on, got 1 ns'):
+        contraction.force([NANOSECONDS_PER_SECOND, 1])
