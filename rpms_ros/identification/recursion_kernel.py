@@ -32,19 +32,23 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from rpms_ros.identification.basis import distorted_sines
+from rpms_ros.identification.regressor_kernel import basis_of_pulses
+from rpms_ros.identification.regressor_kernel import mix
+from rpms_ros.identification.regressor_kernel import regress
+from rpms_ros.identification.regressor_kernel import regress_with_gradient
 from rpms_ros.identification.small_matrix import condition_number
+from rpms_ros.identification.small_matrix import dot
 from rpms_ros.identification.small_matrix import solve_positive
-from rpms_ros.muscle.identified_form import evaluate_with_gradient
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
+# u_thr, u_sat and alpha_sat are identified; alpha_thr rides along as the fourth, fixed.
 NONLINEAR = 3
 OUTPUT_ERROR_TIME = 1.0
 
 # Places in `RecursionState.scalars`
-DAMPING, CONDITION, ERROR_ENERGY, FORCE_ENERGY, FORCE_SQUARES, SAMPLES = range(6)
+DAMPING, CONDITION, ERROR_ENERGY, FORCE_ENERGY, SAMPLES = range(5)
 # Covariance above which forgetting pauses: P would grow without end where nothing excites it.
 LARGEST_COVARIANCE = 1e12
 
@@ -54,17 +58,17 @@ class RecursionState(NamedTuple):
 
     Attributes
     ----------
-    theta : ndarray (3,)
-        u_thr, u_sat, alpha_sat.
+    theta : ndarray (4,)
+        u_thr, u_sat, alpha_sat, and the fixed alpha_thr.
     linear : ndarray (n,)
         w.
     covariance : ndarray (n, n)
         P.
-    projection : ndarray (n, 3)
-        W, regression of the derivatives on the linear regressors.
+    projection : ndarray (3, n)
+        W^T, regression of the derivatives on the linear regressors.
     hessian : ndarray (3, 3)
         H.
-    scalars : ndarray (6,)
+    scalars : ndarray (5,)
         See the indices above.
     """
 
@@ -79,11 +83,9 @@ class RecursionState(NamedTuple):
 class RecursionConstants(NamedTuple):
     """What does not change: the basis and the design parameters of Tables 4 and 5."""
 
-    tap_ns: float
-    memory_taps: float
-    form_factor: float
+    shape: FloatArray
     mixing: FloatArray
-    alpha_thr: float
+    force_scale: float
     forgetting: float
     damping_factor: float
     gain_ratio_margin: float
@@ -103,211 +105,176 @@ class Workspace(NamedTuple):
     raw_gradient: FloatArray
     regressor: FloatArray
     gain: FloatArray
-    gradient: FloatArray
+    scratch: FloatArray
     derivative: FloatArray
     damped: FloatArray
+    rotated: FloatArray
     step: FloatArray
     candidate: FloatArray
 
 
-def workspace(functions: int) -> Workspace:
-    """Return arrays for a basis of `functions` functions."""
+def workspace(functions: int, acting_pulses: int) -> Workspace:
+    """Return arrays for a basis of `functions` functions and so many pulses acting at once."""
     return Workspace(
-        basis=np.zeros(functions),
+        basis=np.zeros((acting_pulses, functions)),
         raw=np.zeros(functions),
-        raw_gradient=np.zeros((functions, NONLINEAR)),
+        raw_gradient=np.zeros((NONLINEAR, functions)),
         regressor=np.zeros(functions),
         gain=np.zeros(functions),
-        gradient=np.zeros(4),
+        scratch=np.zeros((2, 4)),
         derivative=np.zeros(NONLINEAR),
         damped=np.zeros((NONLINEAR, NONLINEAR)),
+        rotated=np.zeros((NONLINEAR, NONLINEAR)),
         step=np.zeros(NONLINEAR),
-        candidate=np.zeros(NONLINEAR),
+        candidate=np.zeros(4),
     )
 
 
 @numba.njit(cache=True)
-def _regress(
-    stamp: int,
-    onset_ns: IntArray,
-    intensity: FloatArray,
-    theta: FloatArray,
-    constants: RecursionConstants,
-    work: Workspace,
-    with_gradient: bool,
-) -> bool:
-    """Form phi, and the raw sums for its derivatives; return whether any pulse acts."""
-    count = len(work.raw)
-    work.raw[:] = 0.0
-    if with_gradient:
-        work.raw_gradient[:] = 0.0
-    acting = False
-    for pulse in range(len(onset_ns)):
-        tap = (stamp - onset_ns[pulse]) / constants.tap_ns
-        if not distorted_sines(tap, constants.memory_taps, constants.form_factor, work.basis):
-            continue
-        rho = evaluate_with_gradient(
-            intensity[pulse], theta[0], theta[1], theta[2], constants.alpha_thr, work.gradient
-        )
-        acting = acting or rho != 0.0
-        for function in range(count):
-            work.raw[function] += rho * work.basis[function]
-            if with_gradient:
-                for place in range(NONLINEAR):
-                    work.raw_gradient[function, place] += (
-                        work.gradient[place] * work.basis[function]
-                    )
-    for function in range(count):
-        total = 0.0
-        for other in range(function + 1):
-            total += constants.mixing[function, other] * work.raw[other]
-        work.regressor[function] = total
-    return acting
-
-
-@numba.njit(cache=True)
-def _plain_derivative(linear: FloatArray, constants: RecursionConstants, work: Workspace) -> None:
-    """Write psi = d(phi^T w)/d theta into the workspace."""
+def _plain_derivative(
+    linear: FloatArray, mixing: FloatArray, raw_gradient: FloatArray, derivative: FloatArray
+) -> None:
+    """Write psi = d(phi^T w)/d theta (3,)."""
     count = len(linear)
-    work.derivative[:] = 0.0
+    derivative[:] = 0.0
     for other in range(count):
         # w^T mixing, column by column: the raw sums need not be transformed
         weight = 0.0
         for function in range(other, count):
-            weight += linear[function] * constants.mixing[function, other]
+            weight += linear[function] * mixing[function, other]
         for place in range(NONLINEAR):
-            work.derivative[place] += weight * work.raw_gradient[other, place]
+            derivative[place] += weight * raw_gradient[place, other]
+
+
+@numba.njit(cache=True)
+def _gain(
+    covariance: FloatArray, regressor: FloatArray, forgetting: float, gain: FloatArray
+) -> tuple[float, float]:
+    """Write P phi into `gain`; return lambda + phi^T P phi and the lambda that was used."""
+    count = len(regressor)
+    largest = 0.0
+    for row in range(count):
+        largest = max(largest, covariance[row, row])
+        gain[row] = dot(covariance[row], regressor)
+    used = forgetting if largest < LARGEST_COVARIANCE else 1.0
+    return used + dot(gain, regressor), used
 
 
 @numba.njit(cache=True)
 def _update_linear(
-    state: RecursionState, constants: RecursionConstants, work: Workspace, error: float
-) -> float:
-    """Recursive least squares for w and, with the same gain, for W; return the factor c."""
-    count = len(state.linear)
-    quadratic = 0.0
-    largest = 0.0
+    state: RecursionState,
+    gain: FloatArray,
+    innovation: FloatArray,
+    error: float,
+    denominator: float,
+    forgetting: float,
+) -> None:
+    """Recursive least squares for w and P and, with the same gain, for W."""
+    count = len(gain)
+    linear, covariance, projection = state.linear, state.covariance, state.projection
     for row in range(count):
-        total = 0.0
-        for column in range(count):
-            total += state.covariance[row, column] * work.regressor[column]
-        work.gain[row] = total
-        quadratic += total * work.regressor[row]
-        largest = max(largest, state.covariance[row, row])
-    forgetting = constants.forgetting if largest < LARGEST_COVARIANCE else 1.0
-    denominator = forgetting + quadratic
-    for place in range(NONLINEAR):
-        for row in range(count):
-            work.derivative[place] -= state.projection[row, place] * work.regressor[row]
-    for row in range(count):
-        gain = work.gain[row] / denominator
-        state.linear[row] += gain * error
+        share = gain[row] / denominator
+        linear[row] += share * error
         for place in range(NONLINEAR):
-            state.projection[row, place] += gain * work.derivative[place]
-        for column in range(row, count):
-            value = (state.covariance[row, column] - gain * work.gain[column]) / forgetting
-            state.covariance[row, column] = value
-            state.covariance[column, row] = value
-    return forgetting / denominator
+            projection[place, row] += share * innovation[place]
+        for column in range(row + 1):
+            value = (covariance[row, column] - share * gain[column]) / forgetting
+            covariance[row, column] = value
+            covariance[column, row] = value
 
 
 @numba.njit(cache=True)
 def _damped_step(
-    state: RecursionState, constants: RecursionConstants, work: Workspace, scaled_error: float
-) -> float:
-    """Write the step R^-1 gradient, held within bounds; return its predicted reduction."""
+    state: RecursionState, constants: RecursionConstants, work: Workspace, error: float
+) -> None:
+    """Write the step R^-1 psi~ e, R kept well conditioned by the damping."""
+    damped, scalars = work.damped, state.scalars
+    damped[:] = state.hessian
     for row in range(NONLINEAR):
-        for column in range(NONLINEAR):
-            work.damped[row, column] = state.hessian[row, column]
-    for row in range(NONLINEAR):
-        work.damped[row, row] += state.scalars[DAMPING]
-    condition = condition_number(work.damped)
-    state.scalars[CONDITION] = condition
-    if condition > constants.condition_limit:
-        state.scalars[DAMPING] += constants.damping_increment
+        damped[row, row] += scalars[DAMPING]
+        work.step[row] = work.derivative[row] * error
+    scalars[CONDITION] = condition_number(damped, work.rotated)
+    if scalars[CONDITION] > constants.condition_limit:
+        scalars[DAMPING] += constants.damping_increment
         for row in range(NONLINEAR):
-            work.damped[row, row] += constants.damping_increment
-    for row in range(NONLINEAR):
-        work.step[row] = work.derivative[row] * scaled_error
-    solve_positive(work.damped, work.step)
-    for row in range(NONLINEAR):
-        value = state.theta[row] + work.step[row]
-        work.candidate[row] = min(max(value, constants.lower[row]), constants.upper[row])
-    work.candidate[1] = max(work.candidate[1], work.candidate[0] + constants.separation)
-    predicted = 0.0
-    for row in range(NONLINEAR):
-        curvature = 0.0
-        for column in range(NONLINEAR):
-            curvature += state.hessian[row, column] * work.step[column]
-        predicted += work.step[row] * (work.derivative[row] * scaled_error - 0.5 * curvature)
-    return predicted
+            damped[row, row] += constants.damping_increment
+    solve_positive(damped, work.step)
 
 
 @numba.njit(cache=True)
-def _judge(
-    state: RecursionState, constants: RecursionConstants, actual: float, predicted: float
-) -> bool:
-    """Adapt the damping by the gain ratio (28); return whether the step is taken."""
-    ratio = actual / predicted if predicted > 0.0 else -1.0
-    if ratio < constants.gain_ratio_margin:
-        state.scalars[DAMPING] *= constants.damping_factor
-    elif ratio > 1.0 - constants.gain_ratio_margin:
-        state.scalars[DAMPING] /= constants.damping_factor
-    return ratio >= 0.0
+def _bounded(theta: FloatArray, constants: RecursionConstants, work: Workspace) -> None:
+    """Write theta + step, held within bounds, into the candidate."""
+    candidate = work.candidate
+    candidate[NONLINEAR] = theta[NONLINEAR]
+    for row in range(NONLINEAR):
+        value = theta[row] + work.step[row]
+        candidate[row] = min(max(value, constants.lower[row]), constants.upper[row])
+    candidate[1] = max(candidate[1], candidate[0] + constants.separation)
 
 
 @numba.njit(cache=True)
-def _dot(left: FloatArray, right: FloatArray) -> float:
+def _predicted_reduction(
+    hessian: FloatArray, step: FloatArray, derivative: FloatArray, error: float
+) -> float:
+    """Return what the quadratic model (24) promises of the step."""
     total = 0.0
-    for index in range(len(left)):
-        total += left[index] * right[index]
+    for row in range(NONLINEAR):
+        total += step[row] * (derivative[row] * error - 0.5 * dot(hessian[row], step))
     return total
 
 
 @numba.njit(cache=True)
+def _judge(
+    scalars: FloatArray, constants: RecursionConstants, actual: float, predicted: float
+) -> bool:
+    """Adapt the damping by the gain ratio (28); return whether the step is taken."""
+    ratio = actual / predicted if predicted > 0.0 else -1.0
+    if ratio < constants.gain_ratio_margin:
+        scalars[DAMPING] *= constants.damping_factor
+    elif ratio > 1.0 - constants.gain_ratio_margin:
+        scalars[DAMPING] /= constants.damping_factor
+    return ratio >= 0.0
+
+
+@numba.njit(cache=True)
 def _learn(
-    stamp: int,
     force: float,
-    prediction: float,
-    onset_ns: IntArray,
+    error: float,
     intensity: FloatArray,
+    first: int,
+    last: int,
     state: RecursionState,
     constants: RecursionConstants,
     work: Workspace,
 ) -> None:
     """Update the state by one sample whose regressors are in the workspace."""
-    error = force - prediction
-    state.scalars[SAMPLES] += 1.0
-    state.scalars[FORCE_SQUARES] += force * force
-    _plain_derivative(state.linear, constants, work)
+    derivative, regressor, linear = work.derivative, work.regressor, state.linear
+    _plain_derivative(linear, constants.mixing, work.raw_gradient, derivative)
+    denominator, forgetting = _gain(state.covariance, regressor, constants.forgetting, work.gain)
+    for place in range(NONLINEAR):
+        work.step[place] = derivative[place] - dot(state.projection[place], regressor)
+    _update_linear(state, work.gain, work.step, error, denominator, forgetting)
+    factor = 1.0
     if constants.projected:
-        factor = _update_linear(state, constants, work, error)
-        scaled_error = factor * error
-    else:
-        plain = work.derivative.copy()
-        _update_linear(state, constants, work, error)
-        work.derivative[:] = plain
-        factor = 1.0
-        scaled_error = error
-    # The damping is an absolute number: in forces of unit mean square it means the same for a
-    # finger and for an arm.
-    scale = math.sqrt(state.scalars[FORCE_SQUARES] / state.scalars[SAMPLES])
-    if scale == 0.0:
-        return
-    scaled_error /= scale
+        factor = forgetting / denominator
+        derivative[:] = work.step
+    scale = constants.force_scale
+    scaled_error = factor * error / scale
+    hessian = state.hessian
     for row in range(NONLINEAR):
-        work.derivative[row] /= scale
+        derivative[row] /= scale
     for row in range(NONLINEAR):
         for column in range(NONLINEAR):
-            outer = factor * work.derivative[row] * work.derivative[column]
-            state.hessian[row, column] = constants.forgetting * state.hessian[row, column] + outer
-    predicted = _damped_step(state, constants, work, scaled_error)
-    before = force - _dot(work.regressor, state.linear)
-    _regress(stamp, onset_ns, intensity, work.candidate, constants, work, False)
-    after = force - _dot(work.regressor, state.linear)
-    if _judge(
-        state, constants, 0.5 * (before * before - after * after) / (scale * scale), predicted
-    ):
+            outer = factor * derivative[row] * derivative[column]
+            hessian[row, column] = constants.forgetting * hessian[row, column] + outer
+    _damped_step(state, constants, work, scaled_error)
+    _bounded(state.theta, constants, work)
+    predicted = _predicted_reduction(hessian, work.step, derivative, scaled_error)
+    before = (force - dot(regressor, linear)) / scale
+    regress(intensity, first, last, work.candidate, work.basis, work.raw)
+    mix(constants.mixing, work.raw, regressor)
+    after = (force - dot(regressor, linear)) / scale
+    if _judge(state.scalars, constants, 0.5 * (before * before - after * after), predicted):
         state.theta[:] = work.candidate
 
 
@@ -330,7 +297,8 @@ def process(
     stamp of the newest usable sample, which is `previous_ns` of the next call.  A sample on
     which no pulse acts says nothing about the parameters: it is neither learnt nor forgotten.
     """
-    span_ns = constants.tap_ns * (constants.memory_taps + 0.5)
+    shape, scalars = constants.shape, state.scalars
+    span_ns = shape[0] * (shape[1] + 0.5)
     first = 0
     last = 0
     for index in range(len(stamp_ns)):
@@ -339,29 +307,27 @@ def process(
             last += 1
         while first < last and stamp - onset_ns[first] > span_ns:
             first += 1
-        acting_onset = onset_ns[first:last]
-        acting_intensity = intensity[first:last]
-        acting = _regress(
-            stamp, acting_onset, acting_intensity, state.theta, constants, work, True
+        basis_of_pulses(stamp, onset_ns, first, last, shape, work.basis)
+        recruits = regress_with_gradient(
+            intensity,
+            first,
+            last,
+            state.theta,
+            work.basis,
+            work.raw,
+            work.raw_gradient,
+            work.scratch,
         )
-        prediction[index] = _dot(work.regressor, state.linear) if acting else 0.0
+        mix(constants.mixing, work.raw, work.regressor)
+        prediction[index] = dot(work.regressor, state.linear) if recruits else 0.0
         if not usable[index]:
             continue
         decay = math.exp(-(stamp - previous_ns) * 1e-9 / OUTPUT_ERROR_TIME)
         previous_ns = stamp
         error = force[index] - prediction[index]
-        state.scalars[ERROR_ENERGY] = decay * state.scalars[ERROR_ENERGY] + error * error
-        energy = decay * state.scalars[FORCE_ENERGY] + force[index] * force[index]
-        state.scalars[FORCE_ENERGY] = energy
-        if acting:
-            _learn(
-                stamp,
-                force[index],
-                prediction[index],
-                acting_onset,
-                acting_intensity,
-                state,
-                constants,
-                work,
-            )
+        scalars[ERROR_ENERGY] = decay * scalars[ERROR_ENERGY] + error * error
+        scalars[FORCE_ENERGY] = decay * scalars[FORCE_ENERGY] + force[index] * force[index]
+        if recruits:
+            _learn(force[index], error, intensity, first, last, state, constants, work)
+            scalars[SAMPLES] += 1.0
     return previous_ns

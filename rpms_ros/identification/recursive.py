@@ -30,6 +30,8 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 RESPONSE_STEP = 5e-3
+# Room for this many pulses acting at once, to begin with.
+ACTING_PULSES = 32
 
 
 class RecursiveEstimator:
@@ -64,7 +66,7 @@ class RecursiveEstimator:
         self.rate_hz = rate_hz
         self._constants = _constants(settings)
         self._state = _start(settings, seed)
-        self._workspace = workspace(settings.basis.functions)
+        self._workspace = workspace(settings.basis.functions, ACTING_PULSES)
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
         self._intensity_range = (np.inf, -np.inf)
@@ -81,10 +83,7 @@ class RecursiveEstimator:
     @property
     def parameters(self) -> RecruitmentParameters:
         """Nonlinear parameters as they stand."""
-        theta = self._state.theta
-        return RecruitmentParameters(
-            float(theta[0]), float(theta[1]), float(theta[2]), self.settings.start.alpha_thr
-        )
+        return RecruitmentParameters(*(float(value) for value in self._state.theta))
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
@@ -92,6 +91,7 @@ class RecursiveEstimator:
             return
         self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
         self._intensity = np.concatenate((self._intensity, intensity))
+        self._make_room()
         low, high = self._intensity_range
         self._intensity_range = (
             min(low, float(intensity.min())),
@@ -164,6 +164,14 @@ class RecursiveEstimator:
             faults=dict(faults),
         )
 
+    def _make_room(self) -> None:
+        """Let the workspace hold as many pulses as act at once at the most."""
+        span = round(self.memory * NANOSECONDS_PER_SECOND)
+        oldest = np.searchsorted(self._onset_ns, self._onset_ns - span)
+        most = int((np.arange(1, len(oldest) + 1) - oldest).max()) + 1
+        if most > len(self._workspace.basis):
+            self._workspace = workspace(self.settings.basis.functions, 2 * most)
+
     def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:
         """Return K rho(u) [N] (101,), empty if one intensity only has been seen."""
         low, high = self._intensity_range
@@ -177,11 +185,11 @@ def _constants(settings: RecursiveSettings) -> RecursionConstants:
     basis = settings.basis
     bounds = settings.bounds
     return RecursionConstants(
-        tap_ns=basis.tap * NANOSECONDS_PER_SECOND,
-        memory_taps=float(basis.memory_taps),
-        form_factor=basis.form_factor,
+        shape=np.array(
+            [basis.tap * NANOSECONDS_PER_SECOND, float(basis.memory_taps), basis.form_factor]
+        ),
         mixing=np.ascontiguousarray(basis.mixing),
-        alpha_thr=settings.start.alpha_thr,
+        force_scale=settings.force_scale,
         forgetting=settings.forgetting,
         damping_factor=settings.damping_factor,
         gain_ratio_margin=settings.gain_ratio_margin,
@@ -198,13 +206,13 @@ def _start(settings: RecursiveSettings, seed: int) -> RecursionState:
     functions = settings.basis.functions
     generator = np.random.default_rng(seed)
     hessian = generator.uniform(0.0, settings.hessian_scale, (NONLINEAR, NONLINEAR))
-    scalars = np.zeros(6)
+    scalars = np.zeros(5)
     scalars[DAMPING] = settings.damping
     return RecursionState(
-        theta=np.array(settings.start[:NONLINEAR]),
+        theta=np.array(settings.start, dtype=np.float64),
         linear=np.zeros(functions),
         covariance=settings.linear_covariance * np.eye(functions),
-        projection=np.zeros((functions, NONLINEAR)),
+        projection=np.zeros((NONLINEAR, functions)),
         hessian=0.5 * (hessian + hessian.T),
         scalars=scalars,
     )

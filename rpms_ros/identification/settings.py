@@ -47,6 +47,13 @@ class RecruitmentBounds:
         )
 
 
+_POSITIVE = (
+    'damping',
+    'damping_increment',
+    'hessian_scale',
+    'linear_covariance',
+    'force_scale',
+)
 SIMULATION_START = RecruitmentParameters(0.40, 0.90, 3.0)
 EXPERIMENT_START = RecruitmentParameters(0.40, 0.90, 10.0)
 
@@ -78,6 +85,10 @@ class RecursiveSettings:
     linear_covariance : float
         Diagonal of the initial covariance of the linear parameters; large, since theta_h[0] = 0
         is a guess without knowledge.
+    force_scale : float
+        Force that counts as one in H and delta, which are absolute numbers [N].  A tenth of the
+        largest expected force is a good choice; a running measure of the force is not, since
+        it is small while a schedule begins below the threshold and makes steps too bold.
     projected : bool
         Project the gradient off the linear regressors (variable projection); False takes the
         plain partial derivative at fixed linear parameters, which does not converge.
@@ -95,6 +106,7 @@ class RecursiveSettings:
     damping_increment: float = 0.01
     hessian_scale: float = 1e-4
     linear_covariance: float = 1e6
+    force_scale: float = 1.0
     projected: bool = True
     bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
 
@@ -111,7 +123,7 @@ class RecursiveSettings:
             raise IdentificationError(
                 f'expected a condition limit > 1, got {self.condition_limit}'
             )
-        for name in ('damping', 'damping_increment', 'hessian_scale', 'linear_covariance'):
+        for name in _POSITIVE:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise IdentificationError(f'expected {name} above 0, got {value}')

@@ -39,52 +39,55 @@ class RecruitmentParameters(NamedTuple):
 
 
 @numba.njit(cache=True)
-def evaluate_with_gradient(
-    intensity: float,
-    u_thr: float,
-    u_sat: float,
-    alpha_sat: float,
-    alpha_thr: float,
-    gradient: FloatArray,
-) -> float:
-    """Return rho and write its derivatives by the four parameters into `gradient` (4,)."""
-    above = intensity - u_thr
-    beyond = intensity - u_sat
-    above_bend = alpha_thr * above
-    beyond_bend = alpha_sat * beyond
-    thr_bend = alpha_thr * u_thr
-    sat_bend = alpha_sat * u_sat
-    above_atan = math.atan(above_bend)
-    beyond_atan = math.atan(beyond_bend)
-    thr_atan = math.atan(thr_bend)
-    sat_atan = math.atan(sat_bend)
-    above_norm = 1.0 / (1.0 + above_bend * above_bend)
-    beyond_norm = 1.0 / (1.0 + beyond_bend * beyond_bend)
-    thr_norm = 1.0 / (1.0 + thr_bend * thr_bend)
-    sat_norm = 1.0 / (1.0 + sat_bend * sat_bend)
-    gradient[0] = -(above_atan + above_bend * above_norm) - (thr_atan + thr_bend * thr_norm)
-    gradient[1] = (beyond_atan + beyond_bend * beyond_norm) + (sat_atan + sat_bend * sat_norm)
-    gradient[2] = u_sat * u_sat * sat_norm - beyond * beyond * beyond_norm
-    gradient[3] = above * above * above_norm - u_thr * u_thr * thr_norm
-    bends = above * above_atan - beyond * beyond_atan
-    return bends - u_thr * thr_atan + u_sat * sat_atan
+def bends(intensity: float, theta: FloatArray) -> float:
+    """Return ``T(u - u_thr, a_thr) - T(u - u_sat, a_sat)``; rho(u) is this less its value at 0.
+
+    Parameters
+    ----------
+    intensity : float
+        u.
+    theta : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr.
+    """
+    above = intensity - theta[0]
+    beyond = intensity - theta[1]
+    value: float = above * math.atan(theta[3] * above) - beyond * math.atan(theta[2] * beyond)
+    return value
+
+
+@numba.njit(cache=True)
+def bends_with_gradient(intensity: float, theta: FloatArray, gradient: FloatArray) -> float:
+    """Return `bends` and write its derivatives by theta into `gradient` (4,)."""
+    above = intensity - theta[0]
+    beyond = intensity - theta[1]
+    thr = theta[3] * above
+    sat = theta[2] * beyond
+    thr_atan = math.atan(thr)
+    sat_atan = math.atan(sat)
+    thr_norm = 1.0 / (1.0 + thr * thr)
+    sat_norm = 1.0 / (1.0 + sat * sat)
+    gradient[0] = -(thr_atan + thr * thr_norm)
+    gradient[1] = sat_atan + sat * sat_norm
+    gradient[2] = -beyond * beyond * sat_norm
+    gradient[3] = above * above * thr_norm
+    value: float = above * thr_atan - beyond * sat_atan
+    return value
 
 
 @numba.njit(cache=True)
 def _evaluate_all(
     intensity: FloatArray,
-    u_thr: float,
-    u_sat: float,
-    alpha_sat: float,
-    alpha_thr: float,
+    theta: FloatArray,
     rho: FloatArray,
     gradient: FloatArray,
 ) -> None:
     """Write rho (n,) and its derivatives (n, 4) at intensities (n,)."""
+    origin = np.empty(len(theta))
+    offset = bends_with_gradient(0.0, theta, origin)
     for index in range(len(intensity)):
-        rho[index] = evaluate_with_gradient(
-            intensity[index], u_thr, u_sat, alpha_sat, alpha_thr, gradient[index]
-        )
+        rho[index] = bends_with_gradient(intensity[index], theta, gradient[index]) - offset
+        for place in range(len(theta)):
+            gradient[index, place] -= origin[place]
 
 
 def identified_recruitment(
@@ -120,5 +123,5 @@ def identified_recruitment_with_gradient(
     flat = np.atleast_1d(values).ravel()
     rho = np.empty(len(flat))
     gradient = np.empty((len(flat), len(PARAMETER_NAMES)))
-    _evaluate_all(flat, *(float(value) for value in parameters), rho, gradient)
+    _evaluate_all(flat, np.array(parameters, dtype=np.float64), rho, gradient)
     return rho.reshape(values.shape), gradient.reshape((*values.shape, len(PARAMETER_NAMES)))

@@ -4,7 +4,10 @@
 with beta_1; only outside does Table 3 give rho_u(0) = 0 and rho_u(1) = 1.
 """
 
+import math
+from dataclasses import astuple
 from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +38,8 @@ class IntensityRecruitment:
     offset: float = 0.539
 
     def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in astuple(self)):
+            raise MuscleError(f'expected finite parameters of rho_u, got {astuple(self)}')
         if not self.threshold < self.saturation:
             raise MuscleError(
                 f'expected threshold < saturation, got {self.threshold} and {self.saturation}'
@@ -53,26 +58,33 @@ class IntensityRecruitment:
         limit = beyond * np.arctan(self.saturation_slope * beyond)
         return self.gain * (bend - limit) + self.offset
 
+    @property
+    def rises(self) -> bool:
+        """Whether more intensity, within 0..1, never means less recruitment; for gains above 0.
+
+        The slope is ``B(alpha_thr (u - u_thr)) - B(alpha_sat (u - u_sat))`` with the rising
+        function ``B(z) = atan z + z / (1 + z^2)``, so its sign is that of a difference which is
+        linear in u: the two ends of the range decide.
+        """
+        slopes = (self.threshold_slope, self.saturation_slope)
+        at_zero = slopes[1] * self.saturation - slopes[0] * self.threshold
+        at_one = slopes[0] * (1.0 - self.threshold) - slopes[1] * (1.0 - self.saturation)
+        return at_zero >= 0.0 and at_one >= 0.0
+
     def normalised(self) -> 'IntensityRecruitment':
-        """Return the same shape with rho_u(0) = 0 and rho_u(1) = 1 exactly."""
-        unit = IntensityRecruitment(
-            self.threshold,
-            self.saturation,
-            self.threshold_slope,
-            self.saturation_slope,
-            gain=1.0,
-            offset=0.0,
-        )
+        """Return the same shape with rho_u(0) = 0, exactly, and rho_u(1) = 1, to rounding.
+
+        Raises
+        ------
+        MuscleError
+            If the shape is not higher at intensity 1 than at 0.
+        """
+        unit = replace(self, gain=1.0, offset=0.0)
         low, high = (float(value) for value in unit(np.array([0.0, 1.0])))
+        if not high > low:
+            raise MuscleError(f'expected rho_u(1) > rho_u(0), got {high} and {low}')
         gain = 1.0 / (high - low)
-        return IntensityRecruitment(
-            self.threshold,
-            self.saturation,
-            self.threshold_slope,
-            self.saturation_slope,
-            gain=gain,
-            offset=-gain * low,
-        )
+        return replace(self, gain=gain, offset=-gain * low)
 
 
 @dataclass(frozen=True)
@@ -103,11 +115,19 @@ class RateRecruitment:
     highest_rate: float = 35.0
 
     def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in astuple(self)):
+            raise MuscleError(f'expected finite parameters of rho_f, got {astuple(self)}')
         if not 0 < self.lowest_rate < self.highest_rate:
             raise MuscleError(
                 'expected 0 < lowest_rate < highest_rate, got '
                 f'{self.lowest_rate} and {self.highest_rate}'
             )
+        if not (self.slope > 0 and self.gain > 0):
+            raise MuscleError(f'expected slope and gain above 0, got {self.slope}, {self.gain}')
+        # rho_f rises, so this keeps every pulse's weight above zero.
+        lowest = float(self(self.lowest_rate))
+        if not lowest > 0:
+            raise MuscleError(f'expected rho_f above 0 at {self.lowest_rate} Hz, got {lowest}')
 
     def __call__(self, rate_hz: npt.ArrayLike) -> FloatArray:
         """Return rho_f at ``rate_hz`` (shape (...), Hz), same shape."""
@@ -123,6 +143,8 @@ class RateRecruitment:
         Towards f = 0 that is 0/0, spoiled by the rounding of delta_2, and below the lowest
         measured rate it is extrapolation; a twitch that stands alone long enough does not know
         the one before it, so the weight of the lowest measured rate is kept from there down.
+        Above the highest measured rate Eq. (10) is extrapolated: it levels off, so the weight
+        falls with 1/f.
         """
         rate = np.maximum(np.asarray(rate_hz, dtype=np.float64), self.lowest_rate)
         return self(rate) / rate

@@ -4,6 +4,7 @@ The presets hold the averages of the paper; `random_subject` draws from its rang
 method can be tried on people who differ as much as its subjects did.
 """
 
+import math
 from dataclasses import dataclass
 from dataclasses import field
 from enum import Enum
@@ -44,7 +45,7 @@ class Subject:
     rate_recruitment : RateRecruitment
         rho_f.
     maximum_force : float
-        Steady mean force at full intensity and `REFERENCE_RATE` [N].
+        Steady mean force at full recruitment, rho_u = 1, and `REFERENCE_RATE` [N].
     """
 
     time_constant: float = 38.44e-3
@@ -55,11 +56,11 @@ class Subject:
     maximum_force: float = 10.0
 
     def __post_init__(self) -> None:
-        if not self.latency >= 0:
+        if not (math.isfinite(self.latency) and self.latency >= 0):
             raise MuscleError(f'expected a latency of at least 0 s, got {self.latency}')
         if self.order not in range(1, 7):
             raise MuscleError(f'expected a whole order from 1 to 6, got {self.order}')
-        if not self.maximum_force > 0:
+        if not (math.isfinite(self.maximum_force) and self.maximum_force > 0):
             raise MuscleError(f'expected a maximum force above 0 N, got {self.maximum_force}')
         twitch_area(self.time_constant, self.order)
 
@@ -74,7 +75,10 @@ class Subject:
         return share * (self.maximum_force / self._reference() / area)
 
     def steady_force(self, intensity: npt.ArrayLike, rate_hz: npt.ArrayLike) -> FloatArray:
-        """Return the steady mean force [N] of a train, rho(u, f) F_max (Eq. 8)."""
+        """Return the steady mean force [N] of a train, rho(u, f) F_max (Eq. 8).
+
+        Below the lowest measured rate it falls in proportion to the rate, as `pulse_weight` stays.
+        """
         area = twitch_area(self.time_constant, self.order)
         mean = np.asarray(rate_hz, dtype=np.float64) * area
         force: FloatArray = self.pulse_weight(intensity, rate_hz) * mean
@@ -82,7 +86,7 @@ class Subject:
 
     def _reference(self) -> float:
         # Table 3 gives rho_f(20 Hz) = 0.9990; F_max is meant to be exact at that rate.
-        return float(self.rate_recruitment(REFERENCE_RATE))
+        return REFERENCE_RATE * float(self.rate_recruitment.per_pulse(REFERENCE_RATE))
 
 
 def average_subject(modality: Modality = Modality.MAGNETIC) -> Subject:
@@ -105,21 +109,28 @@ def random_subject(
     """Return a subject drawn uniformly from the ranges of Tables 1, 2 and 6.
 
     Latency and time constant come from Tables 1 and 2 of the modality, threshold, saturation
-    and its slope from Table 6 widened to hold Table 3, the force from 5 to 50 N.
+    and its slope from Table 6 widened to hold Table 3, the force from 5 to 50 N.  Some corners of
+    these ranges bend the curve down at one of its ends, below zero at worst: they are drawn again.
     """
     latencies = {Modality.MAGNETIC: (6.28, 14.63), Modality.ELECTRICAL: (20.83, 28.24)}
     constants = {Modality.MAGNETIC: (26.71, 49.81), Modality.ELECTRICAL: (22.58, 53.22)}
-    shape = IntensityRecruitment(
-        threshold=generator.uniform(0.45, 0.70),
-        saturation=generator.uniform(0.80, 1.00),
-        threshold_slope=generator.uniform(4.5, 7.0),
-        saturation_slope=generator.uniform(3.5, 17.0),
-    )
+    shape = _random_shape(generator)
+    while not shape.rises:
+        shape = _random_shape(generator)
     return Subject(
         time_constant=1e-3 * generator.uniform(*constants[modality]),
         latency=1e-3 * generator.uniform(*latencies[modality]),
         recruitment=shape.normalised(),
         maximum_force=generator.uniform(5.0, 50.0),
+    )
+
+
+def _random_shape(generator: np.random.Generator) -> IntensityRecruitment:
+    return IntensityRecruitment(
+        threshold=generator.uniform(0.45, 0.70),
+        saturation=generator.uniform(0.80, 1.00),
+        threshold_slope=generator.uniform(4.5, 7.0),
+        saturation_slope=generator.uniform(3.5, 17.0),
     )
 
 
