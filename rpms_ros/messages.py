@@ -11,7 +11,6 @@ import math
 from array import array
 from collections.abc import Callable
 from collections.abc import Mapping
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -49,18 +48,24 @@ _PHYSIOLOGY = ('physiology', 'physiology_lower', 'physiology_upper')
 _ARRAYS = ('nonlinear', 'linear', *_CURVES, *_RESPONSES, *_PHYSIOLOGY)
 
 
-def unit_axis(direction: Sequence[float]) -> Axis:
-    """Return the direction with length 1.
+def axis_of(text: str, sign: int = 1) -> Axis:
+    """Return the unit vector of ``x``, ``-z`` or ``0.6,0,0.8``, times the sign.
 
     Raises
     ------
     MessageError
-        If it is not a finite vector of three numbers that differs from zero.
+        If it is no direction.
     """
-    length = math.hypot(*direction)
-    if len(direction) != 3 or not (math.isfinite(length) and length > 0):
-        raise MessageError(f'expected a direction (x, y, z) other than zero, got {direction}')
-    x, y, z = (float(value) / length for value in direction)
+    try:
+        vector = AXES[text] if text in AXES else tuple(float(part) for part in text.split(','))
+    except ValueError:
+        vector = ()
+    length = float(np.linalg.norm(vector)) if len(vector) == 3 else 0.0
+    if not (math.isfinite(length) and length > 0):
+        raise MessageError(
+            f'expected axis x, y, z, -x or three numbers as 0.6,0,0.8, got {text!r}'
+        )
+    x, y, z = (sign * (value / length) for value in vector)
     return (x, y, z)
 
 
@@ -106,18 +111,24 @@ def force_of(message: Any, axis: Axis) -> tuple[int, float]:
     Components across the axis are not looked at, so that NaN there does no harm.
     """
     force = message.wrench.force
-    total = 0.0
-    for share, component in zip(axis, (force.x, force.y, force.z), strict=True):
-        if share:
-            total += share * component
-    return nanoseconds(message.header.stamp), total
+    parts = [
+        share * component
+        for share, component in zip(axis, (force.x, force.y, force.z), strict=True)
+        if share
+    ]
+    total = parts[0]
+    for part in parts[1:]:
+        total += part
+    return nanoseconds(message.header.stamp), float(total)
 
 
 def force_message(
     stamp_ns: int, force: float, axis: Axis, types: MessageTypes, frame_id: str = ''
 ) -> Any:
     """Return a geometry_msgs/WrenchStamped with `force` [N] along `axis` and no torque."""
-    x, y, z = (float(share * force) for share in axis)
+    along = float(force)
+    # no 0 * nan: a bad sample is bad along the axis only
+    x, y, z = (share * along if share else 0.0 for share in axis)
     vector = types[VECTOR]
     wrench = types[WRENCH](force=vector(x=x, y=y, z=z), torque=vector(x=0.0, y=0.0, z=0.0))
     return types[WRENCH_STAMPED](header=header_message(stamp_ns, frame_id, types), wrench=wrench)

@@ -17,6 +17,8 @@ from rpms_ros.errors import MessageError
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
+from rpms_ros.recording.axis import direction_of
+from rpms_ros.recording.axis import force_along
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
@@ -88,7 +90,7 @@ def test_a_force_survives_the_round_trip(
 
 
 def test_the_force_is_the_share_along_the_axis() -> None:
-    axis = messages.unit_axis((3.0, 0.0, -4.0))
+    axis = messages.axis_of('3, 0, -4')
     vector = SimpleNamespace(x=1.0, y=math.nan, z=-2.0)
     stamp = SimpleNamespace(sec=0, nanosec=1)
     message = SimpleNamespace(
@@ -98,10 +100,28 @@ def test_the_force_is_the_share_along_the_axis() -> None:
     assert messages.force_of(message, axis)[1] == pytest.approx(2.2, rel=1e-15)
 
 
-@pytest.mark.parametrize('direction', [(0, 0, 0), (math.nan, 0, 1), (1, 0), (math.inf, 0, 0)])
-def test_a_direction_that_is_none_is_refused(direction: tuple[float, ...]) -> None:
-    with pytest.raises(MessageError, match=r'expected a direction \(x, y, z\) other than zero'):
-        messages.unit_axis(direction)
+def test_the_sign_turns_the_axis() -> None:
+    assert messages.axis_of('x', -1) == messages.axis_of('-x') == (-1.0, 0.0, 0.0)
+
+
+@given(st.tuples(numbers, numbers, numbers), stamps)
+def test_force_and_axis_agree_with_those_of_a_recording(
+    vector: tuple[float, float, float], stamp: int
+) -> None:
+    axis = messages.axis_of('0.3,-0.2,0.9', -1)
+    message = messages.force_message(stamp, 0.0, axis, STORE.types)
+    message.wrench.force = STORE.types[messages.VECTOR](*vector)
+    components = [np.array([value]) for value in vector]
+    recorded = force_along(direction_of('0.3,-0.2,0.9'), components, -1)
+    with np.errstate(over='ignore', invalid='ignore'):
+        live = messages.force_of(message, axis)[1]
+    assert np.array([live]).tobytes() == recorded.tobytes()
+
+
+@pytest.mark.parametrize('text', ['0,0,0', 'nan,0,1', '1,0', 'w', 'inf,0,0', ''])
+def test_an_axis_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(MessageError, match=f"expected axis x, y, z.*, got '{text}'"):
+        messages.axis_of(text)
 
 
 def test_an_estimate_survives_the_round_trip_in_every_bit() -> None:

@@ -1,0 +1,102 @@
+"""Parameters of the identifier, and the stream that they describe."""
+
+from dataclasses import dataclass
+
+from rpms_ros import messages
+from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import MessageError
+from rpms_ros.errors import NodeError
+from rpms_ros.identification import DEFAULT_RATE
+from rpms_ros.identification import PRESETS
+from rpms_ros.identification import IdentificationStream
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import StreamSettings
+from rpms_ros.identification import settings_by_name
+from rpms_ros.nodes.parameters import NodeParameters
+from rpms_ros.nodes.parameters import parameter
+
+_STREAM = StreamSettings()
+
+
+@dataclass(frozen=True)
+class IdentifierParameters(NodeParameters):
+    """Parameters of the identifier."""
+
+    estimator: str = parameter('recursive', 'Algorithm.', choices=('recursive',))
+    preset: str = parameter('table_4', 'Design parameters by name.', choices=tuple(PRESETS))
+    seed: int = parameter(0, 'Seed of the random start of the Hessian.', minimum=0)
+    repetition_rate: float = parameter(
+        DEFAULT_RATE,
+        'Rate for which the recruitment curve is stated.',
+        unit='Hz',
+        minimum=0.1,
+        maximum=1000.0,
+    )
+    axis: str = parameter(
+        'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'
+    )
+    sign: int = parameter(1, '1 or -1: the pull of the muscle is positive.', minimum=-1, maximum=1)
+    hold_back: float = parameter(
+        _STREAM.hold_back,
+        'How long a sample waits for pulses.',
+        unit='s',
+        minimum=0.0,
+        maximum=10.0,
+    )
+    look_ahead: float = parameter(
+        _STREAM.look_ahead,
+        'How far beyond a sample pulses are looked at; the rest of hold_back is what a pulse may '
+        'be late.',
+        unit='s',
+        minimum=0.0,
+        maximum=10.0,
+    )
+    estimate_period: float = parameter(
+        _STREAM.estimate_period, 'Stamps between two estimates.', unit='s', minimum=0.001
+    )
+    longest_gap: float = parameter(
+        _STREAM.longest_gap,
+        'Longest pause of the force that does not count as a gap.',
+        unit='s',
+        minimum=0.001,
+    )
+    processing_period: float = parameter(
+        0.02,
+        'Time between two looks at what has arrived; has no influence on the estimates.',
+        unit='s',
+        minimum=0.001,
+        maximum=1.0,
+    )
+    frame_id: str = parameter('muscle', 'Frame of the estimate.')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sign == 0:
+            raise NodeError('expected a sign of 1 or -1, got 0')
+        try:
+            stream_settings(self)
+            messages.axis_of(self.axis, self.sign)
+        except (IdentificationError, MessageError) as error:
+            raise NodeError(str(error)) from error
+
+
+def stream_settings(settings: IdentifierParameters) -> StreamSettings:
+    """Return how samples and pulses are brought together."""
+    return StreamSettings(
+        hold_back=settings.hold_back,
+        look_ahead=settings.look_ahead,
+        estimate_period=settings.estimate_period,
+        longest_gap=settings.longest_gap,
+    )
+
+
+def build_estimator(settings: IdentifierParameters) -> RecursiveEstimator:
+    """Return a fresh estimator."""
+    return RecursiveEstimator(
+        settings_by_name(settings.preset), settings.seed, settings.repetition_rate
+    )
+
+
+def build_stream(settings: IdentifierParameters) -> IdentificationStream:
+    """Return a stream with a fresh estimator."""
+    return IdentificationStream(build_estimator(settings), stream_settings(settings))

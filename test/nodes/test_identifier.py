@@ -1,0 +1,194 @@
+"""The identifier on real rclpy: the off-line answer, and bad input that it must survive."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+
+from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import messages
+from rpms_ros.errors import NodeError
+from rpms_ros.identification import Estimate
+from rpms_ros.identification import identify
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.nodes import qos
+from rpms_ros.nodes.identifier import Identifier
+from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+from rpms_ros.nodes.identifier_parameters import build_estimator
+from rpms_ros.nodes.identifier_parameters import stream_settings
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+START_NS = 1_700_000_000_000_000_000
+MILLISECOND = 1_000_000
+
+
+def recording(seconds: float = 2.0, start_ns: int = START_NS) -> tuple[PulseTrain, ForceTrace]:
+    """A muscle under random pulses at 20 Hz, sampled at 1 kHz, without noise."""
+    intensity = np.random.default_rng(1).uniform(0.4, 1.0, int(20 * seconds))
+    pulses = PulseTrain.regular(intensity, 20.0, start_ns)
+    muscle = Contraction(simulation_subject())
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = start_ns + np.arange(int(1000 * seconds)) * MILLISECOND
+    return pulses, ForceTrace(stamps, muscle.force(stamps))
+
+
+class Bench:
+    """An identifier, and somebody who feeds it and hears its estimates."""
+
+    def __init__(self, graph, **parameters: object) -> None:
+        self.graph = graph
+        self.estimates: list[Estimate] = []
+        probe = graph.add(lambda **options: Node('probe', **options))
+        self._pulses = probe.create_publisher(PulseMessage, 'pulses', qos.PULSES)
+        self._forces = probe.create_publisher(WrenchStamped, 'force', qos.FORCE)
+        probe.create_subscription(MuscleEstimate, 'estimate', self._on_estimate, qos.ESTIMATE)
+        self.identifier = graph.add(Identifier, **parameters)
+        self._publishers = (self._pulses, self._forces)
+        graph.wait_for(lambda: all(one.get_subscription_count() == 1 for one in self._publishers))
+
+    def _on_estimate(self, message: MuscleEstimate) -> None:
+        self.estimates.append(messages.estimate_of(message))
+
+    def send_pulses(self, train: PulseTrain, kept: Sequence[int] | None = None) -> None:
+        for index in range(len(train)) if kept is None else kept:
+            columns = (train.onset_ns, train.intensity, train.sequence, train.width)
+            pulse = messages.Pulse(*(column[index] for column in columns))
+            self._pulses.publish(messages.pulse_message(pulse, MESSAGE_TYPES))
+
+    def send_forces(self, trace: ForceTrace) -> None:
+        for stamp_ns, force in zip(trace.stamp_ns, trace.force, strict=True):
+            self._forces.publish(
+                messages.force_message(stamp_ns, force, messages.AXES['z'], MESSAGE_TYPES)
+            )
+
+    def wait_until(self, stamp_ns: int) -> Estimate:
+        """Wait for the last estimate whose stamp is due by then; return it."""
+        self.graph.wait_for(
+            lambda: bool(self.estimates) and self.estimates[-1].stamp_ns >= stamp_ns, 20.0
+        )
+        return self.estimates[-1]
+
+
+def offline(
+    pulses: PulseTrain, forces: ForceTrace, settings: IdentifierParameters
+) -> list[Estimate]:
+    return identify(build_estimator(settings), pulses, forces, stream_settings(settings)).estimates
+
+
+def same(first: Estimate, second: Estimate) -> list[str]:
+    """Names of the fields that differ in any bit."""
+    return [
+        name
+        for name, value in vars(first).items()
+        if np.asarray(value).tobytes() != np.asarray(getattr(second, name)).tobytes()
+        and value != getattr(second, name)
+    ]
+
+
+def test_the_estimates_are_those_of_the_recording_bit_for_bit(graph) -> None:
+    pulses, forces = recording()
+    bench = Bench(graph)
+    bench.send_pulses(pulses)
+    bench.send_forces(forces)
+    # the newest cell of the estimates' grid that lies before the hold-back
+    bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    expected = offline(pulses, forces, bench.identifier.settings)
+    assert len(bench.estimates) >= 17
+    for live, replayed in zip(bench.estimates, expected, strict=False):
+        assert same(live, replayed) == []
+    assert bench.estimates[-1].faults == {}
+
+
+def test_a_pulse_may_come_a_little_later_than_its_force(graph) -> None:
+    pulses, forces = recording()
+    bench = Bench(graph)
+    for start in range(0, 2000, 50):
+        # 50 ms late: look_ahead and lateness together stay below the hold-back
+        bench.send_forces(
+            ForceTrace(forces.stamp_ns[start : start + 50], forces.force[start : start + 50])
+        )
+        bench.send_pulses(pulses, [start // 50])
+    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    assert last.faults == {}
+    expected = offline(pulses, forces, bench.identifier.settings)
+    assert same(last, expected[len(bench.estimates) - 1]) == []
+
+
+def test_force_that_is_not_finite_is_dropped_and_counted(graph) -> None:
+    pulses, forces = recording()
+    spoiled = forces.force.copy()
+    spoiled[500], spoiled[900] = math.nan, math.inf
+    bench = Bench(graph)
+    bench.send_pulses(pulses)
+    bench.send_forces(ForceTrace(forces.stamp_ns, spoiled))
+    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    assert last.faults == {'force_not_finite': 2}
+    assert np.isfinite(last.nonlinear).all()
+    assert np.isfinite(last.linear).all()
+    clean = offline(pulses, forces, bench.identifier.settings)[len(bench.estimates) - 1]
+    # 2 of 1700 samples less
+    np.testing.assert_allclose(last.curve_force, clean.curve_force, rtol=0.1, atol=0.05)
+
+
+def test_stamps_that_stand_still_or_go_back_are_dropped_and_counted(graph) -> None:
+    pulses, forces = recording()
+    stamps = forces.stamp_ns.copy()
+    stamps[300] = stamps[299]
+    stamps[600] = stamps[598]
+    bench = Bench(graph)
+    bench.send_pulses(pulses)
+    bench.send_forces(ForceTrace(stamps, forces.force))
+    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    assert last.faults == {'force_stamp_not_after_last': 2}
+
+
+@pytest.mark.parametrize('intensity', [1.5, -0.1, math.nan])
+def test_an_impossible_intensity_is_counted_and_not_learnt_from(graph, intensity: float) -> None:
+    pulses, forces = recording()
+    pulses.intensity[10] = intensity
+    bench = Bench(graph)
+    bench.send_pulses(pulses)
+    bench.send_forces(forces)
+    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    assert last.faults['pulse_intensity_invalid'] == 1
+    # from the pulse on for one memory of 350 ms
+    assert last.faults['samples_excluded'] == 350
+    assert np.isfinite(last.linear).all()
+
+
+def test_a_lost_pulse_shows_in_the_sequence(graph) -> None:
+    pulses, forces = recording()
+    bench = Bench(graph)
+    bench.send_pulses(pulses, [index for index in range(len(pulses)) if index != 10])
+    bench.send_forces(forces)
+    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    assert last.faults['pulse_lost'] == 1
+    assert last.faults['samples_excluded'] >= 350
+    assert np.isfinite(last.linear).all()
+
+
+def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) -> None:
+    bench = Bench(graph)
+    bench.identifier._heard -= 6.0
+    graph.wait_for(lambda: 'no force on /force for' in ''.join(capfd.readouterr()))
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'sign': 0}, 'expected a sign of 1 or -1, got 0'),
+        ({'axis': 'up'}, "expected axis x, y, z, .* got 'up'"),
+        ({'look_ahead': 0.5}, r'expected 0 <= look_ahead <= hold_back, got 0\.5 and 0\.2'),
+        ({'preset': 'table_9'}, "preset: expected one of table_4, .* got 'table_9'"),
+    ],
+)
+def test_bad_parameters_are_refused(values: dict[str, object], message: str) -> None:
+    with pytest.raises(NodeError, match=message):
+        IdentifierParameters(**values)
