@@ -1,0 +1,159 @@
+"""Presets, random subjects, and what one pulse adds to the force."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle import SUBJECTS
+from rpms_ros.muscle import Modality
+from rpms_ros.muscle import RateRecruitment
+from rpms_ros.muscle import RecruitmentParameters
+from rpms_ros.muscle import Subject
+from rpms_ros.muscle import average_subject
+from rpms_ros.muscle import identified_recruitment
+from rpms_ros.muscle import random_subject
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle import steady_mean
+from rpms_ros.muscle import subject_by_name
+
+EVERY_INTENSITY = np.linspace(0.0, 1.0, 101)
+
+
+@pytest.mark.parametrize(
+    ('name', 'time_constant', 'latency'),
+    [('rpms', 38.44e-3, 9.45e-3), ('fes', 36.62e-3, 24.4e-3), ('simulation', 38.44e-3, 0.0)],
+)
+def test_presets(name: str, time_constant: float, latency: float) -> None:
+    subject = subject_by_name(name)
+    assert subject.time_constant == time_constant
+    assert subject.latency == latency
+    assert subject.order == 3
+
+
+def test_every_preset_can_be_named() -> None:
+    assert [subject_by_name(name) for name in SUBJECTS] == [
+        average_subject(Modality.MAGNETIC),
+        average_subject(Modality.ELECTRICAL),
+        simulation_subject(),
+    ]
+
+
+def test_an_unknown_preset_lists_the_known_ones() -> None:
+    with pytest.raises(MuscleError, match="expected a subject of rpms, fes, simulation, got 'x'"):
+        subject_by_name('x')
+
+
+def test_the_simulation_is_a_plant_of_the_identified_form() -> None:
+    theta = RecruitmentParameters(0.48, 0.98, 4.0, 6.0)
+    form = identified_recruitment(theta, EVERY_INTENSITY)
+    # Two ways to compute one curve: rounding only.
+    np.testing.assert_allclose(
+        simulation_subject().recruitment(EVERY_INTENSITY), form / form[-1], atol=1e-14
+    )
+
+
+@pytest.mark.parametrize('name', list(SUBJECTS))
+def test_full_intensity_gives_the_maximum_force(name: str) -> None:
+    # rho_u(1) is 0.9997 with Table 3; the others are exact.
+    assert subject_by_name(name).steady_force(1.0, 20.0) == pytest.approx(10.0, rel=3e-4)
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 1.0), st.floats(15.0, 100.0))
+def test_a_pulse_weighs_what_eq_11_says(intensity: float, rate_hz: float) -> None:
+    subject = average_subject()
+    share = subject.recruitment(intensity) * subject.rate_recruitment(rate_hz)
+    expected = share * 10.0 / subject.rate_recruitment(20.0) / steady_mean(rate_hz, 38.44e-3)
+    # Products in another order.
+    assert subject.pulse_weight(intensity, rate_hz) == pytest.approx(expected, rel=1e-13)
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 15.0))
+def test_slow_pulses_weigh_all_the_same(rate_hz: float) -> None:
+    subject = average_subject()
+    assert subject.pulse_weight(0.8, rate_hz) == subject.pulse_weight(0.8, 15.0)
+    # Then the mean force is proportional to the rate; products in another order.
+    assert subject.steady_force(0.8, rate_hz) == pytest.approx(
+        float(subject.steady_force(0.8, 15.0)) * rate_hz / 15.0, rel=1e-13
+    )
+
+
+def test_maximum_force_holds_even_if_20_hz_was_not_measured() -> None:
+    subject = Subject(rate_recruitment=RateRecruitment(offset=-1.1, lowest_rate=25.0))
+    expected = 10.0 * subject.recruitment(1.0)
+    # Rounding.
+    assert subject.steady_force(1.0, 20.0) == pytest.approx(float(expected), rel=1e-14)
+
+
+def test_weights_broadcast() -> None:
+    weights = average_subject().pulse_weight(np.array([0.5, 1.0])[:, None], [10.0, 20.0, 30.0])
+    assert weights.shape == (2, 3)
+
+
+@pytest.mark.parametrize(
+    ('modality', 'latency', 'time_constant'),
+    [
+        (Modality.MAGNETIC, (6.28e-3, 14.63e-3), (26.71e-3, 49.81e-3)),
+        (Modality.ELECTRICAL, (20.83e-3, 28.24e-3), (22.58e-3, 53.22e-3)),
+    ],
+)
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_random_subjects_stay_within_the_tables(
+    seed: int,
+    modality: Modality,
+    latency: tuple[float, float],
+    time_constant: tuple[float, float],
+) -> None:
+    subject = random_subject(np.random.default_rng(seed), modality)
+    assert latency[0] <= subject.latency <= latency[1]
+    assert time_constant[0] <= subject.time_constant <= time_constant[1]
+    assert 0.45 <= subject.recruitment.threshold <= 0.70
+    assert 0.80 <= subject.recruitment.saturation <= 1.00
+    assert 4.5 <= subject.recruitment.threshold_slope <= 7.0
+    assert 3.5 <= subject.recruitment.saturation_slope <= 17.0
+    assert 5.0 <= subject.maximum_force <= 50.0
+
+
+def test_random_subjects_never_push() -> None:
+    for seed in range(300):
+        subject = random_subject(np.random.default_rng(seed))
+        force = subject.steady_force(EVERY_INTENSITY, 20.0)
+        # Rounding of forces up to 50 N where the curve is flat.
+        assert (np.diff(force) >= -1e-12).all()
+        assert force[0] == 0.0
+        assert force[-1] == pytest.approx(subject.maximum_force, rel=1e-12)
+
+
+def test_a_seed_gives_one_subject() -> None:
+    first, again, other = (random_subject(np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert first == again
+    assert first != other
+
+
+@pytest.mark.parametrize('latency', [-1e-3, float('nan'), float('inf')])
+def test_latency_is_a_delay(latency: float) -> None:
+    with pytest.raises(MuscleError, match='expected a latency of at least 0 s, got'):
+        Subject(latency=latency)
+
+
+@pytest.mark.parametrize('order', [0, 7, -1])
+def test_order_is_a_small_whole_number(order: int) -> None:
+    with pytest.raises(MuscleError, match=f'expected a whole order from 1 to 6, got {order}'):
+        Subject(order=order)
+
+
+@pytest.mark.parametrize('force', [0.0, -1.0, float('nan'), float('inf')])
+def test_maximum_force_is_above_zero(force: float) -> None:
+    with pytest.raises(MuscleError, match='expected a maximum force above 0 N, got'):
+        Subject(maximum_force=force)
+
+
+@pytest.mark.parametrize('time_constant', [0.0, -1.0, float('nan'), float('inf')])
+def test_time_constant_is_above_zero(time_constant: float) -> None:
+    with pytest.raises(MuscleError, match='expected a time constant above 0 s, got'):
+        Subject(time_constant=time_constant)
