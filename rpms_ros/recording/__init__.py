@@ -1,0 +1,23 @@
+"""Recordings in, recordings out, arrays in between; needs no ROS."""
+
+from rpms_ros.recording.csv_import import GateSettings
+from rpms_ros.recording.csv_import import read_csv
+from rpms_ros.recording.reading import Recording
+from rpms_ros.recording.reading import RecordingFacts
+from rpms_ros.recording.reading import Topics
+from rpms_ros.recording.reading import read_facts
+from rpms_ros.recording.reading import read_recording
+from rpms_ros.recording.writing import RecordingWriter
+from rpms_ros.recording.writing import write_recording
+
+__all__ = [
+    'GateSettings',
+    'Recording',
+    'RecordingFacts',
+    'RecordingWriter',
+    'Topics',
+    'read_csv',
+    'read_facts',
+    'read_recording',
+    'write_recording',
+]

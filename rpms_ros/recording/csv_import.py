@@ -1,0 +1,168 @@
+"""Tables of a laboratory as pulses and forces: one row a sample, a column with the gate.
+
+The gate is the stimulator's trigger as the data acquisition sampled it.  A pulse begins where it
+rises through the upper threshold and ends where it falls through the lower one: noise between the
+two does not count.
+"""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+
+BoolArray = npt.NDArray[np.bool_]
+
+# 5 % of the threshold's distance to the rest, either way: far above the noise of a converter.
+HYSTERESIS = 0.05
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """How a sampled gate becomes pulses.
+
+    Attributes
+    ----------
+    threshold : float or None
+        Level of the gate between rest and pulse, in its own unit; None for half of its range.
+    intensity : float
+        Share of the stimulator's maximum that every pulse gets, 0..1: a gate does not tell it.
+    """
+
+    threshold: float | None = None
+    intensity: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.intensity <= 1:
+            raise RecordingError(f'expected an intensity from 0 to 1, got {self.intensity}')
+        if self.threshold is not None and not np.isfinite(self.threshold):
+            raise RecordingError(f'expected a finite threshold, got {self.threshold}')
+
+
+def read_csv(
+    path: Path | str,
+    time: str,
+    force: str,
+    pulse: str,
+    settings: GateSettings | None = None,
+) -> tuple[PulseTrain, ForceTrace]:
+    """Return pulses and forces of a table.
+
+    Parameters
+    ----------
+    path : Path or str
+        CSV file whose first line names the columns.
+    time, force, pulse : str
+        Names of the columns: time [s], force [N] and gate [any unit].
+    settings : GateSettings, optional
+        How the gate is read.
+
+    Returns
+    -------
+    pulses : PulseTrain
+        Onsets at the first sample above the threshold, widths as sampled.
+    forces : ForceTrace
+        One sample a row.
+
+    Raises
+    ------
+    RecordingError
+        If the file or a column is missing, a cell of the time or gate is no finite number, or
+        the time does not rise.
+    """
+    columns = _columns(Path(path), [time, force, pulse])
+    seconds, gate = columns[time], columns[pulse]
+    for name, values in ((time, seconds), (pulse, gate)):
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise RecordingError(
+                f'expected finite numbers in column {name!r} of {path}, '
+                f'got {values[row]} in row {row + 1}'
+            )
+    if (late := np.flatnonzero(np.diff(seconds) <= 0)).size:
+        raise RecordingError(
+            f'expected rising times in column {time!r} of {path}, '
+            f'got {seconds[late[0]]} and then {seconds[late[0] + 1]}'
+        )
+    stamp_ns = np.rint(seconds * NANOSECONDS_PER_SECOND).astype(np.int64)
+    pulses = gate_pulses(stamp_ns, gate, settings or GateSettings())
+    return pulses, ForceTrace(stamp_ns, columns[force])
+
+
+def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) -> PulseTrain:
+    """Return the pulses of a sampled gate.
+
+    Parameters
+    ----------
+    stamp_ns : ndarray of int64, shape (samples,)
+        Ascending times [ns].
+    gate : ndarray, shape (samples,)
+        Level of the gate.
+    settings : GateSettings
+        Threshold and intensity.
+
+    Raises
+    ------
+    RecordingError
+        If the gate never rises through the threshold.
+    """
+    rest, top = float(gate.min()), float(gate.max())
+    threshold = (rest + top) / 2 if settings.threshold is None else settings.threshold
+    band = HYSTERESIS * (top - rest)
+    rises, falls = _edges(gate > threshold + band, gate < threshold - band)
+    if not len(rises):
+        raise RecordingError(
+            f'expected a gate that rises through {threshold:g}, got levels {rest:g} to {top:g}'
+        )
+    onset = stamp_ns[rises]
+    # A gate that is still up at the end is as wide as it was seen.
+    end = np.append(stamp_ns[falls], stamp_ns[-1])[: len(onset)]
+    width = (end - onset) / NANOSECONDS_PER_SECOND
+    intensity = np.full(len(onset), settings.intensity)
+    return PulseTrain(onset, intensity, np.arange(len(onset), dtype=np.int64), width)
+
+
+def _edges(high: BoolArray, low: BoolArray) -> tuple[IntArray, IntArray]:
+    """Return the samples at which the gate rises, and those at which it falls after a rise.
+
+    A gate that is up from the beginning has no onset: it is no pulse.
+    """
+    marks = np.flatnonzero(high | low)
+    states = high[marks]
+    changes = np.flatnonzero(states[1:] != states[:-1]) + 1
+    rises = marks[changes[states[changes]]]
+    falls = marks[changes[~states[changes]]]
+    return rises, falls[falls > rises[0]] if len(rises) else falls
+
+
+def _columns(path: Path, names: Sequence[str]) -> dict[str, FloatArray]:
+    try:
+        with path.open(newline='', encoding='utf-8-sig') as file:
+            header = [name.strip() for name in next(csv.reader(file), [])]
+            lines = [line for line in file if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f'expected a CSV file at {path}, got {error}') from error
+    places = [_place(header, name, path) for name in names]
+    if not lines:
+        raise RecordingError(f'expected rows below the header of {path}, got none')
+    try:
+        table = np.loadtxt(lines, delimiter=',', usecols=places, ndmin=2, quotechar='"')
+    except ValueError as error:
+        raise RecordingError(f'expected numbers in {path}, got {error}') from error
+    return dict(zip(names, np.ascontiguousarray(table.T), strict=True))
+
+
+def _place(header: Sequence[str], name: str, path: Path) -> int:
+    if name not in header:
+        columns = ', '.join(map(repr, header)) or 'no columns'
+        raise RecordingError(f'expected column {name!r} in {path}, got {columns}')
+    return header.index(name)

@@ -1,0 +1,190 @@
+"""A recording as arrays of pulses and forces."""
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import field
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording.axis import direction_of
+from rpms_ros.recording.axis import force_along
+from rpms_ros.recording.scan import Progress
+from rpms_ros.recording.scan import Scan
+from rpms_ros.recording.scan import TopicFacts
+from rpms_ros.recording.topic_reading import FORCE_TYPES
+from rpms_ros.recording.topic_reading import PULSE_TYPES
+from rpms_ros.recording.topic_reading import TopicReading
+from rpms_ros.recording.topic_reading import TopicValues
+
+DEFAULT_FRAME = 'force_sensor'
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Names of the topics of a recording.
+
+    A name without a leading slash also fits below any one namespace: ``force`` is ``/force``, or
+    ``/left_leg/force`` if that is the only one.
+    """
+
+    pulses: str = 'pulses'
+    force: str = 'force'
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """What a recording tells about itself.
+
+    Attributes
+    ----------
+    path : Path
+        Folder or file.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    topics : tuple of TopicFacts
+        All topics, by name.
+    frame_ids : mapping of str to tuple of str
+        Frame ids of ``pulses`` and ``force``.
+    custom : mapping of str to str
+        What the writer noted for people.
+    faults : mapping of str to int
+        Faults of the recording by kind.
+    remarks : tuple of str
+        One line on each.
+    """
+
+    path: Path
+    storage: str
+    topics: tuple[TopicFacts, ...]
+    frame_ids: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    custom: Mapping[str, str] = field(default_factory=dict)
+    faults: Mapping[str, int] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Pulses and forces in the order in which they were received.
+
+    Attributes
+    ----------
+    pulses : PulseTrain
+        Delivered pulses.
+    forces : ForceTrace
+        Force samples.
+    pulse_received_ns : ndarray of int64, shape (pulses,)
+        When each pulse was received [ns].
+    force_received_ns : ndarray of int64, shape (samples,)
+        When each sample was received [ns].
+    facts : RecordingFacts
+        Everything else.
+    """
+
+    pulses: PulseTrain
+    forces: ForceTrace
+    pulse_received_ns: IntArray
+    force_received_ns: IntArray
+    facts: RecordingFacts
+
+
+def read_facts(path: Path | str, progress: Progress | None = None) -> RecordingFacts:
+    """Return what a recording holds, without decoding it.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read.
+    """
+    scan = Scan(Path(path))
+    for _ in scan.blocks(progress):
+        pass
+    return _facts(scan)
+
+
+def read_recording(
+    path: Path | str,
+    topics: Topics | None = None,
+    axis: str | Sequence[float] = 'z',
+    sign: int = 1,
+    progress: Progress | None = None,
+) -> Recording:
+    """Return pulses and forces of a recording.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder or storage file of rosbag2: mcap or sqlite3.
+    topics : Topics, optional
+        Their names.
+    axis : str or sequence of float
+        Axis of a wrench: ``x``, ``y``, ``z`` or a direction.
+    sign : int
+        1, or -1 where the sensor shows the muscle's pull as negative.
+    progress : callable, optional
+        Is told how many messages were read.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read or lacks pulses or forces.
+    """
+    topics = topics or Topics()
+    direction = direction_of(axis)
+    if sign not in (1, -1):
+        raise RecordingError(f'expected sign 1 or -1, got {sign}')
+    scan = Scan(Path(path))
+    pulses = TopicReading(topics.pulses, PULSE_TYPES)
+    force = TopicReading(topics.force, FORCE_TYPES)
+    for channel, records in scan.blocks(progress):
+        pulses.take(channel, records)
+        force.take(channel, records)
+    if not any(facts.count for facts in scan.topics.values()):
+        raise RecordingError(f'expected messages in {path}, got none')
+    pulse_values, force_values = pulses.values(scan), force.values(scan)
+    return Recording(
+        _pulse_train(pulse_values),
+        _force_trace(force_values, direction, sign),
+        pulse_values.received_ns,
+        force_values.received_ns,
+        _facts(scan, {'pulses': pulse_values.frame_ids, 'force': force_values.frame_ids}),
+    )
+
+
+def _facts(scan: Scan, frame_ids: Mapping[str, tuple[str, ...]] | None = None) -> RecordingFacts:
+    return RecordingFacts(
+        scan.path,
+        scan.files.storage,
+        tuple(scan.topics[key] for key in sorted(scan.topics)),
+        frame_ids or {},
+        scan.files.custom,
+        dict(scan.findings.counts),
+        tuple(scan.findings.remarks),
+    )
+
+
+def _pulse_train(values: TopicValues) -> PulseTrain:
+    return PulseTrain(
+        values.stamp_ns(),
+        values.number['intensity'],
+        values.number['sequence'].astype(np.int64),
+        values.number['width'],
+    )
+
+
+def _force_trace(values: TopicValues, direction: FloatArray, sign: int) -> ForceTrace:
+    fields = FORCE_TYPES[values.type_name].values
+    components = [np.asarray(values.number[path], np.float64) for path in fields]
+    force = (
+        force_along(direction, components, float(sign))
+        if len(components) == 3
+        else sign * components[0]
+    )
+    frame_id = values.frame_ids[0] if values.frame_ids else DEFAULT_FRAME
+    return ForceTrace(values.stamp_ns(), force, frame_id)

@@ -1,0 +1,132 @@
+"""All messages of a recording, block by block, with what is found about its topics on the way."""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from dataclasses import dataclass
+from dataclasses import field
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.recording.compression import ZSTD_MAGIC
+from rpms_ros.recording.compression import unpacked
+from rpms_ros.recording.files import RecordingFiles
+from rpms_ros.recording.files import find_files
+from rpms_ros.recording.files import opened
+from rpms_ros.recording.findings import Findings
+from rpms_ros.recording.records import Channel
+from rpms_ros.recording.records import Records
+from rpms_ros.recording.records import gather
+
+Progress = Callable[[int], None]
+"""Is told how many messages were read since the last call."""
+
+
+@dataclass(frozen=True)
+class TopicFacts:
+    """What is known of a topic of one type.
+
+    Attributes
+    ----------
+    name, type_name : str
+        Topic and type of its messages.
+    count : int
+        Number of messages.
+    first_ns, last_ns : int
+        When the first and the last of them were received [ns]; 0 if there are none.
+    """
+
+    name: str
+    type_name: str
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+    def with_records(self, records: Records) -> 'TopicFacts':
+        """Return the facts with more messages."""
+        first, last = int(records.time_ns.min()), int(records.time_ns.max())
+        return TopicFacts(
+            self.name,
+            self.type_name,
+            self.count + len(records),
+            min(first, self.first_ns) if self.count else first,
+            max(last, self.last_ns) if self.count else last,
+        )
+
+
+@dataclass
+class Scan:
+    """One pass over a recording.
+
+    Attributes
+    ----------
+    path : Path
+        Folder or file.
+    findings : Findings
+        Faults, complete after the pass.
+    topics : dict of (topic, type) to TopicFacts
+        Complete after the pass.
+    """
+
+    path: Path
+    findings: Findings = field(default_factory=Findings)
+    topics: dict[tuple[str, str], TopicFacts] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.files: RecordingFiles = find_files(self.path, self.findings)
+
+    def blocks(self, progress: Progress | None = None) -> Iterator[tuple[Channel, Records]]:
+        """Yield the messages in the order of the files.
+
+        Raises
+        ------
+        RecordingError
+            If no file of the recording can be read.
+        """
+        for name, type_name in self.files.topics.items():
+            self.topics[name, type_name] = TopicFacts(name, type_name)
+        for path in self.files.paths:
+            try:
+                yield from self._file(path, progress)
+            except (RecordingError, OSError) as error:
+                if len(self.files.paths) == 1:
+                    raise _one_class(error) from error
+                self.findings.add('unreadable_file', f'{path.name} left out: {error}')
+
+    def _file(self, path: Path, progress: Progress | None) -> Iterator[tuple[Channel, Records]]:
+        with opened(path, self.findings) as file:
+            for channel, packed in file.blocks():
+                records = _unpacked(packed)
+                self._facts(channel)
+                key = channel.topic, channel.type_name
+                self.topics[key] = self.topics[key].with_records(records)
+                if progress:
+                    progress(len(records))
+                yield channel, records
+            for channel in file.channels():
+                self._facts(channel)
+
+    def _facts(self, channel: Channel) -> None:
+        key = channel.topic, channel.type_name
+        self.topics.setdefault(key, TopicFacts(*key))
+
+
+def _one_class(error: Exception) -> RecordingError:
+    return error if isinstance(error, RecordingError) else RecordingError(str(error))
+
+
+def _unpacked(records: Records) -> Records:
+    """Return messages that were packed one by one (`compression_mode: message`) as they were."""
+    long_enough = records.end - records.start >= len(ZSTD_MAGIC)
+    head = gather(records.buffer, records.start[long_enough], 'V4')
+    if not (head == np.void(ZSTD_MAGIC)).any():
+        return records
+    messages = (records.message(index) for index in range(len(records)))
+    return Records.of(
+        [
+            unpacked(message, 'zstd') if message.startswith(ZSTD_MAGIC) else message
+            for message in messages
+        ],
+        records.time_ns,
+    )

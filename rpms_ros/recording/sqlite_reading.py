@@ -1,0 +1,156 @@
+"""Topics and raw messages of a sqlite3 file of rosbag2, complete, hot or cut off."""
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing
+from contextlib import suppress
+from pathlib import Path
+from typing import cast
+
+import apsw
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.recording.findings import Findings
+from rpms_ros.recording.records import Channel
+from rpms_ros.recording.records import Records
+
+MAGIC = b'SQLite format 3\0'
+JOURNALS = ('-journal', '-wal')
+_BATCH = 2_000
+_MESSAGES = 'SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? ORDER BY id LIMIT ?'
+_Row = tuple[int, int, int, bytes]
+
+
+class SqliteFile:
+    """A sqlite3 file of rosbag2.
+
+    A writer that was killed leaves a journal: the last whole state needs it.  Recovery writes,
+    so it is done on a copy, and the recording stays as it was.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    findings : Findings
+        Where faults are noted.
+
+    Raises
+    ------
+    RecordingError
+        If the file is empty, no sqlite3 file, or not one of rosbag2.
+    """
+
+    def __init__(self, path: Path, findings: Findings) -> None:
+        self._path = path
+        self._findings = findings
+        self._channels: dict[int, Channel] = {}
+        with path.open('rb') as file:
+            magic = file.read(len(MAGIC))
+        if magic != MAGIC:
+            found = repr(magic) if magic else 'an empty file'
+            raise RecordingError(f'expected a sqlite3 file at {path}, got {found}')
+
+    def channels(self) -> list[Channel]:
+        """Return the channels; empty before the first block was asked for."""
+        return list(self._channels.values())
+
+    def blocks(self) -> Iterator[tuple[Channel, Records]]:
+        """Yield the messages, in the order of the file but for channels within a block."""
+        hot = [name for name in JOURNALS if _size(_beside(self._path, name))]
+        if not hot:
+            yield from self._read(f'{self._path.resolve().as_uri()}?mode=ro&immutable=1')
+            return
+        self._findings.add(
+            'hot_journal', f'{self._path.name} was not closed: recovered from its {hot[0][1:]}'
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder, self._path.name)
+            shutil.copyfile(self._path, copy)
+            for name in hot:
+                shutil.copyfile(_beside(self._path, name), _beside(copy, name))
+            yield from self._read(copy.as_uri())
+
+    def _read(self, uri: str) -> Iterator[tuple[Channel, Records]]:
+        flags = apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_URI
+        try:
+            with closing(apsw.Connection(uri, flags)) as connection:
+                self._channels = _channels(connection)
+                yield from self._messages(connection)
+        except apsw.Error as error:
+            raise RecordingError(
+                f'expected tables of rosbag2 in {self._path}, got {error}'
+            ) from error
+
+    def _messages(self, connection: apsw.Connection) -> Iterator[tuple[Channel, Records]]:
+        try:
+            for rows in _batches(connection):
+                yield from self._block(rows)
+        except apsw.Error as error:
+            self._findings.add(
+                'truncated_file', f'{self._path.name} cannot be read to its end: {error}'
+            )
+
+    def _block(self, rows: list[_Row]) -> Iterator[tuple[Channel, Records]]:
+        _, numbers, times, messages = zip(*rows, strict=True)
+        number = np.array(numbers, np.int64)
+        records = Records.of(messages, np.array(times, np.int64))
+        for value in np.unique(number).tolist():
+            chosen = number == value
+            if value not in self._channels:
+                self._findings.add(
+                    'unknown_channel',
+                    f'messages of topic number {value} left out: the file does not describe it',
+                    int(chosen.sum()),
+                )
+                continue
+            yield self._channels[value], records.select(chosen)
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    return path.with_name(path.name + suffix)
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
+def _channels(connection: apsw.Connection) -> dict[int, Channel]:
+    definitions: dict[str, tuple[str, str]] = {}
+    tables = {name for (name,) in connection.execute('SELECT name FROM sqlite_master')}
+    if 'message_definitions' in tables:
+        query = 'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions'
+        definitions = {
+            name: (text, encoding) for name, text, encoding in connection.execute(query)
+        }
+    query = 'SELECT id, name, type, serialization_format FROM topics'
+    return {
+        number: Channel(topic, kind, *definitions.get(kind, ('', 'ros2msg')), serialization)
+        for number, topic, kind, serialization in connection.execute(query)
+    }
+
+
+def _batches(connection: apsw.Connection) -> Iterator[list[_Row]]:
+    """Yield rows; of a damaged file, those before the damage."""
+    last = -1
+    while True:
+        cursor = connection.execute(_MESSAGES, (last, _BATCH))
+        try:
+            rows = cast(list[_Row], cursor.fetchall())
+        except apsw.Error:
+            yield from _singly(connection, last)
+            raise
+        if not rows:
+            return
+        yield rows
+        last = rows[-1][0]
+
+
+def _singly(connection: apsw.Connection, last: int) -> Iterator[list[_Row]]:
+    """Yield the rows of a batch that fails, up to where it fails."""
+    rows: list[_Row] = []
+    with suppress(apsw.Error):
+        rows.extend(connection.execute(_MESSAGES, (last, _BATCH)))
+    if rows:
+        yield rows

@@ -1,0 +1,214 @@
+"""One topic out of a recording, decoded while the recording is read."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import IntArray
+from rpms_ros.recording.decoding import Columns
+from rpms_ros.recording.decoding import Decoder
+from rpms_ros.recording.definitions import FLOAT64
+from rpms_ros.recording.definitions import PULSE
+from rpms_ros.recording.definitions import WRENCH
+from rpms_ros.recording.definitions import WRENCH_STAMPED
+from rpms_ros.recording.records import Channel
+from rpms_ros.recording.records import Records
+from rpms_ros.recording.scan import Scan
+
+SECOND, NANOSECOND = 'header.stamp.sec', 'header.stamp.nanosec'
+FRAME_ID = 'header.frame_id'
+
+
+@dataclass(frozen=True)
+class Fields:
+    """What is read out of a message type.
+
+    Attributes
+    ----------
+    values : tuple of str
+        Paths of numbers.
+    stamped : bool
+        Whether it has a header; else the time of reception counts.
+    """
+
+    values: tuple[str, ...]
+    stamped: bool
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """Paths of all numbers, those of the stamp included."""
+        return (*self.values, SECOND, NANOSECOND) if self.stamped else self.values
+
+
+PULSE_TYPES = {PULSE: Fields(('sequence', 'intensity', 'width'), stamped=True)}
+FORCE_TYPES = {
+    WRENCH_STAMPED: Fields(tuple(f'wrench.force.{name}' for name in 'xyz'), stamped=True),
+    WRENCH: Fields(tuple(f'force.{name}' for name in 'xyz'), stamped=False),
+    FLOAT64: Fields(('data',), stamped=False),
+}
+
+
+@dataclass(frozen=True)
+class TopicValues:
+    """Numbers of a topic in the order of reception.
+
+    Attributes
+    ----------
+    type_name : str
+        Type of the messages.
+    number : mapping of str to ndarray, shape (messages,)
+        Wanted fields.
+    received_ns : ndarray of int64, shape (messages,)
+        When each message was received [ns].
+    frame_ids : tuple of str
+        All that occur, sorted.
+    """
+
+    type_name: str
+    number: Mapping[str, npt.NDArray[Any]]
+    received_ns: IntArray
+    frame_ids: tuple[str, ...]
+
+    def stamp_ns(self) -> IntArray:
+        """Return the stamps (messages,) [ns], or times of reception if there are none."""
+        if SECOND not in self.number:
+            return self.received_ns
+        second = self.number[SECOND].astype(np.int64)
+        nanosecond: IntArray = self.number[NANOSECOND].astype(np.int64)
+        return second * NANOSECONDS_PER_SECOND + nanosecond
+
+
+@dataclass
+class _Candidate:
+    """Messages of a topic and type that may be the wanted one."""
+
+    columns: list[Columns] = field(default_factory=list)
+    received_ns: list[IntArray] = field(default_factory=list)
+    decoders: dict[Channel, Decoder] = field(default_factory=dict)
+    problem: RecordingError | None = None
+
+
+class TopicReading:
+    """Decodes the messages of a topic as they come.
+
+    Parameters
+    ----------
+    name : str
+        Name of the topic; without a leading slash it fits below a namespace too.
+    types : mapping of str to Fields
+        Types that can be used.
+    """
+
+    def __init__(self, name: str, types: Mapping[str, Fields]) -> None:
+        self._name = name
+        self._types = types
+        self._candidates: dict[tuple[str, str], _Candidate] = {}
+
+    def take(self, channel: Channel, records: Records) -> None:
+        """Decode messages if they may belong to the topic."""
+        if not self._fits(channel.topic) or channel.type_name not in self._types:
+            return
+        key = channel.topic, channel.type_name
+        candidate = self._candidates.setdefault(key, _Candidate())
+        fields = self._types[channel.type_name]
+        try:
+            if channel not in candidate.decoders:
+                string = FRAME_ID if fields.stamped else None
+                candidate.decoders[channel] = Decoder(channel, fields.wanted, string)
+        except RecordingError as problem:
+            candidate.problem = problem
+            return
+        candidate.columns.append(candidate.decoders[channel].decode(records))
+        candidate.received_ns.append(records.time_ns)
+
+    def values(self, scan: Scan) -> TopicValues:
+        """Return the numbers of the topic, after the pass over the recording.
+
+        Raises
+        ------
+        RecordingError
+            If the topic is missing, ambiguous, empty or of another type.
+        """
+        topic = self._topic(scan)
+        chosen = self._type(scan, topic)
+        candidate = self._candidates[topic, chosen]
+        if candidate.problem:
+            raise candidate.problem
+        return _joined(topic, chosen, self._types[chosen], candidate, scan)
+
+    def _fits(self, topic: str) -> bool:
+        if self._name.startswith('/'):
+            return topic == self._name
+        return f'/{topic}'.endswith(f'/{self._name}')
+
+    def _topic(self, scan: Scan) -> str:
+        fitting = sorted({name for name, _ in scan.topics if self._fits(name)})
+        exact = f'/{self._name.lstrip("/")}'
+        if exact in fitting:
+            return exact
+        if len(fitting) == 1:
+            return fitting[0]
+        if fitting:
+            raise RecordingError(
+                f'expected one topic {self._name} in {scan.path}, got {", ".join(fitting)}'
+            )
+        others = ', '.join(f'{name} ({kind})' for name, kind in sorted(scan.topics)) or 'no topics'
+        raise RecordingError(f'expected topic {self._name} in {scan.path}, got {others}')
+
+    def _type(self, scan: Scan, topic: str) -> str:
+        """Return the type with most messages among those that can be used."""
+        counts = {
+            kind: facts.count for (name, kind), facts in scan.topics.items() if name == topic
+        }
+        usable = [kind for kind in counts if kind in self._types]
+        if not usable:
+            raise RecordingError(
+                f'expected {" or ".join(self._types)} on topic {topic}, got {", ".join(counts)}'
+            )
+        chosen = max(usable, key=lambda kind: counts[kind])
+        if not counts[chosen]:
+            raise RecordingError(f'expected messages on topic {topic} in {scan.path}, got none')
+        for kind, count in counts.items():
+            if kind != chosen and count:
+                scan.findings.add(
+                    'other_type', f'{count} messages of {kind} on {topic} left out', count
+                )
+        return chosen
+
+
+def _joined(
+    topic: str, type_name: str, fields: Fields, candidate: _Candidate, scan: Scan
+) -> TopicValues:
+    """Return all blocks as one, in the order of reception; note what was left out."""
+    received_ns = np.concatenate(candidate.received_ns)
+    good = np.concatenate([columns.good for columns in candidate.columns])
+    if bad := int(np.count_nonzero(~good)):
+        scan.findings.add('undecodable_message', f'{bad} messages on {topic} left out', bad)
+    if any(decoder.differs for decoder in candidate.decoders.values()):
+        scan.findings.add(
+            'other_definition', f'{topic}: {type_name} is defined in another way than here'
+        )
+    frame_ids = sorted(set().union(*(columns.strings for columns in candidate.columns)))
+    if len(frame_ids) > 1:
+        names = ', '.join(map(repr, frame_ids))
+        scan.findings.add('mixed_frame_ids', f'{topic} has frame ids {names}', len(frame_ids) - 1)
+    order = _order(received_ns, good)
+    number = {
+        path: np.concatenate([columns.number[path] for columns in candidate.columns])[order]
+        for path in fields.wanted
+    }
+    return TopicValues(type_name, number, received_ns[order], tuple(frame_ids))
+
+
+def _order(received_ns: IntArray, good: npt.NDArray[np.bool_]) -> slice | IntArray:
+    """Return what puts messages in the order of reception and leaves the bad ones out."""
+    if good.all() and (received_ns[1:] >= received_ns[:-1]).all():
+        return slice(None)
+    order = np.argsort(received_ns, kind='stable')
+    return order[good[order]]
