@@ -17,8 +17,8 @@ shapes = st.builds(
     IntensityRecruitment,
     threshold=st.floats(0.05, 0.7),
     saturation=st.floats(0.75, 1.2),
-    threshold_slope=st.floats(1.0, 20.0),
-    saturation_slope=st.floats(1.0, 50.0),
+    threshold_slope=st.floats(1.0, 10.0),
+    saturation_slope=st.floats(3.0, 50.0),
 )
 
 
