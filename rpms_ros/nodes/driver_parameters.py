@@ -1,0 +1,137 @@
+"""Parameters of the stimulator driver, and what is built from them."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+from rpms_ros.errors import NodeError
+from rpms_ros.nodes.parameters import NodeParameters
+from rpms_ros.nodes.parameters import parameter
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import Segment
+from rpms_ros.stimulation import load_schedule
+from rpms_ros.stimulation.devices import Device
+from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.repetitive import Constant
+from rpms_ros.stimulation.repetitive import Sinusoid
+from rpms_ros.stimulation.repetitive import Staircase
+from rpms_ros.stimulation.repetitive import UniformRandom
+from rpms_ros.stimulation.settings import DriverSettings
+
+_SCHEDULES = ('constant', 'uniform_random', 'sinusoid', 'staircase')
+
+
+@dataclass(frozen=True)
+class DriverParameters(NodeParameters):
+    """Parameters of the stimulator driver."""
+
+    device: str = parameter('simulated', 'Kind of device.', choices=('simulated',))
+    frame_id: str = parameter('coil', 'Frame of the pulses.')
+    maximum_intensity: float = parameter(
+        1.0, 'Hard bound on the intensity, share of the maximum.', minimum=0.0, maximum=1.0
+    )
+    maximum_rate: float = parameter(
+        50.0, 'Hard bound on the repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0
+    )
+    lateness_limit: float = parameter(
+        0.005, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
+    )
+    executor_timeout: float = parameter(
+        0.5, 'Longest silence of the executor while armed.', unit='s', minimum=0.1, maximum=10.0
+    )
+    require_heartbeat: bool = parameter(
+        True, 'Ask for a heartbeat while armed; false is for a simulated device only.'
+    )
+    heartbeat_timeout: float = parameter(
+        0.5, 'Longest silence of the heartbeat.', unit='s', minimum=0.01, maximum=10.0
+    )
+    force_limit: float = parameter(
+        0.0, 'Stop above this force; 0 does not listen to the force.', unit='N', minimum=0.0
+    )
+    temperature_limit: float = parameter(
+        40.0, 'Stop above this coil temperature.', unit='Celsius', minimum=0.0, maximum=100.0
+    )
+    status_rate: float = parameter(
+        10.0, 'Status messages a second.', unit='Hz', minimum=1.0, maximum=20.0
+    )
+    autostart: bool = parameter(
+        False, 'Configure, activate and run the schedule below; simulated device only.'
+    )
+    minimum_subscribers: int = parameter(
+        1, 'Subscribers of the pulses to wait for before an automatic start.', minimum=0
+    )
+    schedule_file: str = parameter('', 'YAML file of the schedule; empty takes the one below.')
+    schedule: str = parameter('uniform_random', 'Kind of schedule.', choices=_SCHEDULES)
+    rate: float = parameter(20.0, 'Repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0)
+    duration: float = parameter(90.0, 'Length.', unit='s', minimum=0.01, maximum=86400.0)
+    low: float = parameter(0.0, 'Lowest intensity.', minimum=0.0, maximum=1.0)
+    high: float = parameter(
+        1.0, 'Highest intensity; the one of a constant schedule.', minimum=0.0, maximum=1.0
+    )
+    period: float = parameter(9.0, 'Period of a sinusoid.', unit='s', minimum=0.01)
+    steps: int = parameter(6, 'Steps of a staircase.', minimum=1, maximum=1000)
+    seed: int = parameter(1, 'Seed of a random schedule.', minimum=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.simulated and not self.require_heartbeat:
+            raise NodeError('expected require_heartbeat with a real device, got false')
+        if not self.simulated and self.autostart:
+            raise NodeError('expected no autostart with a real device, got true')
+        if self.low > self.high:
+            raise NodeError(f'expected low <= high, got {self.low} and {self.high}')
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the device exists only as a program."""
+        return self.device == 'simulated'
+
+
+def build_device(settings: DriverParameters) -> Device:
+    """Return the device that the parameters name, not open yet."""
+    del settings
+    return SimulatedDevice()
+
+
+def limits_of(settings: DriverParameters) -> Limits:
+    """Return the limits: those of the profile, tightened by the parameters."""
+    limits = Limits()
+    return dataclasses.replace(
+        limits,
+        maximum_intensity=min(limits.maximum_intensity, settings.maximum_intensity),
+        maximum_rate_hz=min(limits.maximum_rate_hz, settings.maximum_rate),
+    )
+
+
+def driver_settings_of(settings: DriverParameters) -> DriverSettings:
+    """Return how the driver watches over itself."""
+    return DriverSettings(
+        lateness_limit_s=settings.lateness_limit,
+        executor_timeout_s=settings.executor_timeout,
+        heartbeat_timeout_s=settings.heartbeat_timeout if settings.require_heartbeat else 0.0,
+        force_limit_n=settings.force_limit,
+        temperature_limit=settings.temperature_limit,
+    )
+
+
+def schedule_of(settings: DriverParameters) -> Schedule:
+    """Return the schedule that the parameters name.
+
+    Raises
+    ------
+    StimulationError
+        If its file cannot be read or does not describe one.
+    """
+    if settings.schedule_file:
+        return load_schedule(Path(settings.schedule_file))
+    rate, duration, low, high = settings.rate, settings.duration, settings.low, settings.high
+    rise = (high - low) / max(1, settings.steps - 1)
+    levels = tuple(min(1.0, low + step * rise) for step in range(settings.steps))
+    segments: dict[str, Segment] = {
+        'constant': Constant(rate, duration, intensity=high),
+        'uniform_random': UniformRandom(rate, duration, low=low, high=high),
+        'sinusoid': Sinusoid(rate, duration, low=low, high=high, period_s=settings.period),
+        'staircase': Staircase(rate, duration, levels=levels),
+    }
+    return Schedule((segments[settings.schedule],), name=settings.schedule, seed=settings.seed)

@@ -1,0 +1,212 @@
+"""Node that drives a stimulator: silent until told to run, bounded in everything, stopped by all.
+
+The life cycle: configure opens the device, activate arms it, deactivate disarms, clean-up lets go.
+What decides is `rpms_ros.stimulation.core`; here it meets topics, services and the executor.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lifecycle_msgs.srv import ChangeState
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.lifecycle import LifecycleNode
+from rclpy.lifecycle import LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn
+
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import messages
+from rpms_ros.errors import RpmsError
+from rpms_ros.errors import StimulationError
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.driver_action import ScheduleAction
+from rpms_ros.nodes.driver_parameters import DriverParameters
+from rpms_ros.nodes.driver_parameters import build_device
+from rpms_ros.nodes.driver_parameters import driver_settings_of
+from rpms_ros.nodes.driver_parameters import limits_of
+from rpms_ros.nodes.driver_parameters import schedule_of
+from rpms_ros.nodes.driver_status import status_message
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.runner import run
+from rpms_ros.pulses import Pulse
+from rpms_ros.stimulation.core import EXECUTOR
+from rpms_ros.stimulation.core import Fired
+from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.threads import PulseThread
+from rpms_ros.stimulation.threads import SupervisorThread
+
+_TICK_S = 0.05
+Callback = Callable[..., TransitionCallbackReturn]
+
+
+class StimulatorDriver(LifecycleNode):
+    """Driver of one stimulator; keyword arguments go to `rclpy.node.Node`."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('stimulator_driver', **options)
+        self.settings = declare_parameters(self, DriverParameters)
+        self.core = StimulatorCore(
+            build_device(self.settings),
+            limits_of(self.settings),
+            driver_settings_of(self.settings),
+        )
+        self._note = ''
+        self._active = False
+        self._autostart = self.settings.autostart
+        self._schedule = schedule_of(self.settings) if self._autostart else None
+        self._threads: list[PulseThread | SupervisorThread] = []
+        self._ticks_to_status = 0
+        self._said: tuple[Any, ...] = ()
+        # Not life-cycle publishers: a pulse that was given is reported whatever the state.
+        self._delivered = self.create_publisher(PulseMessage, topics.PULSES, qos.PULSES)
+        self._commanded = self.create_publisher(PulseMessage, topics.PULSES_COMMANDED, qos.PULSES)
+        self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
+        self._action = ScheduleAction(self, self.core, self._on_refused)
+        # rclpy lets a transition that is not possible end the process: look before it leaps.
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+        self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.context.on_shutdown(self._on_context_shutdown)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the device."""
+        done = self._try(self.core.configure)
+        if done is not TransitionCallbackReturn.SUCCESS:
+            return done
+        self.core.supervise()
+        self._threads = [PulseThread(self.core, self._publish), SupervisorThread(self.core)]
+        for thread in self._threads:
+            thread.start()
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Arm; refused while a stop is latched or an interlock is open."""
+        self.core.seen(EXECUTOR)
+        done = self._try(self.core.arm)
+        if done is not TransitionCallbackReturn.SUCCESS:
+            return done
+        self._active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Disarm."""
+        self.core.disarm()
+        self._active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the device."""
+        self._let_go('device closed')
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the device, from whatever state."""
+        self._let_go('shut down')
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go to the safe state: disarmed, device closed, unconfigured."""
+        self._let_go('error in a transition')
+        super().on_error(state)
+        return TransitionCallbackReturn.SUCCESS
+
+    def destroy_node(self) -> None:
+        """Let go of the device before anything else of the node goes."""
+        self._let_go('node destroyed')
+        self._action.destroy()
+        LifecycleNode.destroy_node(self)
+
+    def _let_go(self, reason: str) -> None:
+        self.core.cleanup(reason)
+        self._active = False
+        threads, self._threads = self._threads, []
+        for thread in threads:
+            thread.close()
+
+    def _try(self, command: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            command()
+        except RpmsError as error:
+            self._on_refused(str(error))
+            return TransitionCallbackReturn.FAILURE
+        self._note = ''
+        return TransitionCallbackReturn.SUCCESS
+
+    def _on_refused(self, reason: str) -> None:
+        self._note = f'refused: {reason}'
+        logger_of(self).warning(self._note)
+
+    def _on_context_shutdown(self) -> None:
+        self.core.disarm('context shut down')
+
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        possible = {(id_, label) for id_, label, *_ in self._state_machine.available_transitions}
+        asked = request.transition
+        if any(
+            asked.label == label if asked.label else asked.id == id_ for id_, label in possible
+        ):
+            return self._change_state(request, response)
+        names = ', '.join(sorted(label for _, label in possible))
+        self._on_refused(f'expected a transition of {names}, got {asked.label or asked.id}')
+        response.success = False
+        return response
+
+    def _publish(self, fired: Fired) -> None:
+        self._commanded.publish(self._pulse(fired.due_ns, fired.intensity, fired.sequence, fired))
+        given = fired.delivery
+        if given is not None:
+            sequence = fired.delivered_sequence
+            self._delivered.publish(self._pulse(given.time_ns, given.intensity, sequence, fired))
+
+    def _pulse(self, time_ns: int, intensity: float, sequence: int, fired: Fired) -> PulseMessage:
+        stamp = self.get_clock().now().nanoseconds - (time.monotonic_ns() - time_ns)
+        pulse = Pulse(stamp, intensity, sequence, fired.width_s)
+        return messages.pulse_message(pulse, MESSAGE_TYPES, self.settings.frame_id)
+
+    def _tick(self) -> None:
+        self.core.seen(EXECUTOR)
+        stamp, now_ns = self.get_clock().now().to_msg(), time.monotonic_ns()
+        self._action.progress(stamp, now_ns)
+        if self._active and self.core.state not in (State.ARMED, State.RUNNING):
+            # the core disarmed by itself: the life cycle follows
+            LifecycleNode.trigger_deactivate(self)
+        if self._autostart:
+            self._start_if_heard()
+        self._tell(stamp, now_ns)
+
+    def _tell(self, stamp: Any, now_ns: int) -> None:
+        """Publish the status when it is time, and at once when it has changed."""
+        said = (*self.core.status(), self._note)
+        self._ticks_to_status -= 1
+        if said == self._said and self._ticks_to_status > 0:
+            return
+        self._said = said
+        self._ticks_to_status = round(1.0 / self.settings.status_rate / _TICK_S)
+        self._status.publish(status_message(self.core, stamp, now_ns, self._note))
+
+    def _start_if_heard(self) -> None:
+        """Start by itself, once enough nodes listen."""
+        if self._delivered.get_subscription_count() < self.settings.minimum_subscribers:
+            return
+        self._autostart = False
+        LifecycleNode.trigger_configure(self)
+        if self.core.state is State.DISARMED:
+            LifecycleNode.trigger_activate(self)
+        if self.core.state is State.ARMED and self._schedule is not None:
+            try:
+                self.core.start(self._schedule)
+            except StimulationError as error:
+                self._on_refused(str(error))
+
+
+def main() -> int:
+    """Run the stimulator driver as a process."""
+    return run(StimulatorDriver)

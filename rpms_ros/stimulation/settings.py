@@ -1,0 +1,59 @@
+"""Settings of a driver that belong to neither a schedule nor a device."""
+
+from dataclasses import dataclass
+
+from rpms_ros.stimulation.fields import Bound
+from rpms_ros.stimulation.fields import bounded
+from rpms_ros.stimulation.fields import check_bounds
+
+_SECONDS = Bound(0.0, 10.0, 's', above=True)
+_SECONDS_OR_OFF = Bound(0.0, 10.0, 's')
+
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """How a driver watches over itself.
+
+    Attributes
+    ----------
+    lead_s : float
+        From the acceptance of a schedule to its beginning [s].
+    lateness_limit_s : float
+        A pulse later than this is dropped, not sent [s].
+    response_limit_s : float
+        Longest time from a command to the pulse; more is a fault [s].
+    stuck_limit_s : float
+        Longest time that a command may hang before the device is silenced [s].
+    intensity_tolerance : float
+        Largest difference between commanded and delivered intensity (share); more is a fault.
+    executor_timeout_s : float
+        Longest silence of the executor that serves stops and cancels [s].
+    supervisor_timeout_s : float
+        Longest silence of the thread that watches over the others [s].
+    heartbeat_timeout_s : float
+        Longest silence of the heartbeat [s]; 0 asks for none.
+    force_limit_n : float
+        Largest force [N]; 0 watches none.
+    force_timeout_s : float
+        Longest silence of the force sensor when a force limit is set [s].
+    keep_alive_s : float
+        Time between two signs of life to an armed device [s].
+    temperature_limit : float
+        Coil temperature at which it is stopped [Celsius].
+    """
+
+    lead_s: float = bounded(_SECONDS, 0.05)
+    lateness_limit_s: float = bounded(Bound(0.0, 0.1, 's', above=True), 5e-3)
+    response_limit_s: float = bounded(_SECONDS, 20e-3)
+    stuck_limit_s: float = bounded(_SECONDS, 0.2)
+    intensity_tolerance: float = bounded(Bound(0.0, 1.0), 0.02)
+    executor_timeout_s: float = bounded(_SECONDS, 0.5)
+    supervisor_timeout_s: float = bounded(_SECONDS, 0.5)
+    heartbeat_timeout_s: float = bounded(_SECONDS_OR_OFF, 0.5)
+    force_limit_n: float = bounded(Bound(0.0, 1e5, 'N'), 0.0)
+    force_timeout_s: float = bounded(_SECONDS, 0.2)
+    keep_alive_s: float = bounded(_SECONDS, 0.4)
+    temperature_limit: float = bounded(Bound(-20.0, 100.0, 'Celsius'), 40.0)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)

@@ -1,0 +1,212 @@
+"""The driver as a node: silent until told to run, a goal from begin to end, stops."""
+
+import pytest
+from action_msgs.msg import GoalStatus
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+from rpms_msgs.action import RunSchedule
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import Pulse
+from rpms_ros.errors import RpmsError
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+
+SHORT = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]'
+LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+
+
+class Laboratory:
+    """A driver and a node that talks to it."""
+
+    def __init__(self, graph, **parameters):
+        self.graph = graph
+        self.driver = graph.add(StimulatorDriver, **{'require_heartbeat': False, **parameters})
+        self.other = graph.add(lambda **options: Node('other', **options))
+        self.pulses, self.commanded, self.statuses, self.feedback = [], [], [], []
+        listen = self.other.create_subscription
+        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
+        listen(Pulse, topics.PULSES_COMMANDED, self.commanded.append, qos.PULSES)
+        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
+        self.client = ActionClient(self.other, RunSchedule, topics.RUN_SCHEDULE)
+        self.changes = self.other.create_client(ChangeState, 'stimulator_driver/change_state')
+        graph.wait_for(self.client.server_is_ready)
+        graph.wait_for(self.changes.service_is_ready)
+        graph.wait_for(lambda: bool(self.statuses))
+
+    def done(self, future):
+        self.graph.wait_for(future.done)
+        return future.result()
+
+    def change(self, transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.done(self.changes.call_async(request)).success
+
+    def activate(self):
+        assert self.change(Transition.TRANSITION_CONFIGURE)
+        assert self.change(Transition.TRANSITION_ACTIVATE)
+
+    def send(self, schedule):
+        goal = RunSchedule.Goal(schedule=schedule)
+        take = self.feedback.append
+        return self.done(
+            self.client.send_goal_async(goal, feedback_callback=lambda m: take(m.feedback))
+        )
+
+    def result(self, handle):
+        return self.done(handle.get_result_async())
+
+    def wait_for_state(self, state):
+        self.graph.wait_for(lambda: self.statuses[-1].state == state)
+
+    @property
+    def reason(self):
+        return self.statuses[-1].reason
+
+
+def test_silent_until_told_to_run(graph):
+    lab = Laboratory(graph)
+    assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
+    assert not lab.send(SHORT).accepted
+    lab.graph.wait_for(lambda: 'expected state ARMED, got UNCONFIGURED' in lab.reason)
+    lab.activate()
+    lab.wait_for_state(DriverStatus.ARMED)
+    assert lab.pulses == []
+
+
+def test_goal_delivers_every_pulse_and_says_so(graph):
+    lab = Laboratory(graph)
+    lab.activate()
+    handle = lab.send(SHORT)
+    assert handle.accepted
+    answer = lab.result(handle)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert answer.result.completed
+    assert answer.result.pulses_delivered == 10
+    graph.wait_for(lambda: len(lab.pulses) == 10)
+    assert [pulse.sequence for pulse in lab.pulses] == list(range(10))
+    assert {pulse.intensity for pulse in lab.pulses} == {0.5}
+    assert {pulse.width for pulse in lab.pulses} == {100e-6}
+    assert [pulse.sequence for pulse in lab.commanded] == list(range(10))
+    assert lab.feedback
+    assert lab.feedback[0].segments == 1
+    lab.wait_for_state(DriverStatus.ARMED)
+    assert lab.statuses[-1].pulses_delivered == 10
+
+
+def test_second_goal_is_refused_and_cancel_stops_the_first(graph):
+    lab = Laboratory(graph)
+    lab.activate()
+    handle = lab.send(LONG)
+    graph.wait_for(lambda: bool(lab.pulses))
+    assert not lab.send(SHORT).accepted
+    lab.done(handle.cancel_goal_async())
+    answer = lab.result(handle)
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert answer.result.reason == 'cancelled by the client'
+    assert not answer.result.completed
+    assert lab.driver.core.due_ns() is None
+    assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_deactivation_ends_the_goal(graph):
+    lab = Laboratory(graph)
+    lab.activate()
+    handle = lab.send(LONG)
+    graph.wait_for(lambda: bool(lab.pulses))
+    assert lab.change(Transition.TRANSITION_DEACTIVATE)
+    assert lab.result(handle).status == GoalStatus.STATUS_ABORTED
+    lab.wait_for_state(DriverStatus.DISARMED)
+    assert lab.change(Transition.TRANSITION_CLEANUP)
+    lab.wait_for_state(DriverStatus.UNCONFIGURED)
+
+
+@pytest.mark.parametrize(
+    ('schedule', 'reason'),
+    [
+        ('segments: [', 'expected a YAML document'),
+        (SHORT.replace('50.0', '0'), r'segments[0].rate_hz: expected a number in (0, 1000] Hz'),
+        (SHORT.replace('50.0', '10000'), 'segments[0].rate_hz: expected a number'),
+        (SHORT.replace('50.0', '60.0'), 'maximum_rate_hz: expected at most 50 Hz'),
+        (SHORT.replace('0.2', '-0.2'), 'segments[0].duration_s: expected a number'),
+        (SHORT.replace('0.2', '.nan'), 'segments[0].duration_s: expected a number'),
+    ],
+)
+def test_bad_goals_are_refused_with_one_reason(graph, schedule, reason):
+    lab = Laboratory(graph)
+    lab.activate()
+    assert not lab.send(schedule).accepted
+    graph.wait_for(lambda: reason in lab.reason)
+    assert lab.pulses == []
+
+
+def test_impossible_transition_does_not_end_the_node(graph):
+    lab = Laboratory(graph)
+    assert not lab.change(Transition.TRANSITION_ACTIVATE)
+    assert not lab.change(99)
+    graph.wait_for(lambda: 'expected a transition of configure' in lab.reason)
+    lab.activate()
+
+
+def test_lost_executor_stops_the_pulses(graph, wait_for):
+    lab = Laboratory(graph)
+    lab.activate()
+    lab.send(LONG)
+    graph.wait_for(lambda: bool(lab.pulses))
+    # nobody spins from here on
+    wait_for(lambda: lab.driver.core.interlocks.latched, timeout=5.0)
+    assert 'executor' in lab.driver.core.reason
+    assert lab.driver.core.due_ns() is None
+    lab.wait_for_state(DriverStatus.STOPPED)
+
+
+def test_shutdown_of_the_context_stops_the_pulses(graph):
+    lab = Laboratory(graph)
+    lab.activate()
+    lab.send(LONG)
+    graph.wait_for(lambda: bool(lab.pulses))
+    lab.graph.context.try_shutdown()
+    assert lab.driver.core.due_ns() is None
+    assert not lab.driver.core.device.armed
+
+
+def test_autostart_waits_for_its_listeners(graph):
+    driver = graph.add(
+        StimulatorDriver, require_heartbeat=False, autostart=True, duration=0.2, rate=50.0
+    )
+    graph.wait_for(lambda: driver.count_publishers(topics.PULSES) == 1)
+    assert driver.core.state.name == 'UNCONFIGURED'
+    heard = []
+    other = graph.add(lambda **options: Node('other', **options))
+    other.create_subscription(Pulse, topics.PULSES, heard.append, qos.PULSES)
+    graph.wait_for(lambda: len(heard) == 10)
+    graph.wait_for(lambda: driver.core.reason == 'completed')
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'reason'),
+    [
+        ({'low': 0.5, 'high': 0.2}, 'expected low <= high, got 0.5 and 0.2'),
+        ({'device': 'oracle'}, 'device: expected one of'),
+        ({'maximum_intensity': 1.5}, 'maximum_intensity: expected 0.0 to 1.0, got 1.5'),
+        ({'maximum_rate': 10}, 'maximum_rate: expected double, got integer 10'),
+        (
+            {'autostart': True, 'schedule_file': '/nowhere.yaml'},
+            'expected a readable schedule file, got /nowhere.yaml',
+        ),
+    ],
+)
+def test_bad_parameters_are_refused(graph, parameters, reason):
+    with pytest.raises(RpmsError, match=reason):
+        graph.add(StimulatorDriver, **parameters)
+
+
+def test_life_cycle_is_seen_from_outside(graph):
+    lab = Laboratory(graph)
+    assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
+    lab.activate()
+    assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_ACTIVE
