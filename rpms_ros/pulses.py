@@ -4,6 +4,7 @@ Time is an integer number of nanoseconds since an epoch, as in ``header.stamp``:
 seconds since 1970 resolve only 0.2 us, and sums of them depend on their order.
 """
 
+import math
 from dataclasses import dataclass
 from dataclasses import field
 from typing import NamedTuple
@@ -95,7 +96,26 @@ class PulseTrain:
         start_ns: int = 0,
         width: float = MAGNETIC_PULSE_WIDTH,
     ) -> 'PulseTrain':
-        """Return pulses at a constant repetition rate (Eq. 29)."""
+        """Return pulses at a constant repetition rate (Eq. 29).
+
+        Parameters
+        ----------
+        intensity : array_like, shape (pulses,)
+            Shares of the maximum, 0..1.
+        rate_hz : float
+            Repetition rate [Hz].
+        start_ns : int
+            Onset of the first pulse [ns].
+        width : float
+            Duration of each pulse [s].
+
+        Raises
+        ------
+        ValueError
+            If the rate is not above zero.
+        """
+        if not (math.isfinite(rate_hz) and rate_hz > 0):
+            raise ValueError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
         values = np.asarray(intensity, dtype=np.float64)
         count = np.arange(len(values), dtype=np.int64)
         onset = start_ns + np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
@@ -122,6 +142,8 @@ class ForceTrace:
         Times of the samples [ns].
     force : ndarray of float64, shape (samples,)
         Force along the measured axis [N].
+    frame_id : str
+        Name of the sensor's frame.
     """
 
     stamp_ns: IntArray

@@ -1,0 +1,99 @@
+"""Pulses and force samples as arrays."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import PulseTrain
+
+EPOCH_NS = 1_700_000_000_123_456_789
+
+
+def fields(train: PulseTrain) -> list[list[float]]:
+    return [
+        list(train.onset_ns),
+        list(train.intensity),
+        list(train.sequence),
+        list(train.width),
+    ]
+
+
+def test_a_magnetic_pulse_lasts_100_microseconds() -> None:
+    assert Pulse(0, 0.5) == Pulse(onset_ns=0, intensity=0.5, sequence=0, width=100e-6)
+
+
+def test_a_train_of_pulses_keeps_order_and_bits() -> None:
+    pulses = [Pulse(EPOCH_NS + 5, 0.25, 7, 2e-4), Pulse(EPOCH_NS, 1.0, 3)]
+    train = PulseTrain.of(pulses)
+    assert [Pulse(*values) for values in zip(*fields(train), strict=True)] == pulses
+    assert train.onset_ns.dtype == np.int64
+    assert train.sequence.dtype == np.int64
+
+
+def test_no_pulses_are_a_train_too() -> None:
+    train = PulseTrain.of([])
+    assert len(train) == 0
+    assert train.onset_ns.dtype == np.int64
+    assert train.intensity.dtype == np.float64
+
+
+@settings(deadline=None)
+@given(st.floats(0.5, 1000.0), st.integers(0, 500), st.integers(0, EPOCH_NS))
+def test_a_regular_train_never_drifts(rate_hz: float, index: int, start_ns: int) -> None:
+    train = PulseTrain.regular(np.full(index + 1, 0.5), rate_hz, start_ns)
+    # Half a nanosecond by rounding to whole ones, and 500 s resolve to 1e-4 ns.
+    assert abs(int(train.onset_ns[-1]) - start_ns - index * 1e9 / rate_hz) <= 0.501
+
+
+def test_a_regular_train_counts_its_pulses() -> None:
+    train = PulseTrain.regular([0.1, 0.2, 0.3], 20.0, EPOCH_NS, width=2e-4)
+    assert fields(train) == [
+        [EPOCH_NS, EPOCH_NS + 50_000_000, EPOCH_NS + 100_000_000],
+        [0.1, 0.2, 0.3],
+        [0, 1, 2],
+        [2e-4] * 3,
+    ]
+    assert PulseTrain.regular([0.1], 20.0).width[0] == MAGNETIC_PULSE_WIDTH
+
+
+@pytest.mark.parametrize('rate_hz', [0.0, -20.0, float('nan'), float('inf')])
+def test_a_regular_train_has_a_rate(rate_hz: float) -> None:
+    with pytest.raises(ValueError, match='expected a repetition rate above 0 Hz, got'):
+        PulseTrain.regular([0.1, 0.2], rate_hz)
+
+
+def test_a_part_of_a_train() -> None:
+    train = PulseTrain.regular([0.1, 0.2, 0.3], 20.0)
+    assert fields(train[1:]) == [values[1:] for values in fields(train)]
+    chosen = train[train.intensity > 0.15]
+    assert fields(chosen) == fields(train[1:])
+    assert fields(train[np.array([2, 0])]) == [[v[2], v[0]] for v in fields(train)]
+
+
+@settings(deadline=None)
+@given(st.integers(0, 6))
+def test_parts_joined_are_the_whole(cut: int) -> None:
+    train = PulseTrain.regular(np.linspace(0.0, 1.0, 6), 20.0)
+    assert fields(PulseTrain.joined([train[:cut], train[cut:]])) == fields(train)
+
+
+def test_a_train_has_arrays_of_one_length() -> None:
+    train = PulseTrain.regular([0.1, 0.2], 20.0)
+    with pytest.raises(ValueError, match=r'expected arrays of one length, got lengths \[1, 2\]'):
+        PulseTrain(train.onset_ns, train.intensity[:1], train.sequence, train.width)
+
+
+def test_a_trace_has_a_stamp_for_each_force() -> None:
+    with pytest.raises(ValueError, match='expected as many stamps as forces, got 2 and 1'):
+        ForceTrace(np.array([0, 1]), np.array([0.5]))
+
+
+def test_a_trace_names_its_frame() -> None:
+    trace = ForceTrace(np.array([0, 1]), np.array([0.5, 0.25]))
+    assert len(trace) == 2
+    assert trace.frame_id == 'force_sensor'
