@@ -8,6 +8,7 @@ classes do not check their fields by default and would send an int in a float64 
 """
 
 import math
+import struct
 from array import array
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -72,6 +73,16 @@ def axis_of(text: str, sign: int = 1) -> Axis:
 def nanoseconds(stamp: Any) -> int:
     """Return a builtin_interfaces/Time in nanoseconds."""
     return int(stamp.sec) * NANOSECONDS_PER_SECOND + int(stamp.nanosec)
+
+
+def stamp_of_bytes(data: bytes) -> int:
+    """Return the stamp [ns] of a serialised message that begins with a header.
+
+    Behind four bytes of encapsulation, whose second names the byte order (odd: little-endian),
+    come seconds and nanoseconds.
+    """
+    seconds, rest = struct.unpack_from('<iI' if data[1] & 1 else '>iI', data, 4)
+    return int(seconds) * NANOSECONDS_PER_SECOND + int(rest)
 
 
 def time_message(stamp_ns: int, types: MessageTypes) -> Any:

@@ -1,27 +1,55 @@
 """Run one node as a process: init, build, spin, and leave without a trace."""
 
+import os
+import signal
 import sys
 from collections.abc import Callable
 from collections.abc import Sequence
+from types import FrameType
 
 import rclpy
 from rclpy.exceptions import NameValidationException
-from rclpy.exceptions import ROSInterruptException
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.discovery import use_fast_discovery
 
-_ASKED_TO_STOP = (KeyboardInterrupt, ExternalShutdownException, ROSInterruptException)
+PARENT_VARIABLE = 'RPMS_ROS_PARENT'
+"""Process id of whoever started this process and wants it to end when it ends itself."""
+
 _BAD_ARGUMENTS = (
     rclpy_implementation.RCLError,
     rclpy_implementation.RCLInvalidROSArgsError,
     rclpy_implementation.UnknownROSArgsError,
     NameValidationException,
 )
+
+
+class _StopRequest:
+    """SIGINT and SIGTERM: a node that spins finishes its callback first.
+
+    rclpy's own handlers shut the context down at once, and what a callback is about to publish
+    fails half-way with an error of its own.
+    """
+
+    def __init__(self) -> None:
+        self.made = False
+        self._spinning = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def heed_between_callbacks(self) -> None:
+        """From now on only note signals, so that the spinning loop can look at them."""
+        self._spinning = True
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        if self.made or not self._spinning:
+            raise KeyboardInterrupt
+        self.made = True
 
 
 def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -40,12 +68,16 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         0 after a signal or shutdown, 2 if the node could not be made or cannot go on.
     """
     use_fast_discovery()
+    stop = _StopRequest()
     node: Node | None = None
     try:
-        rclpy.init(args=None if args is None else list(args))
+        rclpy.init(
+            args=None if args is None else list(args),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
         node = build()
-        _spin(node)
-    except _ASKED_TO_STOP:
+        _spin(node, stop)
+    except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (RpmsError, *_BAD_ARGUMENTS) as error:
         line = ' '.join(str(error).split())
@@ -58,13 +90,19 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _spin(node: Node) -> None:
+def _spin(node: Node, stop: _StopRequest) -> None:
     executor = EventsExecutor()
     executor.add_node(node)
+    stop.heed_between_callbacks()
     try:
         # In Jazzy the spin() of this executor neither waits nor heeds signals.
-        while rclpy.ok():
+        while rclpy.ok() and not stop.made and not _orphaned():
             executor.spin_once(timeout_sec=0.1)
     finally:
         executor.remove_node(node)
         executor.shutdown()
+
+
+def _orphaned() -> bool:
+    parent = os.environ.get(PARENT_VARIABLE)
+    return parent is not None and os.getppid() != int(parent)

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,41 @@ def test_a_signal_ends_the_node_with_exit_code_zero(domain: int, stop: signal.Si
         process.send_signal(stop)
         _, errors = process.communicate(timeout=20)
     assert (process.returncode, errors) == (0, '')
+
+
+STARTER = """
+import os, pathlib, subprocess, sys
+heard = pathlib.Path(sys.argv[2])
+environment = {**os.environ, 'RPMS_ROS_PARENT': str(os.getpid())}
+with heard.open('w') as file:
+    node = subprocess.Popen([sys.executable, '-c', sys.argv[1]], env=environment, stdout=file)
+while 'running' not in heard.read_text():
+    pass
+print(node.pid, flush=True)
+os._exit(0)
+"""
+
+
+def test_a_node_ends_with_whoever_started_it(
+    domain: int, tmp_path: Path, wait_for: Callable[..., None]
+) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', STARTER, NODE, str(tmp_path / 'heard')],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        text=True,
+        stdout=subprocess.PIPE,
+        check=True,
+        timeout=20,
+    )
+    wait_for(lambda: not is_running(int(done.stdout)))
+
+
+def is_running(process: int) -> bool:
+    """Whether a process lives; one that nobody has waited for yet does not."""
+    try:
+        return ') Z ' not in Path(f'/proc/{process}/stat').read_text()
+    except FileNotFoundError:
+        return False
 
 
 def test_parameters_come_from_a_yaml_file(domain: int, tmp_path: Path) -> None:

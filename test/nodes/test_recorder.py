@@ -1,0 +1,118 @@
+"""The recorder on real rclpy: every byte that was published, readable even after a kill."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+
+from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import messages
+from rpms_ros.errors import NodeError
+from rpms_ros.nodes import qos
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.recorder import Recorder
+from rpms_ros.nodes.recorder import TopicCount
+from rpms_ros.pulses import Pulse
+from rpms_ros.recording import read_recording
+
+MILLISECOND = 1_000_000
+SAMPLES = 2000
+
+
+class Source:
+    """Publishes pulses and forces with known content."""
+
+    def __init__(self, graph) -> None:
+        self.graph = graph
+        node = graph.add(lambda **options: Node('source', **options))
+        self._pulses = node.create_publisher(PulseMessage, 'pulses', qos.PULSES)
+        self._force = node.create_publisher(WrenchStamped, 'force', qos.FORCE)
+
+    def wait_for_listeners(self) -> None:
+        both = (self._pulses, self._force)
+        self.graph.wait_for(lambda: all(one.get_subscription_count() == 1 for one in both))
+
+    def send(self, samples: int) -> None:
+        for index in range(samples):
+            stamp_ns = 10**18 + index * MILLISECOND
+            if index % 50 == 0:
+                pulse = Pulse(stamp_ns, 0.5, index // 50)
+                self._pulses.publish(messages.pulse_message(pulse, MESSAGE_TYPES))
+            self._force.publish(
+                messages.force_message(stamp_ns, 0.1 * index, messages.AXES['z'], MESSAGE_TYPES)
+            )
+
+
+def check(path: Path, samples: int) -> None:
+    recording = read_recording(path)
+    stamps = 10**18 + np.arange(samples) * MILLISECOND
+    np.testing.assert_array_equal(recording.forces.stamp_ns, stamps)
+    np.testing.assert_array_equal(recording.forces.force, 0.1 * np.arange(samples))
+    np.testing.assert_array_equal(recording.pulses.onset_ns, stamps[::50])
+    np.testing.assert_array_equal(recording.pulses.sequence, np.arange(len(stamps[::50])))
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_what_was_published_is_in_the_recording(graph, tmp_path: Path, storage: str) -> None:
+    source = Source(graph)
+    path = tmp_path / 'session'
+    recorder = graph.add(Recorder, path=str(path), storage=storage)
+    source.wait_for_listeners()
+    source.send(SAMPLES)
+    graph.wait_for(lambda: recorder.counts['force'].messages == SAMPLES)
+    graph.wait_for(lambda: recorder.counts['pulses'].messages == SAMPLES // 50)
+    assert recorder.counts['force'].missing(1000.0) == 0
+    recorder.close()
+    check(path, SAMPLES)
+
+
+def test_a_killed_recorder_leaves_what_was_flushed(
+    graph, domain: int, tmp_path: Path, wait_for: Callable[..., None]
+) -> None:
+    source = Source(graph)
+    path = tmp_path / 'session'
+    arguments = ['--ros-args', '-p', f'path:={path}', '-p', 'flush_period:=0.01']
+    code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
+    with subprocess.Popen(
+        [sys.executable, '-c', code, *arguments],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+    ) as process:
+        source.wait_for_listeners()
+        source.send(SAMPLES)
+
+        def everything_flushed() -> bool:
+            files = list(path.glob('*.mcap'))
+            # 100 bytes a sample at least
+            return bool(files) and files[0].stat().st_size > 100 * SAMPLES
+
+        wait_for(everything_flushed)
+        process.send_signal(signal.SIGKILL)
+    assert not (path / 'metadata.yaml').exists()
+    recording = read_recording(path)
+    assert len(recording.forces) > SAMPLES // 2
+    assert recording.forces.force[-1] == 0.1 * (len(recording.forces) - 1)
+
+
+def test_a_folder_that_exists_is_not_overwritten(graph, tmp_path: Path) -> None:
+    with pytest.raises(NodeError, match='expected a new folder for the recording, got'):
+        graph.add(Recorder, path=str(tmp_path))
+
+
+def test_an_unknown_topic_is_refused(graph, tmp_path: Path) -> None:
+    with pytest.raises(NodeError, match=r"topics: expected one of pulses, .* got 'emg'"):
+        graph.add(Recorder, path=str(tmp_path / 'session'), topics=['emg'])
+
+
+def test_missing_samples_are_seen_by_the_stamps() -> None:
+    count = TopicCount()
+    for index in (0, 1, 2, 5, 6):
+        count.take(10**18 + index * MILLISECOND)
+    assert count.missing(1000.0) == 2
+    assert TopicCount().missing(1000.0) == 0
