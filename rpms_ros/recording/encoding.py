@@ -65,10 +65,9 @@ def _encode(
 
     def put(path: str, value: npt.ArrayLike) -> None:
         kind = layout.kind(path).newbyteorder('<')
-        column: npt.NDArray[np.generic] = np.ndarray(
-            (len(rows),), kind, rows, places.offset[path], strides=(places.end,)
-        )
-        column[:] = value
+        begin = places.offset[path]
+        column = np.ascontiguousarray(value, kind).view(np.uint8)
+        rows[:, begin : begin + kind.itemsize] = column.reshape(len(rows), kind.itemsize)
 
     second, nanosecond = _split(stamp_ns)
     put('header.stamp.sec', second)

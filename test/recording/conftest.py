@@ -1,0 +1,94 @@
+"""Recordings for tests, made by the package and by rosbags."""
+
+import os
+from collections.abc import Callable
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionMode
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer
+from rosbags.rosbag2.enums import CompressionFormat
+
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording.definitions import known_types
+
+START_NS = 1_700_000_000_000_000_000
+RECORDINGS = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / 'shared/data'))
+
+Message = tuple[str, str, int, Any]
+"""Topic, type, time of reception [ns] and message of rosbags."""
+
+
+@pytest.fixture
+def session() -> tuple[PulseTrain, ForceTrace]:
+    """Two seconds of pulses at 20 Hz and force at 1 kHz."""
+    generator = np.random.default_rng(7)
+    stamp_ns = START_NS + np.arange(2000, dtype=np.int64) * 1_000_000
+    pulses = PulseTrain.regular(generator.random(40), 20.0, START_NS)
+    return pulses, ForceTrace(stamp_ns, generator.standard_normal(2000), 'load_cell')
+
+
+class Make:
+    """Messages of rosbags."""
+
+    @staticmethod
+    def of(kind: str, *fields: Any) -> Any:
+        return known_types().types[kind](*fields)
+
+    def header(self, stamp_ns: int, frame_id: str) -> Any:
+        time = self.of('builtin_interfaces/msg/Time', *divmod(stamp_ns, 1_000_000_000))
+        return self.of('std_msgs/msg/Header', time, frame_id)
+
+    def pulse(
+        self, stamp_ns: int, sequence: int = 0, intensity: float = 0.5, frame_id: str = 'coil'
+    ) -> Any:
+        fields = (self.header(stamp_ns, frame_id), sequence, intensity, 1e-4)
+        return self.of('rpms_msgs/msg/Pulse', *fields)
+
+    def wrench(self, x: float, y: float, z: float) -> Any:
+        force = self.of('geometry_msgs/msg/Vector3', x, y, z)
+        torque = self.of('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0)
+        return self.of('geometry_msgs/msg/Wrench', force, torque)
+
+    def wrench_stamped(self, stamp_ns: int, z: float, frame_id: str = 'load_cell') -> Any:
+        fields = (self.header(stamp_ns, frame_id), self.wrench(0.0, 0.0, z))
+        return self.of('geometry_msgs/msg/WrenchStamped', *fields)
+
+
+@pytest.fixture
+def make() -> Make:
+    """Messages of rosbags."""
+    return Make()
+
+
+@pytest.fixture
+def write_with_rosbags(tmp_path: Path) -> Callable[..., Path]:
+    """Write messages with rosbags; return the folder."""
+
+    def write(
+        messages: Sequence[Message],
+        storage: StoragePlugin = StoragePlugin.MCAP,
+        compression: CompressionMode = CompressionMode.NONE,
+        name: str = 'bag',
+    ) -> Path:
+        path = tmp_path / name
+        writer = Writer(path, version=9, storage_plugin=storage)
+        if compression is not CompressionMode.NONE:
+            writer.set_compression(compression, CompressionFormat.ZSTD)
+        connections: dict[tuple[str, str], Any] = {}
+        with writer:
+            for topic, kind, time_ns, message in messages:
+                if (topic, kind) not in connections:
+                    connections[topic, kind] = writer.add_connection(
+                        topic, kind, typestore=known_types()
+                    )
+                data = known_types().serialize_cdr(message, kind)
+                writer.write(connections[topic, kind], time_ns, data)
+        return path
+
+    return write

@@ -1,0 +1,166 @@
+"""Bulk coding against rosbags, message by message: equal in every bit."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.serde import SerdeError
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording.axis import direction_of
+from rpms_ros.recording.decoding import Decoder
+from rpms_ros.recording.definitions import PULSE
+from rpms_ros.recording.definitions import WRENCH_STAMPED
+from rpms_ros.recording.definitions import known_types
+from rpms_ros.recording.definitions import written_definition
+from rpms_ros.recording.encoding import encode_forces
+from rpms_ros.recording.encoding import encode_pulses
+from rpms_ros.recording.records import Channel
+from rpms_ros.recording.records import Records
+
+STORE = known_types()
+STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
+PULSE_PATHS = (*STAMP, 'sequence', 'intensity', 'width')
+
+frame_ids = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=9)
+seconds = st.integers(-(2**31), 2**31 - 1)
+nanoseconds = st.integers(0, 999_999_999)
+doubles = st.floats(width=64)
+
+
+@st.composite
+def pulse_messages(draw: st.DrawFn) -> Any:
+    types = STORE.types
+    time = types['builtin_interfaces/msg/Time'](draw(seconds), draw(nanoseconds))
+    header = types['std_msgs/msg/Header'](time, draw(frame_ids))
+    fields = draw(st.integers(0, 2**32 - 1)), draw(doubles), draw(doubles)
+    return types[PULSE](header, *fields)
+
+
+def decoder_of(kind: str, paths: tuple[str, ...]) -> Decoder:
+    return Decoder(Channel('/topic', kind, written_definition(kind)[0]), paths, 'header.frame_id')
+
+
+def records_of(messages: list[bytes]) -> Records:
+    return Records.of(messages, np.arange(len(messages), dtype=np.int64))
+
+
+def value_of(message: Any, path: str) -> Any:
+    for name in path.split('.'):
+        message = getattr(message, name)
+    return message
+
+
+@given(st.lists(st.tuples(pulse_messages(), st.booleans(), st.integers(0, 3)), max_size=12))
+def test_any_mixture_decodes_as_rosbags_does(drawn: list[tuple[Any, bool, int]]) -> None:
+    raw = [
+        bytes(STORE.serialize_cdr(message, PULSE, little_endian=little)) + bytes(padding)
+        for message, little, padding in drawn
+    ]
+    columns = decoder_of(PULSE, PULSE_PATHS).decode(records_of(raw))
+    slow = [STORE.deserialize_cdr(message, PULSE) for message in raw]
+    assert columns.good.all()
+    assert columns.strings == {message.header.frame_id for message in slow}
+    for path in PULSE_PATHS:
+        expected = np.array([value_of(message, path) for message in slow])
+        expected = expected.astype(columns.number[path].dtype)
+        assert columns.number[path].tobytes() == expected.tobytes()
+
+
+garbage = st.tuples(st.sampled_from([b'', b'\0\1\0\0', b'\0\0\0\0']), st.binary(max_size=60))
+
+
+@given(st.lists(st.one_of(garbage.map(b''.join), pulse_messages()), max_size=8))
+def test_what_rosbags_refuses_is_left_out(drawn: list[Any]) -> None:
+    raw = [
+        item if isinstance(item, bytes) else bytes(STORE.serialize_cdr(item, PULSE))
+        for item in drawn
+    ]
+    columns = decoder_of(PULSE, PULSE_PATHS).decode(records_of(raw))
+    for index, message in enumerate(raw):
+        try:
+            slow = STORE.deserialize_cdr(message, PULSE)
+        except SerdeError:
+            assert not columns.good[index]
+            continue
+        assert columns.good[index]
+        assert columns.number['sequence'][index] == slow.sequence
+
+
+def test_a_message_cut_short_is_left_out_and_the_others_stay() -> None:
+    force = ForceTrace(np.arange(4, dtype=np.int64), np.arange(4.0))
+    records = encode_forces(force, direction_of('z'))
+    raw = [records.message(index) for index in range(4)]
+    raw[2] = raw[2][:-8]
+    columns = decoder_of(WRENCH_STAMPED, ('wrench.force.z',)).decode(records_of(raw))
+    assert columns.good.tolist() == [True, True, False, True]
+    assert columns.number['wrench.force.z'].tolist() == [0.0, 1.0, 0.0, 3.0]
+
+
+def test_a_message_with_sequences_is_decoded_one_by_one() -> None:
+    kind = 'sensor_msgs/msg/JointState'
+    types = STORE.types
+    time = types['builtin_interfaces/msg/Time'](5, 6)
+    empty = np.empty(0)
+    message = types[kind](
+        types['std_msgs/msg/Header'](time, 'leg'), ['knee'], np.array([1.5]), empty, empty
+    )
+    raw = bytes(STORE.serialize_cdr(message, kind))
+    columns = decoder_of(kind, STAMP).decode(records_of([raw, raw[:7]]))
+    assert columns.good.tolist() == [True, False]
+    assert columns.strings == {'leg'}
+    assert columns.number[STAMP[1]][0] == 6
+
+
+def test_the_layout_follows_the_definition_in_the_recording() -> None:
+    text = 'float32 width\nfloat64 intensity\nstring note\nuint8 flag\n'
+    decoder = Decoder(Channel('/topic', 'lab/msg/Pulse', text), ('intensity', 'width', 'flag'))
+    raw = b'\0\1\0\0' + np.array(2.5, '<f4').tobytes() + bytes(4) + np.array(0.75).tobytes()
+    raw += b'\3\0\0\0ok\0' + b'\7'
+    columns = decoder.decode(records_of([raw, raw]))
+    assert columns.number['intensity'].tolist() == [0.75, 0.75]
+    assert columns.number['width'].tolist() == [2.5, 2.5]
+    assert columns.number['flag'].tolist() == [7, 7]
+
+
+def test_missing_field_is_named() -> None:
+    channel = Channel('/pulses', PULSE, 'uint32 sequence\nfloat64 intensity\n')
+    with pytest.raises(RecordingError, match=r'expected fields width in the definition of rpms'):
+        Decoder(channel, ('sequence', 'width'))
+
+
+def test_other_serialization_is_refused() -> None:
+    channel = Channel('/pulses', PULSE, serialization='protobuf')
+    with pytest.raises(RecordingError, match='expected serialization cdr on topic /pulses, got p'):
+        Decoder(channel, ('sequence',))
+
+
+@given(
+    frame_ids, st.lists(st.tuples(st.integers(0, 2**31 * 10**9 - 1), doubles, doubles), max_size=5)
+)
+def test_encoded_pulses_are_those_of_rosbags(
+    frame_id: str, drawn: list[tuple[int, float, float]]
+) -> None:
+    onset = np.array([row[0] for row in drawn], np.int64)
+    intensity = np.array([row[1] for row in drawn], np.float64)
+    width = np.array([row[2] for row in drawn], np.float64)
+    sequence = np.arange(len(drawn), dtype=np.int64)
+    records = encode_pulses(PulseTrain(onset, intensity, sequence, width), frame_id)
+    types = STORE.types
+    for index, (stamp, level, length) in enumerate(drawn):
+        time = types['builtin_interfaces/msg/Time'](*divmod(stamp, 1_000_000_000))
+        header = types['std_msgs/msg/Header'](time, frame_id)
+        message = types[PULSE](header, index, level, length)
+        assert records.message(index) == bytes(
+            STORE.serialize_cdr(message, PULSE, little_endian=True)
+        )
+
+
+@pytest.mark.parametrize('stamp_ns', [-1, 2**31 * 1_000_000_000])
+def test_stamps_that_ros_cannot_hold_are_refused(stamp_ns: int) -> None:
+    with pytest.raises(RecordingError, match='expected stamps from 0 to 2147483647 s, got'):
+        encode_forces(ForceTrace(np.array([stamp_ns]), np.zeros(1)), direction_of('z'))

@@ -1,0 +1,84 @@
+"""Definitions of messages: the same text and hash here, in msg_defs and in generated code."""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.recording.definitions import FOLDER
+from rpms_ros.recording.definitions import PULSE
+from rpms_ros.recording.definitions import known_types
+from rpms_ros.recording.definitions import types_of
+from rpms_ros.recording.definitions import written_definition
+
+SOURCES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
+NAMES = sorted(path.stem for path in SOURCES.glob('*.msg'))
+
+PULSE_IDL = """module rpms_msgs { module msg {
+  struct Pulse { uint32 sequence; double intensity; double width; };
+}; };
+"""
+
+
+def installed_share() -> Path:
+    """Return where the build of rpms_msgs put its descriptions."""
+    prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':')), sys.prefix]
+    shares = [Path(prefix, 'share/rpms_msgs/msg') for prefix in prefixes]
+    return next(share for share in shares if share.is_dir())
+
+
+def test_every_message_is_at_hand() -> None:
+    assert sorted(path.stem for path in FOLDER.glob('*.msg')) == NAMES
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_text_is_that_of_the_interface_package(name: str) -> None:
+    assert (FOLDER / f'{name}.msg').read_bytes() == (SOURCES / f'{name}.msg').read_bytes()
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_hash_is_that_of_the_generated_messages(name: str) -> None:
+    generated = json.loads((installed_share() / f'{name}.json').read_text())
+    hashes = {entry['type_name']: entry['hash_string'] for entry in generated['type_hashes']}
+    assert written_definition(f'rpms_msgs/msg/{name}')[1] == hashes[f'rpms_msgs/msg/{name}']
+
+
+def test_a_written_definition_says_the_same_when_it_is_read() -> None:
+    text, digest = written_definition(PULSE)
+    assert types_of(PULSE, text, 'ros2msg').hash_rihs01(PULSE) == digest
+
+
+def test_without_a_definition_the_known_type_counts() -> None:
+    assert types_of(PULSE, '', 'ros2msg') is known_types()
+
+
+@pytest.mark.parametrize('text', [PULSE_IDL, '=' * 80 + f'\nIDL: {PULSE}\n{PULSE_IDL}'])
+def test_idl_is_understood(text: str) -> None:
+    fields = types_of(PULSE, text, 'ros2idl').fielddefs[PULSE][1]
+    assert [name for name, _ in fields] == ['sequence', 'intensity', 'width']
+
+
+def test_unknown_type_cannot_be_written() -> None:
+    with pytest.raises(RecordingError, match='expected a known message type, got lab/msg/Jaw'):
+        written_definition('lab/msg/Jaw')
+
+
+def test_unknown_type_without_definition_is_refused() -> None:
+    with pytest.raises(
+        RecordingError, match='expected a definition of lab/msg/Jaw in the recording, got'
+    ):
+        types_of('lab/msg/Jaw', '', 'ros2msg')
+
+
+@pytest.mark.parametrize(('text', 'encoding'), [('float64 &', 'ros2msg'), ('{', 'ros2idl')])
+def test_definition_that_is_none_is_refused(text: str, encoding: str) -> None:
+    with pytest.raises(RecordingError, match=r'expected a definition of .*Pulse that can be'):
+        types_of(PULSE, text, encoding)
+
+
+def test_definition_of_something_else_is_refused() -> None:
+    with pytest.raises(RecordingError, match=r'expected a definition of lab/msg/Jaw, got one of'):
+        types_of('lab/msg/Jaw', PULSE_IDL, 'ros2idl')

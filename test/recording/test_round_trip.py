@@ -1,0 +1,191 @@
+"""Recordings written and read again, by the package and by rosbags, both ways."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionMode
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import StoragePlugin
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import RecordingWriter
+from rpms_ros.recording import Topics
+from rpms_ros.recording import read_facts
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.definitions import PULSE
+from rpms_ros.recording.definitions import WRENCH_STAMPED
+from rpms_ros.recording.definitions import known_types
+
+Session = tuple[PulseTrain, ForceTrace]
+WriteWithRosbags = Callable[..., Path]
+STORAGES = [('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', '')]
+
+
+def assert_same(path: Path, session: Session, **options: Any) -> None:
+    recording = read_recording(path, **options)
+    pulses, forces = session
+    for name in ('onset_ns', 'intensity', 'sequence', 'width'):
+        assert getattr(recording.pulses, name).tobytes() == getattr(pulses, name).tobytes()
+    assert recording.forces.stamp_ns.tobytes() == forces.stamp_ns.tobytes()
+    assert recording.forces.force.tobytes() == forces.force.tobytes()
+    assert recording.forces.frame_id == forces.frame_id
+
+
+@pytest.mark.parametrize(('storage', 'compression'), STORAGES)
+def test_what_was_written_is_read(
+    session: Session, tmp_path: Path, storage: str, compression: str
+) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, storage=storage, compression=compression)
+    assert_same(path, session)
+    recording = read_recording(path)
+    assert recording.facts.storage == storage
+    assert recording.facts.faults == {}
+    assert recording.force_received_ns.tolist() == session[1].stamp_ns.tolist()
+
+
+@pytest.mark.parametrize(('storage', 'compression'), STORAGES)
+def test_rosbags_reads_what_was_written(
+    session: Session, tmp_path: Path, storage: str, compression: str
+) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, storage=storage, compression=compression)
+    pulses, forces = session
+    with AnyReader([path]) as reader:
+        assert reader.message_count == len(pulses) + len(forces)
+        counts = {topic: (info.msgtype, info.msgcount) for topic, info in reader.topics.items()}
+        assert counts == {'/pulses': (PULSE, len(pulses)), '/force': (WRENCH_STAMPED, len(forces))}
+        messages = [
+            (time_ns, connection.topic, reader.deserialize(raw, connection.msgtype))
+            for connection, time_ns, raw in reader.messages()
+        ]
+    force = [message.wrench.force.z for _, topic, message in messages if topic == '/force']
+    assert force == forces.force.tolist()
+    # The first pulse comes before the sample of the same time.
+    assert [topic for _, topic, _ in messages[:2]] == ['/pulses', '/force']
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize('compression', list(CompressionMode))
+def test_what_rosbags_wrote_is_read(
+    write_with_rosbags: WriteWithRosbags, make: Any, storage: Any, compression: Any
+) -> None:
+    if storage is StoragePlugin.SQLITE3 and compression is CompressionMode.STORAGE:
+        compression = CompressionMode.NONE
+    messages = [('/pulses', PULSE, 10, make.pulse(5, 3, 0.25))]
+    messages += [
+        ('/force', WRENCH_STAMPED, 10 + i, make.wrench_stamped(7 + i, 0.5 * i)) for i in range(50)
+    ]
+    recording = read_recording(write_with_rosbags(messages, storage, compression))
+    assert recording.pulses.onset_ns.tolist() == [5]
+    assert recording.pulses.sequence.tolist() == [3]
+    assert recording.pulse_received_ns.tolist() == [10]
+    assert recording.forces.force.tolist() == [0.5 * i for i in range(50)]
+    assert recording.forces.stamp_ns.tolist() == list(range(7, 57))
+    assert recording.facts.faults == {}
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
+@given(times=st.lists(st.integers(0, 2**50), min_size=1, max_size=30), lz4=st.booleans())
+def test_order_of_reception_is_that_of_rosbags(
+    tmp_path_factory: pytest.TempPathFactory, times: list[int], lz4: bool
+) -> None:
+    path = tmp_path_factory.mktemp('order') / 'bag'
+    with RecordingWriter(path, compression='lz4' if lz4 else '') as writer:
+        numbers = writer.add_topic('/pulses', PULSE), writer.add_topic('/force', WRENCH_STAMPED)
+        types = known_types().types
+        for index, time_ns in enumerate(times):
+            header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2), 'x')
+            message = types[PULSE](header, index, 0.5, 1e-4)
+            raw = bytes(known_types().serialize_cdr(message, PULSE))
+            writer.append(numbers[0], time_ns, raw)
+            if index % 5 == 4:
+                writer.flush()
+        vector = types['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
+        force = types[WRENCH_STAMPED](header, types['geometry_msgs/msg/Wrench'](vector, vector))
+        writer.append(numbers[1], 1, bytes(known_types().serialize_cdr(force, WRENCH_STAMPED)))
+    recording = read_recording(path)
+    with Reader(path) as reader:
+        connections = [each for each in reader.connections if each.topic == '/pulses']
+        slow = [
+            (time_ns, known_types().deserialize_cdr(raw, PULSE).sequence)
+            for _, time_ns, raw in reader.messages(connections)
+        ]
+    assert recording.pulse_received_ns.tolist() == [time_ns for time_ns, _ in slow]
+    assert recording.pulses.sequence.tolist() == [number for _, number in slow]
+
+
+def test_topics_below_a_namespace(write_with_rosbags: WriteWithRosbags, make: Any) -> None:
+    messages = [
+        ('/left/pulses', PULSE, 1, make.pulse(1, 1)),
+        ('/left/pulses_commanded', PULSE, 1, make.pulse(1, 2)),
+        ('/left/force', WRENCH_STAMPED, 1, make.wrench_stamped(1, 4.0)),
+        ('/right/force', WRENCH_STAMPED, 1, make.wrench_stamped(1, 8.0)),
+    ]
+    path = write_with_rosbags(messages)
+    with pytest.raises(RecordingError, match='expected one topic force in .*, got /left/force, /'):
+        read_recording(path)
+    recording = read_recording(path, Topics(force='/right/force'))
+    assert recording.pulses.sequence.tolist() == [1]
+    assert recording.forces.force.tolist() == [8.0]
+
+
+def test_custom_notes_are_kept(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, custom={'operator': 'Käthe', 'channel': '1'})
+    assert read_facts(path).custom == {'operator': 'Käthe', 'channel': '1'}
+
+
+def test_a_storage_file_by_itself(session: Session, tmp_path: Path) -> None:
+    for storage, suffix in (('mcap', 'mcap'), ('sqlite3', 'db3')):
+        path = tmp_path / storage
+        write_recording(path, *session, storage=storage)
+        assert_same(path / f'{storage}_0.{suffix}', session)
+
+
+def test_facts_without_decoding(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    read: list[int] = []
+    force, pulses = read_facts(path, read.append).topics
+    assert (force.name, force.type_name, force.count) == ('/force', WRENCH_STAMPED, 2000)
+    assert (pulses.name, pulses.type_name, pulses.count) == ('/pulses', PULSE, 40)
+    assert force.first_ns == session[1].stamp_ns[0]
+    assert force.last_ns == session[1].stamp_ns[-1]
+    assert sum(read) == 2040
+
+
+@pytest.mark.parametrize('direction', ['x', 'y', '0.6,0,0.8', (0.0, -3.0, 4.0)])
+@pytest.mark.parametrize('sign', [1, -1])
+def test_force_is_found_along_the_axis_it_was_written_to(
+    session: Session, tmp_path: Path, direction: Any, sign: int
+) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, axis=direction)
+    force = read_recording(path, axis=direction, sign=sign).forces.force
+    # Three products and two sums, each rounded once.
+    np.testing.assert_allclose(force, sign * session[1].force, rtol=1e-15)
+
+
+def test_an_empty_recording_is_one(tmp_path: Path) -> None:
+    for storage in ('mcap', 'sqlite3'):
+        path = tmp_path / storage
+        with RecordingWriter(path, storage) as writer:
+            writer.add_topic('/pulses', PULSE)
+        facts = read_facts(path)
+        assert [(topic.name, topic.count) for topic in facts.topics] == [('/pulses', 0)]
+        with pytest.raises(RecordingError, match='expected messages in .*, got none'):
+            read_recording(path)
+        with Reader(path) as reader:
+            assert reader.message_count == 0
