@@ -1,0 +1,181 @@
+"""Equations 1 to 11 and 30, each as the paper has it, misprints mended."""
+
+import cmath
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.linalg import expm
+from scipy.optimize import minimize_scalar
+
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import IntensityRecruitment
+from rpms_ros.muscle import RateRecruitment
+from rpms_ros.muscle import RecruitmentField
+from rpms_ros.muscle import RecruitmentParameters
+from rpms_ros.muscle import Subject
+from rpms_ros.muscle import identified_recruitment
+from rpms_ros.muscle import steady_mean
+from rpms_ros.muscle import summed_twitches
+from rpms_ros.muscle import twitch
+from rpms_ros.muscle import twitch_area
+from rpms_ros.pulses import PulseTrain
+
+T_A = 38.44e-3
+T_S = 1e-3
+INTENSITY = np.linspace(0.0, 1.0, 101)
+TAPS = np.arange(0, 1001)
+
+
+def test_equation_1_is_a_chain_of_equal_poles() -> None:
+    for order in (2, 3, 4):
+        # dx/dt = (shift - 1) x / T_a: each pole drives the next one.
+        chain = (np.diag(np.ones(order - 1), -1) - np.eye(order)) / T_A
+        response = np.array([expm(chain * time)[-1, 0] for time in 0.01 * np.arange(1, 30)])
+        shape = twitch(0.01 * np.arange(1, 30), T_A, order)
+        # Proportional; the matrix exponential is good to 1e-13.
+        np.testing.assert_allclose(shape / shape[4], response / response[4], rtol=1e-10)
+
+
+@pytest.mark.parametrize('order', [2, 3, 4])
+def test_equation_2_has_its_maximum_of_1_at_n_minus_1_time_constants(order: int) -> None:
+    time = 0.01 * np.arange(100)
+    power = order - 1
+    scale = (power * T_A) ** power * math.exp(-power)
+    # Rounding, also below where powers of T_a / time are formed.
+    np.testing.assert_allclose(
+        twitch(time, T_A, order), time**power * np.exp(-time / T_A) / scale, rtol=1e-13
+    )
+    assert twitch(power * T_A, T_A, order) == pytest.approx(1.0, rel=1e-14)
+
+
+def test_equation_3_is_least_at_the_true_time_constant() -> None:
+    measured = twitch(TAPS * T_S, T_A)
+    found = minimize_scalar(
+        lambda guess: float(np.sum((measured - twitch(TAPS * T_S, guess)) ** 2)),
+        bounds=(0.02, 0.06),
+        method='bounded',
+        options={'xatol': 1e-10},
+    )
+    # A minimum is flat: half the digits.
+    assert found.x == pytest.approx(T_A, rel=1e-6)
+
+
+@pytest.mark.parametrize('frequency_hz', [0.0, 1.0, 5.0, 20.0])
+def test_equation_4_is_the_laplace_transform_of_a_contraction(frequency_hz: float) -> None:
+    latency = 9.45e-3
+    s = 2j * math.pi * frequency_hz
+    contraction = Contraction(Subject(time_constant=T_A, latency=latency))
+    contraction.add_pulses(0, 1.0)
+    time_ns = np.arange(0, 1_000_000_000, 50_000)
+    force = contraction.force(time_ns) / float(contraction.subject.pulse_weight(1.0, 0.0))
+    transform = 50e-6 * np.sum(force * np.exp(-s * time_ns * 1e-9))
+    expected = T_A / (2 * math.exp(-2)) / (1 + s * T_A) ** 3 * cmath.exp(-s * latency)
+    # The rule's error is about (2 pi f dt)^2 / 12 at 20 Hz; the tail beyond 1 s is 1e-9.
+    assert abs(transform - expected) < 1e-5 * T_A
+
+
+def test_equation_5_is_the_third_order() -> None:
+    formula = (TAPS * T_S) ** 2 * np.exp(-TAPS * T_S / T_A) / (4 * T_A**2 * math.exp(-2))
+    np.testing.assert_allclose(twitch(TAPS * T_S, T_A), formula, rtol=1e-13)
+    np.testing.assert_array_equal(twitch(-TAPS[1:] * T_S, T_A), 0.0)
+
+
+def test_equation_6_superposes() -> None:
+    k_rep = 50
+    total = sum(twitch((TAPS - index * k_rep) * T_S, T_A) for index in range(21))
+    # Lags in seconds are rounded in two ways.
+    np.testing.assert_allclose(
+        summed_twitches(TAPS * T_S, 20.0, T_A), total, rtol=1e-12, atol=1e-13
+    )
+
+
+def test_equation_7_as_average_as_sum_and_as_integral() -> None:
+    k_rep = 50
+    period = summed_twitches((1000 + np.arange(k_rep)) * T_S, 20.0, T_A)
+    single = twitch(TAPS * T_S, T_A)
+    # The sum stops at 1 s, where 2e-9 of the twitch's area is left.
+    assert period.mean() == pytest.approx(single.sum() / k_rep, rel=1e-7)
+    assert steady_mean(20.0, T_A) == pytest.approx(single.sum() / k_rep, rel=1e-7)
+    area = quad(lambda time: float(twitch(time, T_A)), 0.0, 2.0, epsabs=1e-13)[0]
+    assert twitch_area(T_A) == pytest.approx(area, rel=1e-10)
+
+
+def test_equation_8_is_a_product() -> None:
+    rates = np.linspace(15.0, 35.0, 5)
+    expected = np.outer(IntensityRecruitment()(INTENSITY), RateRecruitment()(rates))
+    np.testing.assert_array_equal(RecruitmentField()(INTENSITY[:, None], rates), expected)
+
+
+def test_equation_9() -> None:
+    formula = (
+        0.738
+        * (
+            (INTENSITY - 0.48) * np.arctan(5 * (INTENSITY - 0.48))
+            - (INTENSITY - 0.98) * np.arctan(4 * (INTENSITY - 0.98))
+        )
+        + 0.539
+    )
+    # Rounding of numbers below 1.
+    np.testing.assert_allclose(IntensityRecruitment()(INTENSITY), formula, atol=1e-15)
+
+
+def test_equation_10() -> None:
+    rate = np.linspace(0.0, 60.0, 61)
+    bend = np.arctan(0.05 * (rate - 25.0)) / np.pi + 0.5
+    formula = 0.0597 * (rate - (rate - 25.0) * bend) - 0.321
+    # Rounding of numbers up to 4.
+    np.testing.assert_allclose(RateRecruitment()(rate), formula, atol=1e-14)
+
+
+@pytest.mark.parametrize('rate_hz', [20.0, 25.0])
+def test_equation_11_is_the_complete_contraction(rate_hz: float) -> None:
+    latency_taps = 9
+    subject = Subject(time_constant=T_A, latency=latency_taps * T_S, maximum_force=12.0)
+    train = PulseTrain.regular(np.full(25, 0.7), rate_hz)
+    contraction = Contraction(subject, fixed_rate_hz=rate_hz)
+    contraction.add_pulses(train.onset_ns, train.intensity)
+    force = contraction.force(1_000_000 * TAPS[latency_taps:])
+    summed = summed_twitches((TAPS[latency_taps:] - latency_taps) * T_S, rate_hz, T_A)
+    recruited = RecruitmentField()(0.7, rate_hz) / RateRecruitment()(20.0)
+    # Onsets are rounded to whole nanoseconds, at 0.05 of the maximum a millisecond.
+    np.testing.assert_allclose(
+        force, summed * recruited * 12.0 / steady_mean(rate_hz, T_A), rtol=1e-7, atol=1e-7
+    )
+
+
+def test_equation_11_weights_every_pulse_by_its_own_intensity_and_rate() -> None:
+    subject = Subject(time_constant=T_A, latency=0.0)
+    onset_ns = np.array([0, 60, 100, 140, 190]) * 1_000_000
+    intensity = np.array([0.6, 0.9, 0.7, 1.0, 0.5])
+    rates = [15.0, *(1e9 / (after - before) for before, after in pairwise(onset_ns))]
+    contraction = Contraction(subject)
+    contraction.add_pulses(onset_ns, intensity)
+    expected = np.zeros(len(TAPS))
+    for onset, share, rate_hz in zip(onset_ns, intensity, rates, strict=True):
+        weight = RecruitmentField()(share, rate_hz) / RateRecruitment()(20.0)
+        expected += (
+            10.0 / steady_mean(rate_hz, T_A) * weight * twitch(TAPS * T_S - onset * 1e-9, T_A)
+        )
+    # Lags in seconds are rounded in two ways.
+    np.testing.assert_allclose(
+        contraction.force(1_000_000 * TAPS), expected, rtol=1e-11, atol=1e-12
+    )
+
+
+def test_equation_30() -> None:
+    u_thr, u_sat, alpha_sat = 0.4, 0.9, 3.0
+    formula = (
+        (INTENSITY - u_thr) * np.arctan(6 * (INTENSITY - u_thr))
+        - (INTENSITY - u_sat) * np.arctan(alpha_sat * (INTENSITY - u_sat))
+        + u_thr * np.arctan(-6 * u_thr)
+        - u_sat * np.arctan(-alpha_sat * u_sat)
+    )
+    # Rounding of numbers up to 1.5.
+    np.testing.assert_allclose(
+        identified_recruitment(RecruitmentParameters(u_thr, u_sat, alpha_sat), INTENSITY),
+        formula,
+        atol=1e-14,
+    )

@@ -1,0 +1,123 @@
+"""Tables 1 to 6, row by row, as far as the package holds them."""
+
+import numpy as np
+import pytest
+
+from rpms_ros.identification import TABLE_4
+from rpms_ros.identification import TABLE_5
+from rpms_ros.identification import RecursiveSettings
+from rpms_ros.muscle import IntensityRecruitment
+from rpms_ros.muscle import Modality
+from rpms_ros.muscle import RateRecruitment
+from rpms_ros.muscle import RecruitmentParameters
+from rpms_ros.muscle import average_subject
+from rpms_ros.muscle import identified_recruitment
+from rpms_ros.muscle import random_subject
+from rpms_ros.muscle import simulation_subject
+
+MANY = 400
+# Of 400 uniform draws the extremes come this close to the ends of the range, in parts of it:
+# the chance of missing a strip of 2 % at one end is 0.98^400 = 3e-4, and the seeds are fixed.
+STRIP = 0.02
+
+TABLE_6 = [
+    (0.657, 0.855, 13.9),
+    (0.647, 0.869, 13.7),
+    (0.647, 0.875, 16.2),
+    (0.688, 0.875, 10.7),
+    (0.637, 0.817, 8.7),
+    (0.662, 0.874, 3.8),
+    (0.672, 0.839, 10.4),
+    (0.648, 0.931, 13.2),
+]
+
+
+def assert_fills(values: list[float], low: float, high: float) -> None:
+    """Values lie within a range and use all of it."""
+    strip = STRIP * (high - low)
+    assert low <= min(values) <= low + strip
+    assert high - strip <= max(values) <= high
+
+
+@pytest.mark.parametrize(
+    ('modality', 'low', 'high', 'mean'),
+    [(Modality.ELECTRICAL, 20.83, 28.24, 24.4), (Modality.MAGNETIC, 6.28, 14.63, 9.45)],
+)
+def test_table_1_latency(modality: Modality, low: float, high: float, mean: float) -> None:
+    # Milliseconds to seconds rounds.
+    assert average_subject(modality).latency == pytest.approx(1e-3 * mean, rel=1e-15)
+    drawn = [random_subject(np.random.default_rng(seed), modality) for seed in range(MANY)]
+    assert_fills([1e3 * subject.latency for subject in drawn], low, high)
+
+
+@pytest.mark.parametrize(
+    ('modality', 'low', 'high', 'mean'),
+    [(Modality.ELECTRICAL, 22.58, 53.22, 36.62), (Modality.MAGNETIC, 26.71, 49.81, 38.44)],
+)
+def test_table_2_time_constant(modality: Modality, low: float, high: float, mean: float) -> None:
+    # As above.
+    assert average_subject(modality).time_constant == pytest.approx(1e-3 * mean, rel=1e-15)
+    drawn = [random_subject(np.random.default_rng(seed), modality) for seed in range(MANY)]
+    assert_fills([1e3 * subject.time_constant for subject in drawn], low, high)
+
+
+def test_table_3_recruitment_by_intensity() -> None:
+    expected = IntensityRecruitment(0.48, 0.98, 5.0, 4.0, gain=0.738, offset=0.539)
+    assert average_subject().recruitment == expected
+
+
+def test_table_3_recruitment_by_rate() -> None:
+    assert average_subject().rate_recruitment == RateRecruitment(25.0, 0.05, 0.0597, -0.321)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'forgetting', 'form_factor'), [(TABLE_4, 0.99, 120.0), (TABLE_5, 0.999, 45.0)]
+)
+def test_tables_4_and_5(
+    settings: RecursiveSettings, forgetting: float, form_factor: float
+) -> None:
+    assert settings.damping == 0.001
+    assert settings.hessian_scale == 0.0001
+    assert settings.forgetting == forgetting
+    assert settings.damping_factor == 1.002
+    assert settings.gain_ratio_margin == 0.02
+    assert settings.condition_limit == 1000.0
+    assert settings.damping_increment == 0.01
+    assert settings.basis.form_factor == form_factor
+    assert settings.basis.memory_taps == 350
+    assert settings.basis.functions == 8
+    assert settings.basis.tap == 1e-3
+
+
+def test_start_values_of_sections_333_and_334() -> None:
+    assert RecruitmentParameters(0.40, 0.90, 3.0, 6.0) == TABLE_4.start
+    assert RecruitmentParameters(0.40, 0.90, 10.0, 6.0) == TABLE_5.start
+
+
+def test_plant_of_section_333() -> None:
+    subject = simulation_subject()
+    shape = subject.recruitment
+    assert (shape.threshold, shape.saturation, shape.saturation_slope) == (0.48, 0.98, 4.0)
+    assert shape.threshold_slope == 6.0
+    assert subject.time_constant == 38.44e-3
+
+
+@pytest.mark.parametrize('row', TABLE_6)
+def test_table_6_lies_within_bounds_and_random_subjects(row: tuple[float, float, float]) -> None:
+    theta = RecruitmentParameters(*row)
+    assert TABLE_5.bounds.hold(theta)
+    assert 0.45 <= theta.u_thr <= 0.70
+    assert 0.80 <= theta.u_sat <= 1.00
+    assert 3.5 <= theta.alpha_sat <= 17.0
+
+
+def test_one_row_of_table_6_dips_below_zero() -> None:
+    intensity = np.linspace(0.0, 1.0, 1001)
+    depths = []
+    for row in TABLE_6:
+        curve = identified_recruitment(RecruitmentParameters(*row), intensity)
+        depths.append(float(curve.min() / curve[-1]))
+        assert IntensityRecruitment(row[0], row[1], 6.0, row[2]).rises == (depths[-1] == 0.0)
+    assert [index for index, depth in enumerate(depths) if depth < 0.0] == [5]
+    # Two digits, as docs/model.md has it.
+    assert depths[5] == pytest.approx(-0.0032, abs=5e-5)
