@@ -1,5 +1,6 @@
 """Topics and raw messages of a sqlite3 file of rosbag2, complete, hot or cut off."""
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -59,23 +60,35 @@ class SqliteFile:
     def blocks(self) -> Iterator[tuple[Channel, Records]]:
         """Yield the messages, in the order of the file but for channels within a block."""
         hot = [name for name in JOURNALS if _size(_beside(self._path, name))]
-        if not hot:
+        size, promised = _size(self._path), _promised_size(self._path)
+        if not hot and size >= promised:
             yield from self._read(f'{self._path.resolve().as_uri()}?mode=ro&immutable=1')
             return
-        self._findings.add(
-            'hot_journal', f'{self._path.name} was not closed: recovered from its {hot[0][1:]}'
-        )
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder, self._path.name)
             shutil.copyfile(self._path, copy)
-            for name in hot:
-                shutil.copyfile(_beside(self._path, name), _beside(copy, name))
-            yield from self._read(copy.as_uri())
+            if hot:
+                self._findings.add(
+                    'hot_journal',
+                    f'{self._path.name} was not closed: recovered from its {hot[0][1:]}',
+                )
+                for name in hot:
+                    shutil.copyfile(_beside(self._path, name), _beside(copy, name))
+            else:
+                self._findings.add(
+                    'truncated_file', f'{self._path.name} has {size} of {promised} bytes'
+                )
+                # Half a page would read as messages full of zeros.
+                os.truncate(copy, size - size % _page_size(self._path))
+            yield from self._read(copy.as_uri(), cut_off=not hot)
 
-    def _read(self, uri: str) -> Iterator[tuple[Channel, Records]]:
+    def _read(self, uri: str, cut_off: bool = False) -> Iterator[tuple[Channel, Records]]:
         flags = apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_URI
         try:
             with closing(apsw.Connection(uri, flags)) as connection:
+                if cut_off:
+                    # Lets SQLite open a file that is shorter than its header says.
+                    connection.execute('PRAGMA writable_schema = ON')
                 self._channels = _channels(connection)
                 yield from self._messages(connection)
         except apsw.Error as error:
@@ -114,6 +127,19 @@ def _beside(path: Path, suffix: str) -> Path:
 
 def _size(path: Path) -> int:
     return path.stat().st_size if path.exists() else 0
+
+
+def _page_size(path: Path) -> int:
+    """Return the page size that the header states [bytes]; 1 stands for 65536."""
+    with path.open('rb') as file:
+        size = int.from_bytes(file.read(18)[16:], 'big')
+    return 65536 if size < 2 else size
+
+
+def _promised_size(path: Path) -> int:
+    """Return the size of the file that the header states [bytes]."""
+    with path.open('rb') as file:
+        return int.from_bytes(file.read(32)[28:], 'big') * _page_size(path)
 
 
 def _channels(connection: apsw.Connection) -> dict[int, Channel]:

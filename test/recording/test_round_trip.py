@@ -134,7 +134,7 @@ def test_topics_below_a_namespace(write_with_rosbags: WriteWithRosbags, make: An
         ('/right/force', WRENCH_STAMPED, 1, make.wrench_stamped(1, 8.0)),
     ]
     path = write_with_rosbags(messages)
-    with pytest.raises(RecordingError, match='expected one topic force in .*, got /left/force, /'):
+    with pytest.raises(RecordingError, match=r'expected one topic force in .*, got /left/force, '):
         read_recording(path)
     recording = read_recording(path, Topics(force='/right/force'))
     assert recording.pulses.sequence.tolist() == [1]
@@ -185,7 +185,7 @@ def test_an_empty_recording_is_one(tmp_path: Path) -> None:
             writer.add_topic('/pulses', PULSE)
         facts = read_facts(path)
         assert [(topic.name, topic.count) for topic in facts.topics] == [('/pulses', 0)]
-        with pytest.raises(RecordingError, match='expected messages in .*, got none'):
+        with pytest.raises(RecordingError, match=r'expected messages in .*, got none'):
             read_recording(path)
         with Reader(path) as reader:
             assert reader.message_count == 0

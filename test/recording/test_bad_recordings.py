@@ -1,0 +1,375 @@
+"""Recordings with something wrong: the readable part is used, the rest is named in one line."""
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionMode
+from rosbags.rosbag2 import StoragePlugin
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import Topics
+from rpms_ros.recording import read_facts
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.definitions import FLOAT64
+from rpms_ros.recording.definitions import PULSE
+from rpms_ros.recording.definitions import WRENCH
+from rpms_ros.recording.definitions import WRENCH_STAMPED
+
+Session = tuple[PulseTrain, ForceTrace]
+WriteWithRosbags = Callable[..., Path]
+STORAGES = [('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', '')]
+
+
+def storage_file(path: Path) -> Path:
+    return next(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
+
+
+def assert_beginning(recording: Any, session: Session, at_least: int) -> None:
+    """Check that the samples are the first ones of the session, and not too few."""
+    count = len(recording.forces)
+    assert at_least <= count < len(session[1])
+    assert recording.forces.stamp_ns.tolist() == session[1].stamp_ns[:count].tolist()
+    assert recording.forces.force.tolist() == session[1].force[:count].tolist()
+
+
+def test_nothing_there(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r'expected a recording at .*bag, got no such file'):
+        read_recording(tmp_path / 'bag')
+    with pytest.raises(RecordingError, match=r'expected \.mcap or \.db3 files at .*, got none'):
+        read_recording(tmp_path)
+    (tmp_path / 'notes.txt').write_text('x')
+    with pytest.raises(RecordingError, match=r'expected \.mcap or \.db3 files at .*, got none'):
+        read_recording(tmp_path / 'notes.txt')
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+@pytest.mark.parametrize(('content', 'found'), [(b'', 'an empty file'), (b'%PDF-1.4', "b'%PDF")])
+def test_no_recording_at_all(tmp_path: Path, suffix: str, content: bytes, found: str) -> None:
+    path = tmp_path / f'bag{suffix}'
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=f'expected an? (mcap|sqlite3) file at .*{found}'):
+        read_recording(path)
+
+
+def test_sqlite_file_of_somebody_else(tmp_path: Path) -> None:
+    path = tmp_path / 'bag.db3'
+    with sqlite3.connect(path) as connection:
+        connection.execute('CREATE TABLE cats(name TEXT)')
+    connection.close()
+    with pytest.raises(RecordingError, match=r'expected tables of rosbag2 in .*: topics'):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(('storage', 'compression'), STORAGES)
+def test_recording_cut_off(
+    session: Session, tmp_path: Path, storage: str, compression: str
+) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, storage=storage, compression=compression)
+    (path / 'metadata.yaml').unlink()
+    file = storage_file(path)
+    os.truncate(file, int(0.4 * file.stat().st_size))
+    recording = read_recording(path)
+    assert recording.facts.faults['truncated_file'] > 0
+    assert recording.facts.faults['missing_metadata'] == 1
+    assert any(file.name in remark for remark in recording.facts.remarks)
+    # Less than 40 %: a compressed block may end before the cut, and there is an index behind it.
+    assert_beginning(recording, session, 200)
+
+
+@pytest.mark.parametrize('size', [8, 20, 60, 300, 800])
+def test_recording_cut_off_early(session: Session, tmp_path: Path, size: int) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    os.truncate(storage_file(path), size)
+    with pytest.raises(RecordingError, match=r'expected (messages|topic)'):
+        read_recording(path)
+    assert read_facts(path).faults['truncated_file'] == 1
+
+
+def test_every_cut_of_an_mcap_file_reads_or_says_why(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    pulses, forces = session
+    short = PulseTrain(*(column[:2] for column in vars(pulses).values()))
+    write_recording(path, short, ForceTrace(forces.stamp_ns[:60], forces.force[:60]))
+    whole = storage_file(path).read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    for size in range(0, len(whole), 37):
+        cut.write_bytes(whole[:size])
+        try:
+            recording = read_recording(cut)
+        except RecordingError:
+            continue
+        count = len(recording.forces)
+        assert recording.forces.force.tolist() == forces.force[:count].tolist()
+        assert recording.facts.faults or size > len(whole) - 9
+
+
+def test_damaged_chunk_is_left_out(write_with_rosbags: WriteWithRosbags, make: Any) -> None:
+    messages = [('/pulses', PULSE, 1, make.pulse(1))]
+    messages += [('/force', WRENCH_STAMPED, i, make.wrench_stamped(i, 1.0)) for i in range(99)]
+    path = write_with_rosbags(messages, StoragePlugin.MCAP, CompressionMode.STORAGE)
+    file = storage_file(path)
+    content = bytearray(file.read_bytes())
+    place = content.index(b'\x28\xb5\x2f\xfd') + 40
+    content[place : place + 20] = bytes(20)
+    file.write_bytes(content)
+    assert read_facts(path).faults['damaged_chunk'] == 1
+
+
+def test_wrong_checksum_leaves_the_chunk_out(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    file = storage_file(path)
+    content = bytearray(file.read_bytes())
+    # Behind the header record: kind and length of the chunk, its times, its size.
+    header = 8 + 9 + int.from_bytes(content[9:17], 'little')
+    place = header + 9 + 24
+    assert content[header] == 6
+    content[place : place + 4] = b'\1\2\3\4'
+    file.write_bytes(content)
+    with pytest.raises(RecordingError, match=r'expected messages in .*, got none'):
+        read_recording(path)
+    assert read_facts(path).faults == {'damaged_chunk': 1}
+
+
+def test_unknown_compression_is_named(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, compression='zstd')
+    file = storage_file(path)
+    file.write_bytes(file.read_bytes().replace(b'\4\0\0\0zstd', b'\4\0\0\0rar5'))
+    with pytest.raises(RecordingError, match=r"expected a compression of lz4, zstd in .*got 'rar"):
+        read_recording(path)
+
+
+KILLED_WRITER = """
+import sys, time
+import numpy as np
+from rpms_ros.recording import RecordingWriter
+from rpms_ros.recording.definitions import PULSE, known_types
+
+types = known_types().types
+header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2), 'coil')
+writer = RecordingWriter(sys.argv[1], sys.argv[2])
+topic = writer.add_topic('/pulses', PULSE)
+for index in range(1000):
+    message = types[PULSE](header, index, 0.5, 1e-4)
+    writer.append(topic, index, bytes(known_types().serialize_cdr(message, PULSE)))
+    if index % 100 == 99:
+        writer.flush()
+writer.append(topic, 1000, b'never flushed')
+print('ready', flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_killed_writer_leaves_what_it_flushed(tmp_path: Path, storage: str) -> None:
+    path = tmp_path / 'bag'
+    with subprocess.Popen(
+        [sys.executable, '-c', KILLED_WRITER, str(path), storage],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'ready\n'
+        process.send_signal(signal.SIGKILL)
+    before = {file.name: file.read_bytes() for file in path.iterdir()}
+    facts = read_facts(path)
+    assert [(topic.name, topic.count) for topic in facts.topics] == [('/pulses', 1000)]
+    assert 'missing_metadata' in facts.faults
+    assert facts.faults['truncated_file' if storage == 'mcap' else 'hot_journal'] == 1
+    # Reading recovers a copy: the recording itself stays as it was.
+    assert {file.name: file.read_bytes() for file in path.iterdir()} == before
+
+
+def test_hot_rollback_journal(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, storage='sqlite3')
+    hot = tmp_path / 'hot'
+    hot.mkdir()
+    file = storage_file(path)
+    connection = sqlite3.connect(file)
+    connection.execute('PRAGMA cache_size = 1')
+    connection.execute('BEGIN')
+    connection.execute('UPDATE messages SET data = zeroblob(72)')
+    journal = file.with_name(file.name + '-journal')
+    assert journal.stat().st_size > 0
+    for part in (file, journal):
+        shutil.copyfile(part, hot / part.name)
+    connection.rollback()
+    connection.close()
+    recording = read_recording(hot)
+    assert recording.forces.force.tolist() == session[1].force.tolist()
+    assert recording.facts.faults == {'missing_metadata': 1, 'hot_journal': 1}
+
+
+@pytest.mark.parametrize(
+    'text', ['', '[', 'a: b', 'rosbag2_bagfile_information: 3', '\x00', '- - :']
+)
+def test_damaged_metadata_are_left_aside(session: Session, tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    (path / 'metadata.yaml').write_text(text)
+    recording = read_recording(path)
+    assert len(recording.forces) == len(session[1])
+    assert recording.facts.faults == {'damaged_metadata': 1}
+
+
+def test_split_recording(session: Session, tmp_path: Path) -> None:
+    pulses, forces = session
+    whole = tmp_path / 'whole'
+    whole.mkdir()
+    for part in range(12):
+        span = slice(part * 100, part * 100 + 100)
+        some = ForceTrace(forces.stamp_ns[span], forces.force[span])
+        write_recording(tmp_path / 'part', pulses if part == 0 else PulseTrain.of([]), some)
+        shutil.move(tmp_path / 'part/part_0.mcap', whole / f'whole_{part}.mcap')
+        shutil.rmtree(tmp_path / 'part')
+    recording = read_recording(whole)
+    assert recording.forces.force.tolist() == forces.force[:1200].tolist()
+    assert recording.pulses.onset_ns.tolist() == pulses.onset_ns.tolist()
+    (whole / 'whole_3.mcap').write_bytes(b'')
+    recording = read_recording(whole)
+    assert len(recording.forces) == 1100
+    assert recording.facts.faults == {'missing_metadata': 1, 'unreadable_file': 1}
+
+
+def test_file_named_in_the_metadata_is_missing(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    metadata = path / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('- bag_0.mcap', '- bag_0.mcap\n  - b_1.mcap'))
+    recording = read_recording(path)
+    assert len(recording.forces) == len(session[1])
+    assert recording.facts.faults == {'missing_file': 1}
+
+
+def test_missing_topic_names_those_that_are_there(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    with pytest.raises(
+        RecordingError, match=r'expected topic torque in .*, got /force \(geometry_msgs/msg/Wrench'
+    ):
+        read_recording(path, Topics(force='torque'))
+
+
+def test_wrong_type_on_a_topic(write_with_rosbags: WriteWithRosbags, make: Any) -> None:
+    text = make.of('std_msgs/msg/String', 'hello')
+    messages = [('/force', 'std_msgs/msg/String', 1, text), ('/pulses', PULSE, 1, make.pulse(1))]
+    with pytest.raises(
+        RecordingError,
+        match=r'expected geometry_msgs/msg/WrenchStamped or .*, got std_msgs/msg/S',
+    ):
+        read_recording(write_with_rosbags(messages))
+
+
+def test_topic_without_messages(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, PulseTrain.of([]), session[1])
+    with pytest.raises(RecordingError, match=r'expected messages on topic /pulses in .*, got n'):
+        read_recording(path)
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+def test_two_types_on_a_topic(
+    write_with_rosbags: WriteWithRosbags, make: Any, storage: Any
+) -> None:
+    messages = [('/pulses', PULSE, 1, make.pulse(1))]
+    messages += [('/force', FLOAT64, i, make.of(FLOAT64, 1.5)) for i in range(3)]
+    messages += [('/force', WRENCH_STAMPED, i, make.wrench_stamped(i, 2.5)) for i in range(5)]
+    recording = read_recording(write_with_rosbags(messages, storage))
+    assert recording.forces.force.tolist() == [2.5] * 5
+    assert recording.facts.faults == {'other_type': 3}
+    assert recording.facts.remarks == ('3 messages of std_msgs/msg/Float64 on /force left out',)
+
+
+def test_mixed_frame_ids(write_with_rosbags: WriteWithRosbags, make: Any) -> None:
+    frames = ['a', 'load_cell', 'b', '']
+    messages = [('/pulses', PULSE, 1, make.pulse(1))]
+    messages += [
+        ('/force', WRENCH_STAMPED, i, make.wrench_stamped(i, float(i), frames[i % 4]))
+        for i in range(40)
+    ]
+    recording = read_recording(write_with_rosbags(messages))
+    assert recording.forces.force.tolist() == [float(i) for i in range(40)]
+    assert recording.facts.frame_ids['force'] == ('', 'a', 'b', 'load_cell')
+    assert recording.facts.faults == {'mixed_frame_ids': 3}
+
+
+def test_definition_that_is_another_one_is_used_and_named(
+    session: Session, tmp_path: Path
+) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, storage='sqlite3')
+    change = 'UPDATE message_definitions SET encoded_message_definition = replace('
+    with sqlite3.connect(storage_file(path)) as connection:
+        connection.execute(change + "encoded_message_definition, 'float64 width', 'int64 width')")
+    connection.close()
+    recording = read_recording(path)
+    assert recording.facts.faults == {'other_definition': 1}
+    assert recording.pulses.intensity.tolist() == session[0].intensity.tolist()
+    assert recording.pulses.width[0] == np.array(1e-4).view(np.int64)
+
+
+def test_definition_without_the_field_is_refused(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, storage='sqlite3')
+    change = 'UPDATE message_definitions SET encoded_message_definition = replace('
+    with sqlite3.connect(storage_file(path)) as connection:
+        connection.execute(change + "encoded_message_definition, 'float64 width', 'float64 w')")
+    connection.close()
+    with pytest.raises(RecordingError, match='expected fields width in the definition of rpms_ms'):
+        read_recording(path)
+
+
+def test_forces_without_stamps_count_from_reception(
+    write_with_rosbags: WriteWithRosbags, make: Any
+) -> None:
+    for name, kind, value in (
+        ('wrench', WRENCH, make.wrench(3.0, float('nan'), 4.0)),
+        ('number', FLOAT64, make.of(FLOAT64, 5.0)),
+    ):
+        messages = [('/pulses', PULSE, 1, make.pulse(1))]
+        messages += [('/force', kind, time_ns, value) for time_ns in (30, 40, 50)]
+        recording = read_recording(write_with_rosbags(messages, name=name), axis='0.6,0,0.8')
+        assert recording.forces.stamp_ns.tolist() == [30, 40, 50]
+        # 0.6 * 3 + 0.8 * 4, each rounded once.
+        np.testing.assert_allclose(recording.forces.force, 5.0, rtol=1e-15)
+
+
+def test_values_are_handed_on_as_they_are(write_with_rosbags: WriteWithRosbags, make: Any) -> None:
+    forces = [1.0, float('nan'), float('inf'), 2.0]
+    messages = [('/pulses', PULSE, 9, make.pulse(5, 7, 1.5)), ('/pulses', PULSE, 9, make.pulse(5))]
+    messages += [
+        ('/force', WRENCH_STAMPED, 10 + i, make.wrench_stamped(9 - i, force))
+        for i, force in enumerate(forces)
+    ]
+    recording = read_recording(write_with_rosbags(messages))
+    np.testing.assert_array_equal(recording.forces.force, forces)
+    assert recording.forces.stamp_ns.tolist() == [9, 8, 7, 6]
+    assert recording.pulses.intensity.tolist() == [1.5, 0.5]
+    assert recording.pulses.sequence.tolist() == [7, 0]
+
+
+@pytest.mark.parametrize('axis', ['w', '1,2', '0,0,0', 'nan,0,1', (1.0,), '1;0;0'])
+def test_axis_that_is_none(tmp_path: Path, axis: Any) -> None:
+    with pytest.raises(RecordingError, match='expected axis x, y, z or three numbers'):
+        read_recording(tmp_path / 'bag', axis=axis)
+
+
+def test_sign_that_is_none(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match='expected sign 1 or -1, got 0'):
+        read_recording(tmp_path, sign=0)
