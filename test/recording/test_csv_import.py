@@ -1,0 +1,140 @@
+"""Tables with a sampled gate become pulses and forces."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.recording import GateSettings
+from rpms_ros.recording import read_csv
+from rpms_ros.recording.csv_import import gate_pulses
+
+HEADER = 'Time [s],STIM [ ],"fGM [N]"\n'
+COLUMNS = ('Time [s]', 'fGM [N]', 'STIM [ ]')
+MILLISECOND = 1_000_000
+
+
+def table(tmp_path: Path, rows: list[str], header: str = HEADER) -> Path:
+    path = tmp_path / 'trial.csv'
+    path.write_text(header + ''.join(f'{row}\n' for row in rows))
+    return path
+
+
+def test_rising_edges_become_pulses(tmp_path: Path) -> None:
+    gate = [0, 0, 8, 8, 0, 0, 8, 0]
+    rows = [f'{0.001 * i:.3f},{level},{0.5 * i}' for i, level in enumerate(gate)]
+    pulses, forces = read_csv(table(tmp_path, rows), *COLUMNS)
+    assert pulses.onset_ns.tolist() == [2 * MILLISECOND, 6 * MILLISECOND]
+    assert pulses.width.tolist() == [0.002, 0.001]
+    assert pulses.intensity.tolist() == [1.0, 1.0]
+    assert pulses.sequence.tolist() == [0, 1]
+    assert forces.stamp_ns.tolist() == [i * MILLISECOND for i in range(8)]
+    assert forces.force.tolist() == [0.5 * i for i in range(8)]
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 9), st.integers(1, 9)), min_size=1, max_size=20),
+    st.integers(0, 2**32 - 1),
+    st.floats(-5.0, 5.0),
+    st.floats(0.01, 10.0),
+)
+def test_pulses_are_found_whatever_the_level_and_noise(
+    spans: list[tuple[int, int]], seed: int, rest: float, height: float
+) -> None:
+    levels = np.concatenate([[0.0] * low + [1.0] * high for low, high in spans] + [[0.0]])
+    stamp_ns = np.arange(len(levels), dtype=np.int64) * MILLISECOND
+    # A fifth of the height, either way: the two thresholds lie 45 % from either level.
+    noise = np.random.default_rng(seed).uniform(-0.2, 0.2, len(levels))
+    pulses = gate_pulses(stamp_ns, rest + height * (levels + noise), GateSettings(intensity=0.4))
+    low, high = np.array(spans).T
+    onset = np.cumsum(low + high) - high
+    assert pulses.onset_ns.tolist() == (onset * MILLISECOND).tolist()
+    assert pulses.width.tolist() == (high / 1000).tolist()
+    assert set(pulses.intensity) == {0.4}
+
+
+def test_chatter_at_the_threshold_is_one_pulse() -> None:
+    gate = np.array([0.0, 0.45, 0.53, 0.6, 0.48, 0.52, 0.49, 1.0, 0.51, 0.2, 0.0])
+    stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
+    pulses = gate_pulses(stamp_ns, gate, GateSettings())
+    assert pulses.onset_ns.tolist() == [3 * MILLISECOND]
+    assert pulses.width.tolist() == [0.006]
+
+
+def test_threshold_can_be_chosen() -> None:
+    gate = np.array([0.0, 0.0, 2.0, 0.0, 8.0, 0.0])
+    stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
+    assert len(gate_pulses(stamp_ns, gate, GateSettings())) == 1
+    assert len(gate_pulses(stamp_ns, gate, GateSettings(threshold=1.0))) == 2
+
+
+def test_gate_that_is_up_at_the_ends() -> None:
+    gate = np.array([8.0, 8.0, 0.0, 8.0, 8.0, 8.0])
+    stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
+    pulses = gate_pulses(stamp_ns, gate, GateSettings())
+    assert pulses.onset_ns.tolist() == [3 * MILLISECOND]
+    assert pulses.width.tolist() == [0.002]
+
+
+def test_force_that_is_missing_stays_missing(tmp_path: Path) -> None:
+    rows = ['0,0,1', '0.001,8,nan', '0.002,0,inf']
+    _, forces = read_csv(table(tmp_path, rows), *COLUMNS)
+    np.testing.assert_array_equal(forces.force, [1.0, np.nan, np.inf])
+
+
+@pytest.mark.parametrize(
+    ('rows', 'message'),
+    [
+        ([], 'expected rows below the header of .*trial.csv, got none'),
+        (['0,0,1', '0,8,1'], 'expected rising times in column .Time .s.. of .*, got 0.0 and then'),
+        (['0,0,1', 'nan,8,1'], 'expected finite numbers in column .Time .s.. .* got nan in row 2'),
+        (['0,0,1', '1,inf,1'], 'expected finite numbers in column .STIM . .. .* got inf in row 2'),
+        (['0,0,1', '1,0,1'], 'expected a gate that rises through 0, got levels 0 to 0'),
+        (
+            ['0,0,1', '1,0,high'],
+            "expected numbers in .*trial.csv, got could not convert string 'h",
+        ),
+        (['0,0,1', '1,0'], 'expected numbers in .*trial.csv, got '),
+    ],
+)
+def test_bad_tables_are_refused(tmp_path: Path, rows: list[str], message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        read_csv(table(tmp_path, rows), *COLUMNS)
+
+
+def test_missing_column_names_those_that_are_there(tmp_path: Path) -> None:
+    path = table(tmp_path, ['0,0,1'])
+    with pytest.raises(
+        RecordingError, match=r"expected column 'F' in .*, got 'Time \[s\]', 'STIM \[ \]', 'fGM"
+    ):
+        read_csv(path, 'Time [s]', 'F', 'STIM [ ]')
+    with pytest.raises(RecordingError, match=r"expected column 'F' in .*, got no columns"):
+        read_csv(table(tmp_path, [], header=''), 'F', 'F', 'F')
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r'expected a CSV file at .*trial.csv, got .*No such'):
+        read_csv(tmp_path / 'trial.csv', *COLUMNS)
+
+
+def test_binary_file(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(RecordingError, match=r'expected a CSV file at .*trial.csv, got .*decode'):
+        read_csv(path, *COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ('threshold', 'intensity', 'message'),
+    [
+        (None, 1.5, 'expected an intensity from 0 to 1, got 1.5'),
+        (None, float('nan'), 'expected an intensity from 0 to 1, got nan'),
+        (float('inf'), 1.0, 'expected a finite threshold, got inf'),
+    ],
+)
+def test_bad_gate_settings(threshold: float | None, intensity: float, message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        GateSettings(threshold, intensity)
