@@ -1,0 +1,228 @@
+"""A whole laboratory on this machine: three nodes as processes of their own, a recorder here.
+
+The processes talk over real DDS, on the local host and in a domain of their own.  They end with
+the block that started them, and by themselves if this process is killed.
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import rclpy
+import yaml
+from rclpy.context import Context
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import MuscleEstimate
+from rpms_ros import messages
+from rpms_ros.errors import NodeError
+from rpms_ros.identification import Estimate
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.discovery import reserved_domain
+from rpms_ros.nodes.discovery import use_fast_discovery
+from rpms_ros.nodes.recorder import Recorder
+from rpms_ros.nodes.runner import PARENT_VARIABLE
+
+PLANT, IDENTIFIER, DRIVER = 'plant_simulator', 'identifier', 'stimulator_driver'
+RECORDING = 'recording'
+
+# Compiling for the first time takes most of it.
+STARTUP_LIMIT = 90.0
+_PATIENCE = 5.0
+
+
+@dataclass(frozen=True)
+class LaboratorySettings:
+    """Parameters of the three nodes, by name; what is not named keeps its default."""
+
+    plant: dict[str, Any]
+    driver: dict[str, Any]
+    identifier: dict[str, Any]
+
+    def of(self, name: str) -> dict[str, Any]:
+        """Return the parameters of a node with those that make the nodes wait for each other."""
+        # The force goes to the identifier and the recorder, the pulses to the plant too.
+        return {
+            PLANT: {'minimum_subscribers': 2, **self.plant},
+            IDENTIFIER: self.identifier,
+            DRIVER: {
+                'autostart': True,
+                'minimum_subscribers': 3,
+                'require_heartbeat': False,
+                **self.driver,
+            },
+        }[name]
+
+
+class Monitor(Node):
+    """Keeps every estimate and the newest status of the driver."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('monitor', **options)
+        self.estimates: list[Estimate] = []
+        self.status: DriverStatus | None = None
+        self.has_run = False
+        self.create_subscription(MuscleEstimate, topics.ESTIMATE, self._on_estimate, qos.ESTIMATE)
+        self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS)
+
+    @property
+    def done(self) -> bool:
+        """Whether the driver has run its schedule and runs no more."""
+        return (
+            self.has_run and self.status is not None and self.status.state != DriverStatus.RUNNING
+        )
+
+    def _on_estimate(self, message: MuscleEstimate) -> None:
+        self.estimates.append(messages.estimate_of(message))
+
+    def _on_status(self, message: DriverStatus) -> None:
+        self.status = message
+        self.has_run |= message.state == DriverStatus.RUNNING
+
+
+class Laboratory:
+    """Three processes, a recorder and a monitor; use it in a ``with`` block.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder for the recording, the parameters and what the processes say; must not exist.
+    settings : LaboratorySettings
+        Parameters of the nodes.
+
+    Raises
+    ------
+    NodeError
+        If the folder exists, or a process does not start or ends too early.
+    """
+
+    def __init__(self, folder: Path, settings: LaboratorySettings) -> None:
+        self.folder = folder
+        self._settings = settings
+        self._cleanup = contextlib.ExitStack()
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> 'Laboratory':
+        try:
+            self.folder.mkdir(parents=True)
+        except OSError as error:
+            raise NodeError(f'expected a new folder {self.folder}, got {error}') from error
+        with contextlib.ExitStack() as stack:
+            domain = stack.enter_context(reserved_domain())
+            stack.callback(self._stop_all)
+            for name in (PLANT, IDENTIFIER, DRIVER):
+                self._start(name, domain)
+            stack.enter_context(self._listening(domain))
+            self._cleanup = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._cleanup.__exit__(kind, value, traceback)
+
+    def _start(self, name: str, domain: int) -> None:
+        """Start a node as a process of its own session: a Ctrl-C here is not one there."""
+        file = self.folder / f'{name}.yaml'
+        parameters = {name: {'ros__parameters': self._settings.of(name)}}
+        file.write_text(yaml.safe_dump(parameters, sort_keys=False))
+        environment = {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'ROS_LOG_DIR': str(self.folder / 'log'),
+            PARENT_VARIABLE: str(os.getpid()),
+        }
+        code = f'import sys; from rpms_ros.nodes.{name} import main; sys.exit(main())'
+        with (self.folder / f'{name}.txt').open('wb') as said:
+            self._processes[name] = subprocess.Popen(
+                [sys.executable, '-c', code, '--ros-args', '--params-file', str(file)],
+                env=environment,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+
+    @contextlib.contextmanager
+    def _listening(self, domain: int) -> Iterator[None]:
+        """Recorder and monitor in a private context of this process."""
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        use_fast_discovery()
+        context = Context()
+        rclpy.init(
+            args=[],
+            context=context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        options: dict[str, Any] = {'context': context, 'use_global_arguments': False}
+        path = Parameter('path', value=str(self.folder / RECORDING))
+        self.recorder = Recorder(parameter_overrides=[path], **options)
+        self.monitor = Monitor(**options)
+        self._executor = EventsExecutor(context=context)
+        for node in (self.recorder, self.monitor):
+            self._executor.add_node(node)
+        try:
+            yield
+        finally:
+            self.recorder.destroy_node()
+            self.monitor.destroy_node()  # type: ignore[no-untyped-call]
+            self._executor.shutdown()
+            context.try_shutdown()
+
+    def step(self, duration: float) -> None:
+        """Take what comes for `duration` seconds.
+
+        Raises
+        ------
+        NodeError
+            If a process has ended.
+        """
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=min(left, 0.05))
+        for name, process in self._processes.items():
+            if process.poll() is not None:
+                said = (self.folder / f'{name}.txt').read_text().strip().splitlines()
+                last = said[-1] if said else 'nothing'
+                raise NodeError(
+                    f'expected {name} to run, got exit code {process.returncode}: {last}'
+                )
+
+    def stop(self) -> None:
+        """Stop the processes, take what they said last, and close the recording."""
+        self._stop_all()
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
+        self.recorder.close()
+
+    def _stop_all(self) -> None:
+        """End the processes: politely, then not."""
+        processes, self._processes = list(self._processes.values()), {}
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        end = time.monotonic() + _PATIENCE
+        for process in processes:
+            try:
+                process.wait(max(0.0, end - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()

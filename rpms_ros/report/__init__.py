@@ -1,0 +1,1 @@
+"""Figures and words about a session; needs no ROS."""

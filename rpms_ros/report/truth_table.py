@@ -1,0 +1,60 @@
+"""True against identified, as a table of text."""
+
+import numpy as np
+
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.muscle import Subject
+from rpms_ros.muscle import twitch
+from rpms_ros.report.agreement import curve_error
+
+_PARAMETERS = {
+    'u_thr': 'threshold',
+    'u_sat': 'saturation',
+    'alpha_sat': 'saturation_slope',
+    'alpha_thr': 'threshold_slope',
+}
+
+
+def truth_table(session: IdentifiedSession, subject: Subject) -> str:
+    """Return a table of what is true of the muscle and what was identified.
+
+    Parameters
+    ----------
+    session : IdentifiedSession
+        A session with this muscle.
+    subject : Subject
+        The muscle.
+    """
+    last = session.last
+    rows = [('', 'true', 'identified')]
+    for name, value in zip(last.nonlinear_names, last.nonlinear, strict=True):
+        true = getattr(subject.recruitment, _PARAMETERS[name]) if name in _PARAMETERS else None
+        rows.append((name, _number(true), _number(value)))
+    time = last.response_time
+    weight = subject.pulse_weight(1.0, last.repetition_rate)
+    response = weight * twitch(time - subject.latency, subject.time_constant, subject.order)
+    for label, true, found in (
+        ('peak of one twitch / N', response.max(), last.response_force.max()),
+        ('at / ms', 1e3 * time[np.argmax(response)], 1e3 * time[last.response_force.argmax()]),
+    ):
+        rows.append((label, _number(float(true)), _number(float(found))))
+    if last.curve_known:
+        steady = float(subject.steady_force(1.0, last.repetition_rate))
+        rate = f'steady force at {last.repetition_rate:g} Hz / N'
+        rows.append((rate, _number(steady), _number(float(last.curve_force[-1]))))
+    rows.append(('worst error of the curve', '', f'{100 * curve_error(last, subject):.2f} %'))
+    error = session.relative_output_error()
+    rows.append(('output error, last fifth', '', f'{100 * error:.2f} %'))
+    return _aligned(rows)
+
+
+def _number(value: float | None) -> str:
+    return '' if value is None else f'{value:.4g}'
+
+
+def _aligned(rows: list[tuple[str, str, str]]) -> str:
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    return '\n'.join(
+        f'  {label:<{widths[0]}}  {true:>{widths[1]}}  {found:>{widths[2]}}'.rstrip()
+        for label, true, found in rows
+    )

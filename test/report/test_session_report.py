@@ -1,0 +1,103 @@
+"""Figure, table and agreement of a session, from a simulated one."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from rpms_ros.errors import ReportError
+from rpms_ros.identification import Estimate
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import identify
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.report.agreement import compare
+from rpms_ros.report.agreement import curve_error
+from rpms_ros.report.agreement import differences
+from rpms_ros.report.session_figure import draw_session
+from rpms_ros.report.truth_table import truth_table
+
+
+@cache
+def session(low: float = 0.0) -> tuple[IdentifiedSession, PulseTrain]:
+    """Eight seconds of the simulated identification; at `low` = 1 at one intensity."""
+    intensity = np.random.default_rng(1).uniform(low, 1.0, 160)
+    pulses = PulseTrain.regular(intensity, 20.0)
+    muscle = Contraction(simulation_subject(), fixed_rate_hz=20.0)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = np.arange(8000) * 1_000_000
+    forces = ForceTrace(stamps, muscle.force(stamps))
+    return identify(RecursiveEstimator(), pulses, forces), pulses
+
+
+@pytest.mark.parametrize('low', [0.0, 1.0], ids=['curve', 'one intensity'])
+@pytest.mark.parametrize('known', [True, False])
+def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:
+    path = tmp_path / 'session.png'
+    draw_session(path, *session(low), simulation_subject() if known else None, 'A title')
+    picture = imread(path)[..., :3]
+    # four panels with lines: far from blank
+    assert picture.shape[0] > 800
+    assert np.mean(np.any(picture < 0.9, axis=2)) > 0.02
+
+
+def test_a_figure_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ReportError, match='expected to write a figure to'):
+        draw_session(tmp_path / 'missing' / 'session.png', *session())
+
+
+def test_the_table_holds_truth_against_what_was_found() -> None:
+    lines = truth_table(session()[0], simulation_subject()).splitlines()
+    cells = {line.split('  ')[1]: line.split() for line in lines[1:]}
+    assert cells['u_thr'][1] == '0.48'
+    assert cells['alpha_thr'][1:] == ['6', '6']
+    assert float(cells['steady force at 20 Hz / N'][-2]) == pytest.approx(10.0, abs=0.01)
+    assert len({len(line) for line in lines if line.endswith('%')}) == 1
+
+
+def test_without_a_curve_none_is_shown() -> None:
+    only_one, _ = session(1.0)
+    assert 'steady force' not in truth_table(only_one, simulation_subject())
+    assert np.isnan(curve_error(only_one.last, simulation_subject()))
+
+
+def test_the_curve_error_is_that_of_the_worst_point() -> None:
+    subject = simulation_subject()
+    estimate = session()[0].last
+    true = subject.steady_force(estimate.curve_intensity, estimate.repetition_rate)
+    bent = true.copy()
+    bent[30] += 0.05 * true.max()
+    assert curve_error(replace(estimate, curve_force=true), subject) == 0.0
+    # sum and difference of two doubles
+    found = curve_error(replace(estimate, curve_force=bent), subject)
+    assert found == pytest.approx(0.05, rel=1e-12)
+
+
+def nudged(estimate: Estimate) -> Estimate:
+    linear = estimate.linear.copy()
+    linear[0] = np.nextafter(linear[0], 1e9)
+    return replace(estimate, linear=linear)
+
+
+def test_one_bit_is_a_difference() -> None:
+    estimates = session()[0].estimates
+    assert compare(estimates[:-2], estimates).exact
+    spoiled = [*estimates[:3], nudged(estimates[3]), replace(estimates[4], damping=1.0)]
+    assert differences(estimates[3], spoiled[3]) == ['linear']
+    agreement = compare(spoiled, estimates)
+    assert (agreement.compared, agreement.missing) == (5, 0)
+    assert agreement.differing == {'linear': 1, 'damping': 1}
+    assert not agreement.exact
+
+
+def test_an_estimate_without_a_partner_is_missing() -> None:
+    estimates = session()[0].estimates
+    agreement = compare([replace(estimates[0], stamp_ns=7)], estimates)
+    assert (agreement.compared, agreement.missing, agreement.exact) == (0, 1, False)
+    assert not compare([], estimates).exact
