@@ -1,0 +1,174 @@
+"""Misprints of the paper: the printed form does not work, the mended one does."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpms_ros.identification import TABLE_4
+from rpms_ros.identification import TABLE_5
+from rpms_ros.identification import DistortedSineBasis
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification.recursion_kernel import DAMPING
+from rpms_ros.identification.recursion_kernel import _judge
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import IntensityRecruitment
+from rpms_ros.muscle import RateRecruitment
+from rpms_ros.muscle import RecruitmentParameters
+from rpms_ros.muscle import average_subject
+from rpms_ros.muscle import identified_recruitment
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle import twitch
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import PulseTrain
+
+T_A = 38.44e-3
+ENDS = np.array([0.0, 1.0])
+INTENSITY = np.linspace(0.0, 1.0, 101)
+
+
+@pytest.mark.parametrize('order', [3, 4, 5])
+def test_equation_2_has_a_surplus_factor(order: int) -> None:
+    power = order - 1
+    time = power * T_A
+    printed = time**power * math.exp(-time / T_A) / ((power * T_A) ** power * power)
+    printed /= math.exp(-power)
+    # Rounding.
+    assert printed == pytest.approx(1.0 / power, rel=1e-13)
+    assert twitch(time, T_A, order) == pytest.approx(1.0, rel=1e-13)
+
+
+def test_equation_2_as_printed_contradicts_equation_5() -> None:
+    time = 0.05
+    printed = time**2 * math.exp(-time / T_A) / ((2 * T_A) ** 2 * 2 * math.exp(-2))
+    equation_5 = time**2 * math.exp(-time / T_A) / (4 * T_A**2 * math.exp(-2))
+    assert printed == pytest.approx(0.5 * equation_5, rel=1e-13)
+    assert twitch(time, T_A) == pytest.approx(equation_5, rel=1e-13)
+
+
+def test_equation_9_has_beta_2_inside_the_bracket() -> None:
+    bends = IntensityRecruitment(gain=1.0, offset=0.0)(ENDS)
+    # Three decimals, as stated; a relative recruitment runs from 0 to 1.
+    np.testing.assert_allclose(0.738 * (bends + 0.539), [-0.141, 0.859], atol=6e-4)
+    np.testing.assert_allclose(IntensityRecruitment()(ENDS), [0.0002, 0.9997], atol=5e-5)
+
+
+def test_equation_10_is_right_as_it_is() -> None:
+    # The reference of the relative recruitment is 20 Hz; Table 3 has three digits.
+    assert RateRecruitment()(20.0) == pytest.approx(1.0, abs=2e-3)
+    assert RateRecruitment()(0.0) == pytest.approx(0.0, abs=5e-4)
+
+
+def run(samples: int) -> tuple[RecursiveEstimator, FloatArray, FloatArray]:
+    """Return an estimator with fixed theta, its regressors and its force."""
+    train = PulseTrain.regular(np.random.default_rng(2).uniform(size=samples // 50), 20.0)
+    stamp_ns = 1_000_000 * np.arange(1, samples + 1, dtype=np.int64)
+    contraction = Contraction(simulation_subject(), fixed_rate_hz=20.0)
+    contraction.add_pulses(train.onset_ns, train.intensity)
+    force = contraction.force(stamp_ns)
+    # So much damping lets the nonlinear parameters stay where they are.
+    estimator = RecursiveEstimator(replace(TABLE_4, damping=1e30))
+    estimator.add_pulses(train.onset_ns, train.intensity)
+    estimator.update(stamp_ns, force, np.ones(samples, dtype=bool))
+    rho = identified_recruitment(TABLE_4.start, train.intensity)
+    lag = (stamp_ns[:, None] - train.onset_ns) * 1e-9
+    values = DistortedSineBasis().evaluate(lag.ravel()).reshape(*lag.shape, 8)
+    return estimator, np.einsum('p,spf->sf', rho, values), force
+
+
+def test_equation_19_has_the_last_error_inside_the_sum() -> None:
+    estimator, phi, force = run(1000)
+    linear = estimator._state.linear
+    weight = 0.99 ** np.arange(999, -1, -1.0)
+    # Another set of parameters, which explains the last sample to the full.
+    other = linear + phi[-1] * (force[-1] - phi[-1] @ linear) / (phi[-1] @ phi[-1])
+
+    def printed(parameters: FloatArray) -> float:
+        return float(np.sum(weight) * (force[-1] - phi[-1] @ parameters) ** 2)
+
+    def mended(parameters: FloatArray) -> float:
+        return float(weight @ (force - phi @ parameters) ** 2)
+
+    # As printed, the past does not count, and anything that fits one sample is optimal.
+    assert printed(other) < 1e-6 * printed(linear)
+    assert mended(linear) < mended(other)
+
+
+def test_equation_27_inverts_the_old_hessian() -> None:
+    forgetting = 0.99
+    printed, mended = 1.0, 1.0
+    for _ in range(3000):
+        printed = forgetting / printed + 1.0
+        mended = forgetting * mended + 1.0
+    # Under a constant derivative of 1 the sum over the past is 1 / (1 - lambda) ...
+    assert mended == pytest.approx(100.0, rel=1e-12)
+    # ... while the printed form knows one sample and a half, whatever lambda is.
+    assert printed == pytest.approx((1.0 + math.sqrt(1.0 + 4.0 * forgetting)) / 2.0, rel=1e-12)
+
+
+def test_update_rules_reduce_the_damping_where_the_model_is_good() -> None:
+    estimator = RecursiveEstimator(TABLE_4)
+    scalars, constants = estimator._state.scalars, estimator._constants
+    margin = TABLE_4.gain_ratio_margin
+    middling = 0.5
+    # As printed, a ratio below 1 - zeta is good: nearly every ratio, also a bad one.
+    assert middling < 1.0 - margin
+    assert 0.5 * margin < 1.0 - margin
+    _judge(scalars, constants, middling, 1.0)
+    assert scalars[DAMPING] == TABLE_4.damping
+    _judge(scalars, constants, 1.0 - 0.5 * margin, 1.0)
+    assert scalars[DAMPING] < TABLE_4.damping
+
+
+def test_smaller_damping_is_the_gauss_newton_direction() -> None:
+    hessian = np.array([[2.0, 0.5, 0.1], [0.5, 1.0, 0.2], [0.1, 0.2, 0.05]])
+    gradient = np.array([1.0, -0.5, 0.2])
+    newton = np.linalg.solve(hessian, gradient)
+
+    def alignment(damping: float, direction: FloatArray) -> float:
+        step = np.linalg.solve(hessian + damping * np.eye(3), gradient)
+        return float(step @ direction / np.linalg.norm(step) / np.linalg.norm(direction))
+
+    # Unit vectors: one minus half the squared angle.
+    assert alignment(1e-9, newton) == pytest.approx(1.0, abs=1e-12)
+    assert alignment(1e9, gradient) == pytest.approx(1.0, abs=1e-12)
+    assert alignment(1e-9, gradient) < 0.9
+
+
+def test_delta_s_is_that_of_the_tables_not_of_the_text() -> None:
+    assert TABLE_4.damping_increment == 0.01
+    assert TABLE_5.damping_increment == 0.01
+
+
+def test_equation_31_has_one_tap_too_many() -> None:
+    basis = DistortedSineBasis()
+    taps = np.arange(0, 351)
+    printed = np.sin(
+        np.outer(np.arange(1, 9), np.pi * (1.0 - np.exp(-(taps - 0.5) / basis.form_factor)))
+    ) / math.sqrt(175.0)
+    # i = 0 .. m makes m + 1 columns, the first of which has the wrong sign.
+    assert printed.shape == (8, basis.memory_taps + 1)
+    assert (printed[:, 0] < 0.0).all()
+    assert (printed[:, 1] > 0.0).all()
+    functions = basis.evaluate(taps * 1e-3)
+    np.testing.assert_array_equal(functions[0], 0.0)
+    # Rounding times the condition of the sines.
+    np.testing.assert_allclose(functions.T @ functions, np.eye(8), atol=1e-11)
+
+
+def test_theta_begins_with_the_threshold() -> None:
+    start = TABLE_4.start
+    assert (start.u_thr, start.u_sat) == (0.40, 0.90)
+    as_listed = RecruitmentParameters(u_thr=0.90, u_sat=0.40, alpha_sat=3.0)
+    # In the order in which Sec. 3.3.2 lists them the start would relax with the intensity.
+    assert identified_recruitment(as_listed, 1.0) < 0.0
+    assert identified_recruitment(start, 1.0) > 0.0
+    assert (np.diff(identified_recruitment(start, INTENSITY)) > 0.0).all()
+
+
+def test_alpha_thr_is_5_in_the_average_and_6_in_the_identification() -> None:
+    assert average_subject().recruitment.threshold_slope == 5.0
+    assert simulation_subject().recruitment.threshold_slope == 6.0
+    assert TABLE_4.start.alpha_thr == 6.0
+    assert TABLE_5.start.alpha_thr == 6.0
