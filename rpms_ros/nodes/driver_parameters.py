@@ -12,7 +12,8 @@ from rpms_ros.stimulation import Segment
 from rpms_ros.stimulation import load_schedule
 from rpms_ros.stimulation.devices import Device
 from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.profile import Profile
+from rpms_ros.stimulation.profile import load_profile
 from rpms_ros.stimulation.repetitive import Constant
 from rpms_ros.stimulation.repetitive import Sinusoid
 from rpms_ros.stimulation.repetitive import Staircase
@@ -27,6 +28,7 @@ class DriverParameters(NodeParameters):
     """Parameters of the stimulator driver."""
 
     device: str = parameter('simulated', 'Kind of device.', choices=('simulated',))
+    profile: str = parameter('simulated', 'Limits of the device: a name, or a YAML file.')
     frame_id: str = parameter('coil', 'Frame of the pulses.')
     maximum_intensity: float = parameter(
         1.0, 'Hard bound on the intensity, share of the maximum.', minimum=0.0, maximum=1.0
@@ -94,14 +96,21 @@ def build_device(settings: DriverParameters) -> Device:
     return SimulatedDevice()
 
 
-def limits_of(settings: DriverParameters) -> Limits:
-    """Return the limits: those of the profile, tightened by the parameters."""
-    limits = Limits()
-    return dataclasses.replace(
-        limits,
-        maximum_intensity=min(limits.maximum_intensity, settings.maximum_intensity),
-        maximum_rate_hz=min(limits.maximum_rate_hz, settings.maximum_rate),
+def profile_of(settings: DriverParameters) -> Profile:
+    """Return the profile, its limits tightened by the parameters.
+
+    Raises
+    ------
+    StimulationError
+        If there is no such profile.
+    """
+    profile = load_profile(settings.profile)
+    limits = dataclasses.replace(
+        profile.limits,
+        maximum_intensity=min(profile.limits.maximum_intensity, settings.maximum_intensity),
+        maximum_rate_hz=min(profile.limits.maximum_rate_hz, settings.maximum_rate),
     )
+    return dataclasses.replace(profile, limits=limits)
 
 
 def driver_settings_of(settings: DriverParameters) -> DriverSettings:

@@ -26,7 +26,7 @@ from rpms_ros.nodes.driver_action import ScheduleAction
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import driver_settings_of
-from rpms_ros.nodes.driver_parameters import limits_of
+from rpms_ros.nodes.driver_parameters import profile_of
 from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.driver_status import status_message
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
@@ -34,9 +34,9 @@ from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.runner import run
 from rpms_ros.pulses import Pulse
-from rpms_ros.stimulation.core import EXECUTOR
 from rpms_ros.stimulation.core import Fired
 from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.guard import EXECUTOR
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.threads import PulseThread
 from rpms_ros.stimulation.threads import SupervisorThread
@@ -53,7 +53,7 @@ class StimulatorDriver(LifecycleNode):
         self.settings = declare_parameters(self, DriverParameters)
         self.core = StimulatorCore(
             build_device(self.settings),
-            limits_of(self.settings),
+            profile_of(self.settings),
             driver_settings_of(self.settings),
         )
         self._note = ''

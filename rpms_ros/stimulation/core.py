@@ -1,16 +1,13 @@
-"""The driver apart from ROS: every command, every pulse and every stop goes through here.
+"""The driver apart from ROS: every schedule and every pulse goes through here.
 
-Threads: the commands and signs of life come from an executor, `fire_next` from the thread that
-keeps the time, `supervise` from a third one.  One lock guards the state.  It is never held while
-the device is asked for something that may hang, and `stop` raises its flag and silences the device
-before it takes the lock, so that a stop never waits for anything.
+Threads: commands and signs of life come from an executor, `fire_next` from the thread that keeps
+the time, `supervise` from a third one.
 """
 
 import math
-import threading
 import time
-from collections import Counter
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from dataclasses import replace
 
@@ -19,33 +16,24 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
+from rpms_ros.stimulation.forecast import Forecast
+from rpms_ros.stimulation.forecast import forecast_plan
 from rpms_ros.stimulation.gate import TIMING_LIMITS
 from rpms_ros.stimulation.gate import PulseGate
-from rpms_ros.stimulation.gate import refusals
-from rpms_ros.stimulation.interlocks import Interlocks
+from rpms_ros.stimulation.guard import POSSIBLE
+from rpms_ros.stimulation.guard import SUPERVISOR
+from rpms_ros.stimulation.guard import Guard
+from rpms_ros.stimulation.guard import Refused
+from rpms_ros.stimulation.guard import nanoseconds
 from rpms_ros.stimulation.lateness import Lateness
-from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.profile import Profile
 from rpms_ros.stimulation.run import Run
 from rpms_ros.stimulation.schedule import Schedule
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import Command
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.states import after
-
-EXECUTOR = 'executor'
-SUPERVISOR = 'supervisor'
-HEARTBEAT = 'heartbeat'
-FORCE = 'force'
-_TEMPERATURE = 'temperature'
-_FORCE_LIMIT = 'force_limit'
-
-
-class Refused(StimulationError):
-    """A driver does not do what it was asked to; ``limit`` names what stands against it."""
-
-    def __init__(self, limit: str, reason: str) -> None:
-        super().__init__(reason)
-        self.limit = limit
+from rpms_ros.stimulation.thermal import CoilTemperature
 
 
 @dataclass(frozen=True)
@@ -76,15 +64,15 @@ class Fired:
     delivered_sequence: int
 
 
-class StimulatorCore:
-    """State, limits, interlocks and device of one stimulator.
+class StimulatorCore(Guard):
+    """Runs schedules on a device, one at a time, within limits.
 
     Parameters
     ----------
     device : Device
         What gives the pulses.
-    limits : Limits
-        What no pulse may go beyond.
+    profile : Profile
+        What the device can do.
     settings : DriverSettings
         How it watches over itself.
     clock : callable
@@ -94,75 +82,29 @@ class StimulatorCore:
     def __init__(
         self,
         device: Device,
-        limits: Limits,
+        profile: Profile,
         settings: DriverSettings,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.device = device
-        self.limits = limits
-        self.settings = settings
-        self.gate = PulseGate(limits)
+        if profile.thermal is not None:
+            lowest = min(settings.temperature_limit, profile.thermal.cutout)
+            settings = replace(settings, temperature_limit=lowest)
+        super().__init__(device, settings, clock)
+        if device.real and profile.simulated_only:
+            raise StimulationError(
+                f'expected the profile of a real device, got {profile.name!r}, which is for a '
+                'simulated one only'
+            )
+        self.profile = profile
+        self.limits = profile.limits
+        self.gate = PulseGate(profile.limits)
+        self.coil = CoilTemperature(profile.thermal, clock()) if profile.thermal else None
         self.lateness = Lateness()
-        self.faults: Counter[str] = Counter()
-        self.state = State.UNCONFIGURED
-        self.reason = 'not configured'
         self.run: Run | None = None
         self.commanded = 0
         self.delivered = 0
         self.dropped = 0
-        self.temperature: float | None = None
-        self.interlocks = Interlocks(_timeouts_ns(settings))
-        self._clock = clock
-        self._lock = threading.RLock()
-        self._device_lock = threading.Lock()
-        self._permit = False
-        self._stops = 0
-        self._active_ns = 0
-        self._alive_ns = 0
         self._firing_since_ns: int | None = None
-
-    # commands
-
-    def configure(self) -> None:
-        """Open the device.
-
-        Raises
-        ------
-        StimulationError
-            If it is open already or does not answer.
-        """
-        with self._lock:
-            after(self.state, Command.CONFIGURE)
-        self.device.open()
-        self._enter(Command.CONFIGURE, 'device open, disarmed')
-
-    def arm(self) -> None:
-        """Make pulses possible.
-
-        Raises
-        ------
-        Refused
-            If a stop is latched or an interlock is open.
-        StimulationError
-            If the state does not allow it or the device does not answer.
-        """
-        with self._lock:
-            after(self.state, Command.ARM)
-            self._refuse_if_open()
-            stops = self._stops
-        try:
-            self.device.arm()
-        except DeviceError as error:
-            self.fail('device', str(error))
-            raise
-        with self._lock:
-            if stops == self._stops and self.state is State.DISARMED:
-                self._active_ns = self._alive_ns = self._clock()
-                self._enter(Command.ARM, 'armed')
-                self._permit = True
-                return
-        self.device.disarm()
-        raise Refused('stop', f'arm: expected no stop meanwhile, got one: {self.reason}')
 
     def check_start(self, schedule: Schedule) -> None:
         """Raise what `start` would raise."""
@@ -185,7 +127,7 @@ class StimulatorCore:
         with self._lock:
             after(self.state, Command.START)
             self._refuse_if_open()
-            start = self._clock() + _ns(self.settings.lead_s)
+            start = self._clock() + nanoseconds(self.settings.lead_s)
             self.run = Run(schedule, start)
             self._enter(Command.START, f'running {schedule.name}')
             return self.run
@@ -196,87 +138,6 @@ class StimulatorCore:
             if self.state is State.RUNNING:
                 self._end_run(reason)
                 self._enter(Command.FINISH, reason)
-
-    def disarm(self, reason: str = 'disarmed') -> None:
-        """Make pulses impossible: intensity zero first, everything else after."""
-        self._silence()
-        with self._lock:
-            self._end_run(reason)
-            if self.state in (State.ARMED, State.RUNNING):
-                self._enter(Command.DISARM, reason)
-
-    def cleanup(self, reason: str = 'device closed') -> None:
-        """Let go of the device, from whatever state."""
-        self.disarm(reason)
-        try:
-            self.device.close()
-        except DeviceError as error:
-            self.faults['device'] += 1
-            reason = f'{reason}; {error}'
-        self._enter(Command.CLEANUP, reason)
-
-    def fail(self, name: str, reason: str) -> None:
-        """Go to the safe state because something is wrong with the device."""
-        self._silence()
-        with self._lock:
-            self.faults[name] += 1
-            self._end_run(reason)
-            self._enter(Command.FAIL, reason)
-
-    def stop(self, name: str, reason: str) -> None:
-        """Stop at once and latch it, in whatever state."""
-        self._silence()
-        with self._lock:
-            self.faults[name] += 1
-            self.interlocks.latch(name, reason)
-            self._end_run(reason)
-            self.state = after(self.state, Command.STOP)
-            if self.state is not State.FAULT:
-                self.reason = reason
-
-    def reset(self) -> None:
-        """Let go of a latched stop.
-
-        Raises
-        ------
-        StimulationError
-            If its cause is still there.
-        """
-        with self._lock:
-            self.interlocks.reset(self._clock())
-            if self.state is not State.FAULT:
-                self.reason = 'stop was reset'
-
-    # signs of life and conditions
-
-    def seen(self, name: str) -> None:
-        """Note a sign of life."""
-        self.interlocks.seen(name, self._clock())
-
-    def emergency(self, pressed: bool) -> None:
-        """Take over the state of the emergency-stop button."""
-        if pressed:
-            self.interlocks.open('emergency_stop', 'emergency stop is pressed')
-            self.stop('emergency_stop', 'emergency stop')
-        else:
-            self.interlocks.close('emergency_stop')
-
-    def force(self, newton: float) -> None:
-        """Hold a force sample [N] against its limit; not a number counts as too much."""
-        self.seen(FORCE)
-        self._condition(_FORCE_LIMIT, newton, self.settings.force_limit_n, 'N')
-
-    def measured_temperature(self, celsius: float) -> None:
-        """Hold a coil temperature [Celsius] against its limit."""
-        self.temperature = celsius
-        self._condition(_TEMPERATURE, celsius, self.settings.temperature_limit, 'Celsius')
-
-    @property
-    def coil_temperature(self) -> float:
-        """Measured temperature of the coil [Celsius]; not a number if nothing measures it."""
-        return math.nan if self.temperature is None else self.temperature
-
-    # the threads
 
     def due_ns(self) -> int | None:
         """Return when there is something to do [ns], None if nothing is running."""
@@ -304,36 +165,39 @@ class StimulatorCore:
     def supervise(self) -> None:
         """Watch over everything else; called steadily by a thread of its own."""
         now = self._clock()
-        self.interlocks.seen(SUPERVISOR, now)
+        self.seen(SUPERVISOR)
         with self._lock:
-            if self.state not in (State.ARMED, State.RUNNING):
-                return
-            problem = self.interlocks.problem(now)
+            possible = self.state in POSSIBLE
+            problem = self.interlocks.problem(now) if possible else None
             since = self._firing_since_ns
             idle_s = (now - self._active_ns) / NANOSECONDS_PER_SECOND
         if problem is not None:
             self.stop(*problem)
-        elif since is not None and now - since > _ns(self.settings.stuck_limit_s):
+        elif since is not None and now - since > nanoseconds(self.settings.stuck_limit_s):
             limit = self.settings.stuck_limit_s
+            self._firing_since_ns = None
             self.fail('stuck', f'expected an answer of the device within {limit:g} s, got none')
-        elif idle_s > self.limits.idle_disarm_s:
+        elif possible and idle_s > self.limits.idle_disarm_s:
             self.faults['idle'] += 1
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
-        else:
-            self._keep_alive(now)
+        elif self.state in (State.DISARMED, *POSSIBLE):
+            self._look_after_device(now)
 
-    def status(self) -> tuple[State, bool, str]:
-        """Return state, whether a stop is latched, and the reason in plain words."""
+    @property
+    def coil_temperature(self) -> float:
+        """Temperature of the coil [Celsius], measured or modelled; NaN if neither is known."""
         with self._lock:
-            return self.state, self.interlocks.latched, self.reason
+            return math.nan if self.coil is None else self.coil.at(self._clock())
 
-    def _keep_alive(self, now: int) -> None:
-        if now - self._alive_ns < _ns(self.settings.keep_alive_s):
+    def _look_after_device(self, now: int) -> None:
+        """Keep an armed device alive, and look at its temperature."""
+        if now - self._alive_ns < nanoseconds(self.settings.keep_alive_s):
             return
         if not self._device_lock.acquire(blocking=False):
             return
         try:
-            self.device.keep_alive()
+            if self.state in POSSIBLE:
+                self.device.keep_alive()
             celsius = self.device.temperature()
         except DeviceError as error:
             self.fail('device', str(error))
@@ -341,8 +205,13 @@ class StimulatorCore:
         finally:
             self._device_lock.release()
         self._alive_ns = now
+        with self._lock:
+            if celsius is not None and self.coil is not None:
+                self.coil.measured(now, celsius)
+            elif self.coil is not None:
+                celsius = self.coil.at(now)
         if celsius is not None:
-            self.measured_temperature(celsius)
+            self.temperature(celsius)
 
     def _permitted(self) -> Fired | None:
         """Return the next pulse, booked, if it may be fired now; deal with it if it may not."""
@@ -356,7 +225,7 @@ class StimulatorCore:
         if run.exhausted:
             self._finish(run)
             return None
-        if now - run.due_ns > _ns(self.settings.lateness_limit_s):
+        if now - run.due_ns > nanoseconds(self.settings.lateness_limit_s):
             self._drop(run, 'late')
             return None
         refusal = self.gate.refusal(now, run.intensity, run.schedule.width_s)
@@ -370,8 +239,11 @@ class StimulatorCore:
         return None
 
     def _booked(self, run: Run, now: int) -> Fired:
+        energy = self.limits.energy_j(run.intensity)
         self.gate.book(now, run.intensity)
-        run.energy_j += self.limits.energy_j(run.intensity)
+        if self.coil is not None:
+            self.coil.heat(now, energy)
+        run.energy_j += energy
         self._active_ns = now
         pulse = Fired(
             run.due_ns, run.intensity, run.schedule.width_s, self.commanded, None, self.delivered
@@ -415,23 +287,6 @@ class StimulatorCore:
             )
         return replace(pulse, delivery=delivery)
 
-    def _condition(self, name: str, value: float, limit: float, unit: str) -> None:
-        if value <= limit:
-            self.interlocks.close(name)
-            return
-        reason = f'{name}: expected at most {limit:g} {unit}, got {value:g} {unit}'
-        self.interlocks.open(name, reason)
-        if self.state in (State.ARMED, State.RUNNING):
-            self.stop(name, reason)
-
-    def _refuse_if_open(self) -> None:
-        if self.interlocks.latched:
-            why = self.interlocks.latched_reason
-            raise Refused('stop', f'expected the latched stop to be reset, got: {why}')
-        problem = self.interlocks.problem(self._clock())
-        if problem is not None:
-            raise Refused(*problem)
-
     def _refuse_undeliverable(self, schedule: Schedule) -> None:
         left = self.limits.session_pulses - self.gate.session_pulses
         if schedule.pulse_count > left:
@@ -440,37 +295,24 @@ class StimulatorCore:
                 f'session_pulses: expected at most {left} more pulses in this session, '
                 f'got {schedule.pulse_count}',
             )
-        start = self._clock() + _ns(self.settings.lead_s)
-        for refusal in refusals(self.gate.trial(), schedule, start):
-            raise Refused(refusal.limit, f'{refusal.limit}: {refusal.reason}')
+        start = self._clock() + nanoseconds(self.settings.lead_s)
+        ahead = forecast_plan(
+            schedule.plan, schedule.width_s, self.gate.trial(), copy(self.coil), start
+        )
+        for violation in ahead.violations:
+            raise Refused(
+                violation.limit,
+                f'{violation.limit}: {violation.reason}; at {violation.time_s:.4g} s of the '
+                f'schedule, mean power {ahead.mean_power_w:.4g} W{self._advice(ahead)}',
+            )
 
-    def _silence(self) -> None:
-        self._stops += 1
-        self._permit = False
-        self.device.disarm()
+    def _advice(self, ahead: Forecast) -> str:
+        """Return what could go on for ever at the same rate, in words."""
+        if not ahead.max_rate_hz > 0.0:
+            return ''
+        highest = self.limits.highest_intensity(ahead.max_rate_hz)
+        return f'; at {ahead.max_rate_hz:.4g} Hz intensities up to {highest:.3f} can be delivered'
 
     def _end_run(self, reason: str) -> None:
         if self.run is not None and not self.run.ended:
             self.run.ended = reason
-
-    def _enter(self, command: Command, reason: str) -> None:
-        with self._lock:
-            self.state = after(self.state, command)
-            self.reason = reason
-
-
-def _ns(seconds: float) -> int:
-    return round(seconds * NANOSECONDS_PER_SECOND)
-
-
-def _timeouts_ns(settings: DriverSettings) -> dict[str, int]:
-    """Return the signs of life that have to keep coming, with their longest age [ns]."""
-    timeouts = {
-        EXECUTOR: _ns(settings.executor_timeout_s),
-        SUPERVISOR: _ns(settings.supervisor_timeout_s),
-    }
-    if settings.heartbeat_timeout_s > 0:
-        timeouts[HEARTBEAT] = _ns(settings.heartbeat_timeout_s)
-    if settings.force_limit_n > 0:
-        timeouts[FORCE] = _ns(settings.force_timeout_s)
-    return timeouts

@@ -9,11 +9,11 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from copy import copy
+from functools import partial
 from typing import NamedTuple
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.schedule import Schedule
 
 # Onsets are whole nanoseconds: a planned interval may be short by the rounding of both its ends.
 _ROUNDING_NS = 2
@@ -80,14 +80,22 @@ class PulseGate:
         width_s : float
             Duration [s].
         """
-        return (
-            self._by_shape(intensity, width_s)
-            or self._by_step(time_ns, intensity)
-            or self._by_interval(time_ns, intensity)
-            or self._by_train(time_ns)
-            or self._by_energy(time_ns, intensity)
-            or self._by_session(intensity)
+        return next(self.refusals(time_ns, intensity, width_s), None)
+
+    def refusals(self, time_ns: int, intensity: float, width_s: float) -> Iterator[Refusal]:
+        """Yield everything that stands against a pulse, as `refusal` does the first."""
+        checks = (
+            partial(self._by_shape, intensity, width_s),
+            partial(self._by_step, time_ns, intensity),
+            partial(self._by_interval, time_ns, intensity),
+            partial(self._by_train, time_ns),
+            partial(self._by_energy, time_ns, intensity),
+            partial(self._by_session, intensity),
         )
+        for check in checks:
+            found = check()
+            if found is not None:
+                yield found
 
     def book(self, time_ns: int, intensity: float) -> None:
         """Count a pulse that is about to be fired: booked first, so that a fault counts too."""
@@ -96,7 +104,10 @@ class PulseGate:
             self._train_start_ns, self._train_pulses, self._train_energy_j = time_ns, 0, 0.0
             self._counted_ns = time_ns
         else:
-            self._counted_ns = max(time_ns, self._earliest_ns(intensity)[0])
+            earliest = self._earliest_ns(intensity)[0]
+            # a pulse that a forecast books against the limit leaves no debt to the next one
+            early = time_ns < earliest - self._tolerance_ns
+            self._counted_ns = time_ns if early else max(time_ns, earliest)
         self._train_pulses += 1
         self._train_energy_j += energy
         self._window.append((time_ns, energy))
@@ -222,16 +233,3 @@ class PulseGate:
             'session_energy_j',
             f'expected at most {self.limits.session_energy_j:g} J a session, got {energy:.6g} J',
         )
-
-
-def refusals(gate: PulseGate, schedule: Schedule, start_ns: int) -> Iterator[Refusal]:
-    """Yield every refusal of a schedule that begins at ``start_ns`` [ns]; refused pulses count.
-
-    The gate is used up: give it a trial gate.
-    """
-    plan = schedule.plan
-    for onset, intensity in zip(plan.onset_ns.tolist(), plan.intensity.tolist(), strict=True):
-        refusal = gate.refusal(start_ns + onset, intensity, schedule.width_s)
-        if refusal is not None:
-            yield refusal
-        gate.book(start_ns + onset, intensity)

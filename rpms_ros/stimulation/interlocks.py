@@ -6,11 +6,10 @@ and is held against its age at every single pulse, not by a timer that could its
 is possible is latched: closing it again is not enough, somebody has to reset it.
 """
 
+import threading
 from collections.abc import Mapping
 
 from rpms_ros.errors import StimulationError
-
-EMERGENCY_STOP = 'emergency_stop'
 
 
 class Interlocks:
@@ -24,6 +23,7 @@ class Interlocks:
 
     def __init__(self, timeouts_ns: Mapping[str, int]) -> None:
         self._timeouts_ns = dict(timeouts_ns)
+        self._lock = threading.Lock()
         self._seen_ns: dict[str, int] = {}
         self._conditions: dict[str, str] = {}
         self._latched: dict[str, str] = {}
@@ -36,7 +36,8 @@ class Interlocks:
     @property
     def latched_reason(self) -> str:
         """The first cause of the latched stop in plain words; empty without one."""
-        return next(iter(self._latched.values()), '')
+        with self._lock:
+            return next(iter(self._latched.values()), '')
 
     def watches(self, name: str) -> bool:
         """Return whether ``name`` is a sign of life that has to keep coming."""
@@ -44,35 +45,40 @@ class Interlocks:
 
     def seen(self, name: str, now_ns: int) -> None:
         """Note a sign of life."""
-        self._seen_ns[name] = now_ns
+        with self._lock:
+            self._seen_ns[name] = now_ns
 
     def open(self, name: str, reason: str) -> None:
         """Note that a condition does not hold."""
-        self._conditions[name] = reason
+        with self._lock:
+            self._conditions[name] = reason
 
     def close(self, name: str) -> None:
         """Note that a condition holds again."""
-        self._conditions.pop(name, None)
+        with self._lock:
+            self._conditions.pop(name, None)
 
     def problem(self, now_ns: int) -> tuple[str, str] | None:
         """Return name and reason of the first open interlock, None if all are closed."""
-        for name, reason in self._conditions.items():
-            return name, reason
-        for name, timeout in self._timeouts_ns.items():
-            seen = self._seen_ns.get(name)
-            if seen is None:
-                return name, f'{name}: expected a sign of life, got none yet'
-            if now_ns - seen > timeout:
-                age = (now_ns - seen) / 1e9
-                return name, (
-                    f'{name}: expected a sign of life within {timeout / 1e9:g} s, '
-                    f'got none for {age:.3g} s'
-                )
-        return None
+        with self._lock:
+            for name, reason in self._conditions.items():
+                return name, reason
+            for name, timeout in self._timeouts_ns.items():
+                seen = self._seen_ns.get(name)
+                if seen is None:
+                    return name, f'{name}: expected a sign of life, got none yet'
+                if now_ns - seen > timeout:
+                    age = (now_ns - seen) / 1e9
+                    return name, (
+                        f'{name}: expected a sign of life within {timeout / 1e9:g} s, '
+                        f'got none for {age:.3g} s'
+                    )
+            return None
 
     def latch(self, name: str, reason: str) -> None:
         """Latch a stop; the first cause is kept in front."""
-        self._latched.setdefault(name, reason)
+        with self._lock:
+            self._latched.setdefault(name, reason)
 
     def reset(self, now_ns: int) -> None:
         """Let go of a latched stop.
@@ -82,11 +88,12 @@ class Interlocks:
         StimulationError
             If a cause is still there.
         """
-        for name, reason in self._conditions.items():
-            raise StimulationError(f'reset: expected the cause {name} gone, got {reason}')
-        for name in self._latched:
-            seen = self._seen_ns.get(name)
-            timeout = self._timeouts_ns.get(name)
-            if timeout is not None and (seen is None or now_ns - seen > timeout):
-                raise StimulationError(f'reset: expected {name} to come again, got nothing')
-        self._latched.clear()
+        with self._lock:
+            for name, reason in self._conditions.items():
+                raise StimulationError(f'reset: expected the cause {name} gone, got {reason}')
+            for name in self._latched:
+                seen = self._seen_ns.get(name)
+                timeout = self._timeouts_ns.get(name)
+                if timeout is not None and (seen is None or now_ns - seen > timeout):
+                    raise StimulationError(f'reset: expected {name} to come again, got nothing')
+            self._latched.clear()

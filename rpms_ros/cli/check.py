@@ -1,0 +1,156 @@
+"""`rpms check`: whether a device can deliver a schedule, why not, and what it could deliver."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+from typing import Any
+
+if TYPE_CHECKING:
+    from rpms_ros.stimulation.forecast import Forecast
+    from rpms_ros.stimulation.forecast import Offer
+    from rpms_ros.stimulation.profile import Profile
+    from rpms_ros.stimulation.schedule import Schedule
+
+_BARS = ' ▁▂▃▄▅▆▇█'
+_WIDTH = 60
+_MOST_WAITS = 5
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add `rpms check`."""
+    parser = subparsers.add_parser(
+        'check',
+        help='say whether a device can deliver a schedule',
+        description=(
+            'Hold a schedule against the limits of a device before anything fires: rates, trains, '
+            'energy, waits and coil temperature.'
+        ),
+        epilog=(
+            'exit status: 0 deliverable, 1 not deliverable, 2 unusable input.  '
+            'example: rpms protocol paper-random --out s.yaml && '
+            'rpms check s.yaml --device rapid2-240v'
+        ),
+    )
+    parser.add_argument('schedule', type=Path, help='YAML file of the schedule')
+    parser.add_argument(
+        '--device', required=True, metavar='PROFILE', help='name of a profile, or its YAML file'
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON object and no more')
+    parser.add_argument(
+        '--plot',
+        type=Path,
+        metavar='FILE',
+        help='write intensity, power and temperature as a figure',
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check a schedule; return 0 if it can be delivered, 1 if not."""
+    from rpms_ros.stimulation.description import load_schedule
+    from rpms_ros.stimulation.forecast import forecast
+    from rpms_ros.stimulation.forecast import offers
+    from rpms_ros.stimulation.profile import load_profile
+
+    schedule = load_schedule(arguments.schedule)
+    profile = load_profile(arguments.device)
+    ahead = forecast(schedule, profile)
+    if arguments.json:
+        print(json.dumps(as_json(ahead)))
+    else:
+        print('\n'.join(report(schedule, profile, ahead)))
+        if not ahead.deliverable:
+            print('\n'.join(_offered(offers(schedule, profile))))
+    if arguments.plot is not None:
+        from rpms_ros.report.schedule_figure import save_schedule_figure
+
+        save_schedule_figure(schedule, profile, ahead, arguments.plot)
+    return 0 if ahead.deliverable else 1
+
+
+def as_json(ahead: 'Forecast') -> dict[str, Any]:
+    """Return a forecast as what JSON can hold."""
+    return {
+        'deliverable': ahead.deliverable,
+        'violations': [
+            {
+                'limit': found.limit,
+                'reason': found.reason,
+                'time_s': found.time_s,
+                'pulses': found.pulses,
+            }
+            for found in ahead.violations
+        ],
+        'mean_power_w': ahead.mean_power_w,
+        'energy_j': ahead.energy_j,
+        'max_rate_hz': ahead.max_rate_hz,
+        'waits_s': list(ahead.waits_s),
+        'temperature_c': ahead.highest_temperature,
+    }
+
+
+def report(schedule: 'Schedule', profile: 'Profile', ahead: 'Forecast') -> list[str]:
+    """Return what a person wants to know, line by line."""
+    verdict = 'deliverable' if ahead.deliverable else 'NOT deliverable'
+    continuous = profile.limits.continuous_power_w
+    lines = [
+        f'{schedule.name} on {profile.name}: {verdict}',
+        f'  pulses       {ahead.pulses} in {ahead.duration_s:g} s, {ahead.max_rate_hz:.4g} Hz',
+        f'  energy       {ahead.energy_j:,.0f} J',
+        f'  mean power   {ahead.mean_power_w:,.0f} W, {continuous:g} W can go on for ever',
+        f'  waits        {_waits(ahead.waits_s)}',
+    ]
+    if ahead.highest_temperature is not None and profile.thermal is not None:
+        lines.append(
+            f'  temperature  {ahead.highest_temperature:.1f} Celsius at most, '
+            f'cut-out {profile.thermal.cutout:g} (model, started at {profile.thermal.ambient:g})'
+        )
+    lines.extend(_plot(schedule, ahead))
+    for found in ahead.violations:
+        lines.append(f'  {found.limit}: {found.reason}')
+        lines.append(f'    first at {found.time_s:.4g} s, {found.pulses} pulses')
+    return lines
+
+
+def _waits(waits: tuple[float, ...]) -> str:
+    if not waits:
+        return 'none'
+    shown = ', '.join(f'{wait:.3g} s' for wait in waits[:_MOST_WAITS])
+    more = len(waits) - _MOST_WAITS
+    return f'{shown} after the train' + (f' and {more} more' if more > 0 else '')
+
+
+def _plot(schedule: 'Schedule', ahead: 'Forecast') -> list[str]:
+    """Return intensity and temperature over time as rows of blocks."""
+    import numpy as np
+
+    plan = schedule.plan
+    if not len(plan):
+        return []
+    column = plan.onset_ns * _WIDTH // max(1, plan.duration_ns)
+    lines = [f'  intensity    |{_bars(column, plan.intensity, 0.0, 1.0)}| 0 to 1']
+    if len(ahead.temperature):
+        low, high = float(ahead.temperature.min()), float(ahead.temperature.max())
+        bars = _bars(column, ahead.temperature, low, np.nextafter(high, np.inf))
+        lines.append(f'  Celsius      |{bars}| {low:.1f} to {high:.1f}')
+    return lines
+
+
+def _bars(column: Any, values: Any, low: float, high: float) -> str:
+    """Return one block a column: the mean of the values that fall into it."""
+    text = ''
+    for index in range(_WIDTH):
+        inside = values[column == index]
+        if not len(inside):
+            text += ' '
+            continue
+        level = (float(inside.mean()) - low) / (high - low)
+        text += _BARS[1 + min(7, int(level * 8))]
+    return text
+
+
+def _offered(found: 'tuple[Offer, ...]') -> list[str]:
+    if not found:
+        return ['  nothing like it could be delivered']
+    return ['  deliverable would be:', *(f'    {offer.change}' for offer in found)]

@@ -1,0 +1,97 @@
+"""`rpms protocol`: schedules with a name, written to a file."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+from typing import Any
+
+if TYPE_CHECKING:
+    from rpms_ros.stimulation.schedule import Schedule
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A schedule that has a name.
+
+    Attributes
+    ----------
+    summary : str
+        What it is for, in a line.
+    build : callable
+        Makes it from the arguments of the command line: rate_hz, duration_s and seed, each None
+        if it was not given.
+    """
+
+    summary: str
+    build: 'Callable[[argparse.Namespace], Schedule]'
+
+
+def _paper_random(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation.presets import paper_random
+
+    return paper_random(**_given(arguments, 'duration_s', 'rate_hz', 'seed'))
+
+
+def _paper_sinusoid(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation.presets import paper_sinusoid
+
+    return paper_sinusoid(**_given(arguments, 'duration_s', 'rate_hz'))
+
+
+def _given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
+    values = {name: getattr(arguments, name) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+PROTOCOLS: dict[str, Protocol] = {
+    'paper-random': Protocol(
+        'uniform random intensity, 0 to 100 %% at 20 Hz for 90 s', _paper_random
+    ),
+    'paper-sinusoid': Protocol(
+        'sinusoidal intensity of period 9 s, 0 to 100 %% at 20 Hz for 90 s', _paper_sinusoid
+    ),
+}
+"""Every protocol by name; another one is another entry."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add `rpms protocol`."""
+    parser = subparsers.add_parser(
+        'protocol',
+        help='write a schedule that has a name',
+        description='Write a schedule as YAML, to run, to check or to change by hand.',
+        epilog='protocols: '
+        + '; '.join(f'{name}: {entry.summary}' for name, entry in PROTOCOLS.items()),
+    )
+    parser.add_argument('name', choices=sorted(PROTOCOLS), help='which one')
+    parser.add_argument('--out', type=Path, required=True, metavar='FILE', help='YAML file')
+    parser.add_argument(
+        '--rate', dest='rate_hz', type=float, metavar='HZ', help='repetition rate instead'
+    )
+    parser.add_argument(
+        '--duration', dest='duration_s', type=float, metavar='S', help='length instead'
+    )
+    parser.add_argument('--seed', type=int, help='seed of what is random')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the schedule and say what it adds up to."""
+    from rpms_ros.errors import StimulationError
+    from rpms_ros.stimulation.description import schedule_to_text
+
+    schedule = PROTOCOLS[arguments.name].build(arguments)
+    try:
+        arguments.out.write_text(schedule_to_text(schedule), encoding='utf-8')
+    except OSError as error:
+        raise StimulationError(
+            f'expected a file to write, got {arguments.out}: {error}'
+        ) from error
+    totals = schedule.totals
+    print(
+        f'{arguments.out}: {totals.pulses} pulses in {totals.duration:g} s, '
+        f'at most {totals.highest_rate_hz:.4g} Hz and intensity {totals.highest_intensity:.3g}'
+    )
+    return 0
