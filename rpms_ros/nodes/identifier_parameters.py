@@ -8,10 +8,11 @@ from rpms_ros.errors import MessageError
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification import PRESETS
+from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import settings_by_name
+from rpms_ros.identification.catalogue import ESTIMATORS
+from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
 
@@ -22,7 +23,7 @@ _STREAM = StreamSettings()
 class IdentifierParameters(NodeParameters):
     """Parameters of the identifier."""
 
-    estimator: str = parameter('recursive', 'Algorithm.', choices=('recursive',))
+    estimator: str = parameter('recursive', 'Algorithm.', choices=tuple(ESTIMATORS))
     preset: str = parameter('table_4', 'Design parameters by name.', choices=tuple(PRESETS))
     seed: int = parameter(0, 'Seed of the random start of the Hessian.', minimum=0)
     repetition_rate: float = parameter(
@@ -90,10 +91,10 @@ def stream_settings(settings: IdentifierParameters) -> StreamSettings:
     )
 
 
-def build_estimator(settings: IdentifierParameters) -> RecursiveEstimator:
+def build_estimator(settings: IdentifierParameters) -> Estimator:
     """Return a fresh estimator."""
-    return RecursiveEstimator(
-        settings_by_name(settings.preset), settings.seed, settings.repetition_rate
+    return estimator_by_name(
+        settings.estimator, settings.preset, settings.seed, settings.repetition_rate
     )
 
 

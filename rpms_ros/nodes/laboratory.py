@@ -187,6 +187,11 @@ class Laboratory:
             self._executor.shutdown()
             context.try_shutdown()
 
+    @property
+    def processes(self) -> dict[str, int]:
+        """Process ids of the nodes by name."""
+        return {name: process.pid for name, process in self._processes.items()}
+
     def step(self, duration: float) -> None:
         """Take what comes for `duration` seconds.
 

@@ -1,0 +1,70 @@
+"""Three nodes as three processes at 1 kHz on real DDS: samples lost, processor time.
+
+The targets are no lost sample and less than one and a half cores for the three together.
+
+python bench/live_graph.py [--duration 60]
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from rpms_ros.nodes.laboratory import Laboratory
+from rpms_ros.nodes.laboratory import LaboratorySettings
+
+FORCE_RATE = 1000.0
+LARGEST_LOAD = 1.5
+TAIL = 1.5
+
+
+def processor_time(process: int) -> float:
+    """Processor time of a process so far, user and system [s]."""
+    fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def measure(laboratory: Laboratory) -> dict[str, float]:
+    """Run the schedule to its end; return cores by process while it ran."""
+    while not laboratory.monitor.has_run:
+        laboratory.step(0.05)
+    begun = time.monotonic()
+    before = {name: processor_time(one) for name, one in laboratory.processes.items()}
+    while not laboratory.monitor.done:
+        laboratory.step(0.05)
+    span = time.monotonic() - begun
+    after = {name: processor_time(one) for name, one in laboratory.processes.items()}
+    laboratory.step(TAIL)
+    laboratory.stop()
+    return {name: (after[name] - before[name]) / span for name in before}
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--duration', type=float, default=60.0, help='seconds of stimulation')
+    arguments = parser.parse_args(argv)
+    settings = LaboratorySettings(
+        plant={'rate': FORCE_RATE, 'noise': 0.02, 'hold_back': 0.05},
+        driver={'duration': arguments.duration},
+        identifier={},
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        with Laboratory(Path(folder) / 'session', settings) as laboratory:
+            cores = measure(laboratory)
+        counts = laboratory.recorder.counts
+        last = laboratory.monitor.estimates[-1]
+    lost = counts['force'].missing(FORCE_RATE)
+    total = sum(cores.values())
+    print(f'live graph, {FORCE_RATE:.0f} Hz for {arguments.duration:g} s, three processes')
+    for name, load in cores.items():
+        print(f'  {name:<18} {load:6.3f} cores')
+    print(f'  {"together":<18} {total:6.3f} cores (target < {LARGEST_LOAD})')
+    print(f'  samples {counts["force"].messages}, lost {lost} (target 0)')
+    print(f'  pulses {counts["pulses"].messages}, faults {dict(last.faults) or "none"}')
+    return 0 if not lost and not last.faults and total < LARGEST_LOAD else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
