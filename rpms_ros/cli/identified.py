@@ -1,0 +1,123 @@
+"""A recording identified: what `rpms identify` shows, as one document."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.identification import DEFAULT_RATE
+from rpms_ros.identification import Estimate
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import identify
+from rpms_ros.identification import settings_by_name
+from rpms_ros.muscle import RecruitmentParameters
+from rpms_ros.muscle import identified_recruitment
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+
+if TYPE_CHECKING:
+    from rpms_ros.identification import Estimator
+    from rpms_ros.recording import Recording
+
+ONE_INTENSITY = (
+    'all pulses have nearly one intensity: only the product of recruitment and dynamics can be '
+    'identified; there is no recruitment curve, and the impulse response is that of a pulse of '
+    'this intensity'
+)
+
+
+@dataclass(frozen=True)
+class IdentificationOptions:
+    """How a recording is identified.
+
+    Attributes
+    ----------
+    estimator : str
+        A key of `ESTIMATORS`.
+    preset : str
+        Design parameters by name: ``table_4`` or ``table_5``.
+    rate_hz : float
+        Repetition rate for which the recruitment curve is stated [Hz].
+    seed : int
+        Of the estimator's random start.
+    """
+
+    estimator: str = 'recursive'
+    preset: str = 'table_4'
+    rate_hz: float = DEFAULT_RATE
+    seed: int = 0
+
+
+def _recursive(options: IdentificationOptions) -> 'Estimator':
+    return RecursiveEstimator(settings_by_name(options.preset), options.seed, options.rate_hz)
+
+
+ESTIMATORS: dict[str, Callable[[IdentificationOptions], 'Estimator']] = {'recursive': _recursive}
+"""Estimators by name."""
+
+
+def identified(
+    recording: 'Recording',
+    options: IdentificationOptions,
+    progress: Callable[[int], object] | None = None,
+) -> IdentifiedSession:
+    """Return what an estimator makes of a recording, as it would have on line."""
+    estimator = ESTIMATORS[options.estimator](options)
+    return identify(estimator, recording.pulses, recording.forces, progress=progress)
+
+
+def as_document(recording: 'Recording', session: IdentifiedSession) -> dict[str, Any]:
+    """Return the result as JSON takes it; what cannot be known is None.
+
+    Forces in N, times in s, rates in Hz, intensities as shares of the maximum.
+    """
+    last = session.last
+    stamps = recording.forces.stamp_ns
+    known = last.curve_known
+    return {
+        'estimator': last.estimator,
+        'samples': len(session.stamp_ns),
+        'pulses': last.pulses,
+        'duration_s': float(stamps.max() - stamps.min()) / NANOSECONDS_PER_SECOND,
+        'rate_hz': last.repetition_rate,
+        'recruitment': _recruitment(last) if known else None,
+        'curve': {
+            'intensity': last.curve_intensity.tolist(),
+            'force': last.curve_force.tolist(),
+        }
+        if known
+        else None,
+        'impulse_response': {
+            'time_s': last.response_time.tolist(),
+            'force': impulse_response(recording, last).tolist(),
+        },
+        'relative_output_error': _number(session.relative_output_error()),
+        'faults': {**recording.facts.faults, **last.faults},
+        'notes': [*recording.facts.remarks, *([] if known else [ONE_INTENSITY])],
+    }
+
+
+def impulse_response(recording: 'Recording', estimate: Estimate) -> FloatArray:
+    """Return the response to one pulse (times,) [N].
+
+    At full intensity; where the recruitment is not known, at the intensity of the pulses, since
+    the response to any other would be made up.
+    """
+    if estimate.curve_known:
+        return estimate.response_force
+    parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
+    applied = float(np.median(recording.pulses.intensity))
+    share = identified_recruitment(parameters, applied) / identified_recruitment(parameters, 1.0)
+    return estimate.response_force * float(share)
+
+
+def _recruitment(estimate: Estimate) -> dict[str, float]:
+    return dict(zip(estimate.nonlinear_names, estimate.nonlinear.tolist(), strict=True))
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

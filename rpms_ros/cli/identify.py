@@ -1,0 +1,155 @@
+"""``rpms identify``: what a recording says about the muscle."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+from typing import Any
+
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import progress
+from rpms_ros.cli.options import read
+from rpms_ros.errors import ReportError
+
+if TYPE_CHECKING:
+    from rpms_ros.identification import IdentifiedSession
+    from rpms_ros.recording import Recording
+
+_DESCRIPTION = """\
+Identifies recruitment and dynamics of the muscle from recorded pulses and force, with the
+estimator that also runs on line: a recording gives the estimates of the live session bit for bit.
+"""
+_EXAMPLES = """\
+  rpms identify bags/sample
+  rpms identify session --out results                  result.json and figures
+  rpms identify session --json | jq .recruitment       one JSON object on stdout
+  rpms identify session --force-topic /left/wrench --axis x --sign -1
+  rpms identify session --preset table_5 --rate-hz 15
+"""
+_CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers,
+        'identify',
+        run,
+        'what a recording says about the muscle',
+        _DESCRIPTION,
+        _EXAMPLES,
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
+    parser.add_argument(
+        '--json', action='store_true', help='one JSON object on stdout and nothing else there'
+    )
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
+    add_reading_options(parser)
+    add_estimator_options(parser)
+
+
+def add_estimator_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how a recording is identified."""
+    group = parser.add_argument_group('estimator')
+    group.add_argument(
+        '--estimator',
+        choices=('recursive',),
+        default='recursive',
+        help='recursive: modified recursive Levenberg-Marquardt (default)',
+    )
+    group.add_argument(
+        '--preset',
+        choices=('table_4', 'table_5'),
+        default='table_4',
+        help='design parameters: Table 4 for slow muscles, Table 5 for experiments '
+        '(default: table_4)',
+    )
+    group.add_argument(
+        '--rate-hz',
+        type=float,
+        default=20.0,
+        metavar='HZ',
+        help='repetition rate for which the recruitment curve is stated [Hz] (default: 20)',
+    )
+    group.add_argument(
+        '--seed', type=int, default=0, help="of the estimator's random start (default: 0)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Identify the recording; return 1 if something was wrong with the recording itself."""
+    from rpms_ros.cli.identified import IdentificationOptions
+    from rpms_ros.cli.identified import as_document
+    from rpms_ros.cli.identified import identified
+
+    options = IdentificationOptions(
+        arguments.estimator, arguments.preset, arguments.rate_hz, arguments.seed
+    )
+    recording = read(arguments.bag, arguments)
+    samples = len(recording.forces)
+    with progress('identifying', samples, 'samples', arguments.quiet) as advance:
+        session = identified(recording, options, advance)
+    document = as_document(recording, session)
+    if arguments.json:
+        print(json.dumps(document, allow_nan=False))
+    else:
+        print(f'{arguments.bag}\n{as_text(document)}')
+    for note in document['notes']:
+        print(f'rpms: warning: {note}', file=sys.stderr)
+    if arguments.out:
+        _write(arguments.out, document, recording, session, str(arguments.bag))
+    return 1 if recording.facts.faults else 0
+
+
+def as_text(document: dict[str, Any]) -> str:
+    """Return the result as a short table."""
+    duration, error = document['duration_s'], document['relative_output_error']
+    response = document['impulse_response']
+    peak = max(response['force'])
+    rows = [
+        ('estimator', document['estimator']),
+        ('data', f'{document["samples"]} samples, {document["pulses"]} pulses, {duration:.3f} s'),
+    ]
+    if document['curve']:
+        recruitment = document['recruitment'].items()
+        rows.append(
+            ('recruitment', '  '.join(f'{name} {value:.4g}' for name, value in recruitment))
+        )
+        curve = document['curve']
+        shown = (f'{_at(curve, share):.4g} N at {share:g}' for share in _CURVE_SHOWN)
+        rows.append((f'steady force at {document["rate_hz"]:g} Hz', ', '.join(shown)))
+    else:
+        rows.append(('recruitment', 'cannot be told from one intensity'))
+    time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
+    rows.append(('one pulse', f'peak {peak:.4g} N after {time_ms:.0f} ms'))
+    shown_error = 'no force' if error is None else f'{100 * error:.3g} % over the last fifth'
+    rows.append(('output error', shown_error))
+    faults = (f'{name} {count}' for name, count in document['faults'].items())
+    rows.append(('faults', ', '.join(faults) or 'none'))
+    width = max(len(label) for label, _ in rows)
+    return '\n'.join(f'  {label:<{width}}  {text}' for label, text in rows)
+
+
+def _at(curve: dict[str, list[float]], share: float) -> float:
+    return curve['force'][round(share * (len(curve['force']) - 1))]
+
+
+def _write(
+    folder: Path,
+    document: dict[str, Any],
+    recording: 'Recording',
+    session: 'IdentifiedSession',
+    title: str,
+) -> None:
+    """Write the result and its figure, as pixels and as vectors."""
+    from rpms_ros.report.session_figure import draw_session
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / 'result.json').write_text(json.dumps(document, allow_nan=False, indent=1))
+    except OSError as error:
+        raise ReportError(f'expected to write into {folder}, got {error}') from error
+    for name in ('session.png', 'session.svg'):
+        draw_session(folder / name, session, recording.pulses, title=title)

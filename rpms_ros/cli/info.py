@@ -1,0 +1,87 @@
+"""``rpms info``: what a recording holds."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+from typing import Any
+
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import progress
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+
+if TYPE_CHECKING:
+    from rpms_ros.recording import RecordingFacts
+
+_DESCRIPTION = """\
+Shows topics, types, numbers of messages, duration and what is wrong with a recording.
+Reads mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer.
+"""
+_EXAMPLES = """\
+  rpms info bags/sample
+  rpms info session/session_0.mcap --json
+"""
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers, 'info', run, 'what a recording holds', _DESCRIPTION, _EXAMPLES
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
+    parser.add_argument('--json', action='store_true', help='one JSON object instead of text')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the facts; return 1 if something is wrong with the recording."""
+    from rpms_ros.recording import read_facts
+
+    with progress('reading', None, 'messages', arguments.quiet) as advance:
+        facts = read_facts(arguments.bag, advance)
+    if arguments.json:
+        json.dump(as_document(facts), sys.stdout, indent=2)
+        print()
+    else:
+        print(as_text(facts))
+    return 1 if facts.faults else 0
+
+
+def as_document(facts: 'RecordingFacts') -> dict[str, Any]:
+    """Return the facts as JSON takes them; times in s."""
+    return {
+        'recording': str(facts.path),
+        'storage': facts.storage,
+        'topics': [
+            {
+                'name': topic.name,
+                'type': topic.type_name,
+                'messages': topic.count,
+                'first_s': topic.first_ns / NANOSECONDS_PER_SECOND,
+                'duration_s': (topic.last_ns - topic.first_ns) / NANOSECONDS_PER_SECOND,
+            }
+            for topic in facts.topics
+        ],
+        'custom': dict(facts.custom),
+        'faults': dict(facts.faults),
+        'remarks': list(facts.remarks),
+    }
+
+
+def as_text(facts: 'RecordingFacts') -> str:
+    """Return the facts as a table."""
+    lines = [f'{facts.path}  ({facts.storage})']
+    rows = [('topic', 'type', 'messages', 'duration', 'rate')]
+    for topic in facts.topics:
+        duration = (topic.last_ns - topic.first_ns) / NANOSECONDS_PER_SECOND
+        rate = f'{(topic.count - 1) / duration:.1f} Hz' if duration > 0 else ''
+        row = (topic.name, topic.type_name, str(topic.count), f'{duration:.3f} s', rate)
+        rows.append(row)
+    widths = [max(len(row[column]) for row in rows) for column in range(5)]
+    for row in rows:
+        texts = (f'{cell:<{width}}' for cell, width in zip(row[:2], widths, strict=False))
+        numbers = (f'{cell:>{width}}' for cell, width in zip(row[2:], widths[2:], strict=True))
+        lines.append(('  ' + '  '.join((*texts, *numbers))).rstrip())
+    lines += [f'  {name}: {value}' for name, value in facts.custom.items()]
+    lines += [f'  warning: {remark}' for remark in facts.remarks]
+    return '\n'.join(lines)

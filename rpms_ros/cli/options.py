@@ -1,0 +1,106 @@
+"""Options that several commands share."""
+
+import argparse
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rpms_ros.recording import Recording
+
+Subparsers = 'argparse._SubParsersAction[argparse.ArgumentParser]'
+# Bars appear only for what takes longer [s].
+_BAR_DELAY = 1.0
+
+
+def add_command(
+    subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]',
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    summary: str,
+    description: str,
+    examples: str,
+) -> argparse.ArgumentParser:
+    """Return the parser of a command with help, examples and ``--quiet``."""
+    parser = subparsers.add_parser(
+        name,
+        help=summary,
+        description=description,
+        epilog=f'examples:\n{examples}',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--quiet', action='store_true', help='no progress bars')
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says where pulses and force are found in a recording."""
+    group = parser.add_argument_group('where the data are')
+    group.add_argument(
+        '--pulses-topic',
+        default='pulses',
+        metavar='NAME',
+        help='topic of delivered pulses, rpms_msgs/Pulse (default: pulses; without a leading '
+        'slash it is found below a namespace too)',
+    )
+    group.add_argument(
+        '--force-topic',
+        default='force',
+        metavar='NAME',
+        help='topic of the force: WrenchStamped, Wrench or Float64 (default: force)',
+    )
+    group.add_argument(
+        '--axis',
+        default='z',
+        metavar='AXIS',
+        help='axis of the wrench along which the muscle pulls: x, y, z or a direction as '
+        '0.6,0,0.8 (default: z; write --axis=-1,0,0 if it begins with a minus)',
+    )
+    group.add_argument(
+        '--sign',
+        type=int,
+        choices=(1, -1),
+        default=1,
+        help='-1 if the sensor shows the pull of the muscle as negative (default: 1)',
+    )
+
+
+def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
+    """Return a recording as the options say."""
+    from rpms_ros.recording import Topics
+    from rpms_ros.recording import read_recording
+
+    with progress('reading', None, 'messages', arguments.quiet) as advance:
+        return read_recording(
+            path,
+            Topics(arguments.pulses_topic, arguments.force_topic),
+            arguments.axis,
+            arguments.sign,
+            advance,
+        )
+
+
+@contextmanager
+def progress(
+    label: str, total: int | None, unit: str, quiet: bool
+) -> Iterator[Callable[[int], None]]:
+    """Show a bar on stderr, if that is a terminal and it takes long; yield what moves it on."""
+    from tqdm import tqdm
+
+    with tqdm(
+        desc=label,
+        total=total,
+        unit=f' {unit}',
+        unit_scale=True,
+        leave=False,
+        delay=_BAR_DELAY,
+        disable=True if quiet else None,
+    ) as bar:
+
+        def advance(count: int) -> None:
+            bar.update(count)
+
+        yield advance

@@ -1,0 +1,252 @@
+"""``rpms simulate``: a recording of a simulated session, without ROS."""
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import progress
+from rpms_ros.errors import RecordingError
+from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+
+if TYPE_CHECKING:
+    from rpms_ros.muscle import Contraction
+    from rpms_ros.muscle import Sensor
+    from rpms_ros.muscle import Subject
+    from rpms_ros.stimulation import Schedule
+
+_DESCRIPTION = """\
+Simulates a session, faster than it would take: a schedule of pulses, a muscle and a force sensor.
+The recording is like one of a laboratory; what is true of the muscle is noted in it (rpms info).
+"""
+_EXAMPLES = """\
+  rpms simulate --out session                               the paper's simulated identification
+  rpms simulate --out session --schedule sinusoid --noise 0.05 --seed 3
+  rpms simulate --out session --subject random --schedule my_schedule.yaml --drift 0.1
+  rpms identify session
+"""
+_SCHEDULES = ('random', 'sinusoid', 'staircase', 'constant')
+_SUBJECTS = ('simulation', 'rpms', 'fes', 'random')
+_DISTURBANCES = {
+    'noise': 'standard deviation of white noise',
+    'offset': 'constant baseline',
+    'drift': 'amplitude of a slow baseline',
+    'artifact': 'peak of the stimulation artifact at full intensity',
+}
+# Long enough that a block is worth its overhead, short enough that a bar moves.
+_BLOCK = 20_000
+_STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+_HIGHEST_RATE = 1e6
+# A fixed time, so that the same options make the same recording in every byte [ns].
+_START_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers, 'simulate', run, 'a recording of a simulated session', _DESCRIPTION, _EXAMPLES
+    )
+    parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3'), default='mcap', help='default: mcap'
+    )
+    parser.add_argument(
+        '--compression', choices=('', 'lz4', 'zstd'), default='', help='of mcap (default: none)'
+    )
+    _add_stimulation(parser.add_argument_group('stimulation'))
+    _add_muscle(parser.add_argument_group('muscle and force sensor'))
+
+
+def _add_stimulation(group: 'argparse._ArgumentGroup') -> None:
+    group.add_argument(
+        '--schedule',
+        default='random',
+        metavar='NAME|FILE',
+        help=f'{", ".join(_SCHEDULES)}, or a YAML file (default: random)',
+    )
+    group.add_argument(
+        '--duration', type=float, default=90.0, metavar='S', help='length [s] (default: 90)'
+    )
+    group.add_argument(
+        '--pulse-rate', type=float, default=20.0, metavar='HZ', help='[Hz] (default: 20)'
+    )
+    group.add_argument(
+        '--intensity',
+        type=float,
+        default=1.0,
+        metavar='SHARE',
+        help='of the constant schedule, share of the maximum (default: 1)',
+    )
+    group.add_argument(
+        '--seed', type=int, default=1, help='of pulses, noise and random subject (default: 1)'
+    )
+
+
+def _add_muscle(group: 'argparse._ArgumentGroup') -> None:
+    group.add_argument(
+        '--subject',
+        choices=_SUBJECTS,
+        default='simulation',
+        help='muscle of the simulated identification (Table 4), average magnetic or electrical '
+        '(Tables 1 to 3), or random (default: simulation)',
+    )
+    group.add_argument(
+        '--own-rates',
+        action='store_true',
+        help='weight each pulse by its own repetition rate; default for a schedule file, while '
+        'the others take --pulse-rate for all',
+    )
+    group.add_argument(
+        '--rate', type=float, default=1000.0, metavar='HZ', help='of the force (default: 1000)'
+    )
+    for name, what in _DISTURBANCES.items():
+        group.add_argument(
+            f'--{name}', type=float, default=0.0, metavar='N', help=f'{what} [N] (default: 0)'
+        )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate and record the session."""
+    from rpms_ros.muscle import Contraction
+    from rpms_ros.muscle import Disturbances
+    from rpms_ros.muscle import Sensor
+    from rpms_ros.recording import write_recording
+
+    if arguments.out.exists():
+        raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
+    schedule = _schedule(arguments)
+    subject = _subject(arguments)
+    disturbances = Disturbances(**{name: getattr(arguments, name) for name in _DISTURBANCES})
+    from_file = arguments.schedule not in _SCHEDULES
+    fixed_rate = None if arguments.own_rates or from_file else arguments.pulse_rate
+    pulses = schedule.pulses(_START_NS)
+    stamp_ns = _grid(schedule.length_s, arguments.rate)
+    with progress('simulating', len(stamp_ns), 'samples', arguments.quiet) as advance:
+        forces = simulated_force(
+            Contraction(subject, fixed_rate),
+            Sensor(disturbances, arguments.seed),
+            pulses,
+            stamp_ns,
+            advance,
+        )
+    write_recording(
+        arguments.out,
+        pulses,
+        forces,
+        storage=arguments.storage,
+        compression=arguments.compression,
+        custom=_notes(arguments, schedule, subject),
+    )
+    print(f'{arguments.out}: {len(pulses)} pulses, {len(forces)} samples, {schedule.length_s:g} s')
+    return 0
+
+
+def simulated_force(
+    contraction: 'Contraction',
+    sensor: 'Sensor',
+    pulses: PulseTrain,
+    stamp_ns: IntArray,
+    advance: Callable[[int], None] = lambda _: None,
+) -> ForceTrace:
+    """Return what a force sensor shows of a stimulated muscle.
+
+    Parameters
+    ----------
+    contraction : Contraction
+        The muscle, before any pulse.
+    sensor : Sensor
+        The sensor.
+    pulses : PulseTrain
+        Ascending in onset.
+    stamp_ns : ndarray of int64, shape (samples,)
+        Ascending times of the samples [ns].
+    advance : callable
+        Is told how many samples were made since the last call.
+    """
+    force = np.empty(len(stamp_ns))
+    done = 0
+    for begin in range(0, len(stamp_ns), _BLOCK):
+        part = slice(begin, begin + _BLOCK)
+        due = int(np.searchsorted(pulses.onset_ns, stamp_ns[part][-1], side='right'))
+        contraction.add_pulses(pulses.onset_ns[done:due], pulses.intensity[done:due])
+        # The artifact of the pulse before this block reaches into it.
+        near = slice(max(0, done - 1), due)
+        force[part] = sensor.measure(
+            stamp_ns[part],
+            contraction.force(stamp_ns[part]),
+            pulses.onset_ns[near],
+            pulses.intensity[near],
+        )
+        done = due
+        advance(len(stamp_ns[part]))
+    return ForceTrace(stamp_ns, force)
+
+
+def _grid(length_s: float, rate_hz: float) -> IntArray:
+    """Return the stamps (samples,) [ns] of a session from its start up to its end."""
+    if not 0 < rate_hz <= _HIGHEST_RATE:
+        raise RecordingError(
+            f'expected a rate of the force up to {_HIGHEST_RATE:g} Hz, got {rate_hz}'
+        )
+    count = np.arange(round(length_s * rate_hz), dtype=np.int64)
+    elapsed: IntArray = np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
+    return elapsed + _START_NS
+
+
+def _schedule(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation import constant
+    from rpms_ros.stimulation import load_schedule
+    from rpms_ros.stimulation import paper_random
+    from rpms_ros.stimulation import paper_sinusoid
+    from rpms_ros.stimulation import staircase
+
+    duration, rate = arguments.duration, arguments.pulse_rate
+    match arguments.schedule:
+        case 'random':
+            return paper_random(duration, rate, arguments.seed)
+        case 'sinusoid':
+            return paper_sinusoid(duration, rate)
+        case 'staircase':
+            return staircase(step_s=duration / len(_STAIRS), rate_hz=rate, levels=_STAIRS)
+        case 'constant':
+            return constant(arguments.intensity, duration, rate)
+    path = Path(arguments.schedule)
+    if not path.exists():
+        raise StimulationError(
+            f'expected a schedule of {", ".join(_SCHEDULES)} or a file, got {arguments.schedule}'
+        )
+    return load_schedule(path)
+
+
+def _subject(arguments: argparse.Namespace) -> 'Subject':
+    from rpms_ros.muscle import random_subject
+    from rpms_ros.muscle import subject_by_name
+
+    if arguments.subject == 'random':
+        return random_subject(np.random.default_rng(arguments.seed))
+    return subject_by_name(arguments.subject)
+
+
+def _notes(
+    arguments: argparse.Namespace,
+    schedule: 'Schedule',
+    subject: 'Subject',
+) -> dict[str, str]:
+    """Return what is true of the session, for metadata.yaml."""
+    return {
+        'subject': json.dumps(asdict(subject)),
+        'disturbances': json.dumps(
+            {name: getattr(arguments, name) for name in _DISTURBANCES if getattr(arguments, name)}
+        ),
+        'schedule': schedule.name,
+        'seed': str(arguments.seed),
+    }
