@@ -11,7 +11,6 @@ from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
     from rpms_ros.muscle import Subject
-    from rpms_ros.nodes.identifier_parameters import IdentifierParameters
     from rpms_ros.nodes.laboratory import Laboratory
     from rpms_ros.nodes.laboratory import LaboratorySettings
 
@@ -183,10 +182,8 @@ def _show(laboratory: 'Laboratory', subject: 'Subject', duration: float) -> None
 
 def _report(laboratory: 'Laboratory', subject: 'Subject', settings: 'LaboratorySettings') -> int:
     """Identify the recording, print what came out, draw the figure; return the exit code."""
-    from rpms_ros.identification import identify
-    from rpms_ros.nodes.identifier_parameters import IdentifierParameters
-    from rpms_ros.nodes.identifier_parameters import build_estimator
-    from rpms_ros.nodes.identifier_parameters import stream_settings
+    from rpms_ros.cli.identified import IdentificationOptions
+    from rpms_ros.cli.identified import identified
     from rpms_ros.nodes.laboratory import RECORDING
     from rpms_ros.recording import read_recording
     from rpms_ros.report.agreement import compare
@@ -195,18 +192,14 @@ def _report(laboratory: 'Laboratory', subject: 'Subject', settings: 'LaboratoryS
 
     path = laboratory.folder / RECORDING
     recording = read_recording(path)
-    parameters = IdentifierParameters(**settings.identifier)
-    session = identify(
-        build_estimator(parameters),
-        recording.pulses,
-        recording.forces,
-        stream_settings(parameters),
-    )
+    preset = settings.identifier['preset']
+    # what `rpms identify` does, on what the identifier heard
+    session = identified(recording, IdentificationOptions(preset=preset))
     print(truth_table(session, subject))
     figure = laboratory.folder / 'demo.png'
     draw_session(figure, session, recording.pulses, subject, _title(settings))
     print(f'  figure     {figure}')
-    print(f'  recording  {path}  (rpms identify {path}{_options(parameters)})')
+    print(f'  recording  {path}  (rpms identify {path} --preset {preset})')
     faults = dict(laboratory.monitor.estimates[-1].faults)
     lost = laboratory.recorder.counts['force'].missing(FORCE_RATE)
     print(f'  samples    {len(recording.forces)}, lost {lost}; faults {faults or "none"}')
@@ -228,7 +221,3 @@ def _title(settings: 'LaboratorySettings') -> str:
         f'Live session: subject {plant["subject"]}, {schedule} intensities at '
         f'{driver["rate"]:g} Hz, noise {plant["noise"]:g} N'
     )
-
-
-def _options(parameters: 'IdentifierParameters') -> str:
-    return '' if parameters.preset == 'table_4' else f' --preset {parameters.preset}'

@@ -42,6 +42,7 @@ RECORDING = 'recording'
 # Compiling for the first time takes most of it.
 STARTUP_LIMIT = 90.0
 _PATIENCE = 5.0
+_LOOK_PERIOD = 0.2
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,7 @@ class Laboratory:
         self._settings = settings
         self._cleanup = contextlib.ExitStack()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._next_look = 0.0
 
     def __enter__(self) -> 'Laboratory':
         try:
@@ -203,6 +205,13 @@ class Laboratory:
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=min(left, 0.05))
+            self._expect_running()
+
+    def _expect_running(self) -> None:
+        now = time.monotonic()
+        if now < self._next_look:
+            return
+        self._next_look = now + _LOOK_PERIOD
         for name, process in self._processes.items():
             if process.poll() is not None:
                 said = (self.folder / f'{name}.txt').read_text().strip().splitlines()

@@ -1,0 +1,128 @@
+"""The laboratory end to end: in one process, and as three with a recording."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rclpy.node import Node
+
+from rpms_msgs.msg import MuscleEstimate
+from rpms_ros import messages
+from rpms_ros.errors import NodeError
+from rpms_ros.identification import Estimate
+from rpms_ros.nodes import qos
+from rpms_ros.nodes.identifier import Identifier
+from rpms_ros.nodes.laboratory import Laboratory
+from rpms_ros.nodes.laboratory import LaboratorySettings
+from rpms_ros.nodes.plant_simulator import PlantSimulator
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.recording import read_recording
+
+RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
+
+
+def processes_of(folder: Path) -> list[int]:
+    """Processes that were started with a file in this folder and still run."""
+    found = []
+    for path in Path('/proc').glob('[0-9]*'):
+        try:
+            command = (path / 'cmdline').read_bytes()
+        except OSError:
+            continue  # it has ended meanwhile
+        if f'{folder}/'.encode() in command and int(path.name) != os.getpid():
+            found.append(int(path.name))
+    return found
+
+
+def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
+    estimates: list[Estimate] = []
+    probe = graph.add(lambda **options: Node('probe', **options))
+    probe.create_subscription(
+        MuscleEstimate,
+        'estimate',
+        lambda message: estimates.append(messages.estimate_of(message)),
+        qos.ESTIMATE,
+    )
+    identifier = graph.add(Identifier)
+    graph.add(PlantSimulator, subject='simulation', minimum_subscribers=1, hold_back=0.05)
+    graph.add(
+        StimulatorDriver,
+        autostart=True,
+        require_heartbeat=False,
+        minimum_subscribers=2,
+        duration=2.0,
+        low=0.4,
+    )
+    graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses >= 20, 30.0)
+    graph.wait_for(lambda: estimates[-1].samples >= 2000, 30.0)
+    assert identifier.stream.fault_counts == {}
+    assert estimates[-1].curve_known
+    # after two seconds not good yet, but no longer the start of 0 N
+    assert 5.0 < estimates[-1].curve_force[-1] < 20.0
+
+
+def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path: Path) -> None:
+    folder = tmp_path / 'demo'
+    done = subprocess.run(
+        [*RPMS, 'demo', '--duration', '2', '--noise', '0.01', '--out', str(folder)],
+        text=True,
+        capture_output=True,
+        check=False,
+        timeout=100,
+    )
+    assert (done.returncode, done.stderr) == (0, ''), done.stdout
+    assert 'live estimates, bit for bit' in done.stdout
+    assert 'lost 0; faults none' in done.stdout
+    assert (folder / 'demo.png').stat().st_size > 10_000
+    recording = read_recording(folder / 'recording')
+    assert len(recording.forces) > 2000
+    # 20 Hz for 2 s; a busy machine may make the driver drop one or the other
+    assert 30 <= len(recording.pulses) <= 40
+    assert 'estimate' in {facts.name.strip('/') for facts in recording.facts.topics}
+    assert processes_of(folder) == []
+
+
+@pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_no_process_is_left_behind(
+    tmp_path: Path, wait_for: Callable[..., None], stop: signal.Signals
+) -> None:
+    folder = tmp_path / 'demo'
+    with subprocess.Popen(
+        [*RPMS, 'demo', '--out', str(folder)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        wait_for(lambda: len(processes_of(folder)) == 3, 30.0)
+        # all of them listen by then, or are about to
+        wait_for(lambda: (folder / 'recording').exists(), 30.0)
+        process.send_signal(stop)
+        _, errors = process.communicate(timeout=30)
+    wait_for(lambda: processes_of(folder) == [], 30.0)
+    assert 'Traceback' not in errors
+    if stop == signal.SIGINT:
+        assert process.returncode == 130
+
+
+def test_a_process_that_ends_too_early_is_named_with_its_last_words(tmp_path: Path) -> None:
+    settings = LaboratorySettings(plant={'rate': 1000}, driver={}, identifier={})
+    lines = r'expected plant_simulator to run, got exit code 2: error: parameter rate: expected'
+    with (
+        Laboratory(tmp_path / 'session', settings) as laboratory,
+        pytest.raises(NodeError, match=lines),
+    ):
+        laboratory.step(30.0)
+    assert processes_of(tmp_path) == []
+
+
+def test_a_folder_that_exists_is_not_overwritten(tmp_path: Path) -> None:
+    settings = LaboratorySettings(plant={}, driver={}, identifier={})
+    with (
+        pytest.raises(NodeError, match=f'expected a new folder {tmp_path}, got'),
+        Laboratory(tmp_path, settings),
+    ):
+        pass
