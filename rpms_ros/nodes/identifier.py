@@ -48,7 +48,8 @@ class Identifier(Node):
         self._heard = time.monotonic()
         self._estimate = self.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE)
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
-        self.create_subscription(WrenchStamped, topics.FORCE, self._on_force, qos.FORCE)
+        profile = qos.FORCE_BEST_EFFORT if self.settings.best_effort_force else qos.FORCE
+        self.create_subscription(WrenchStamped, topics.FORCE, self._on_force, profile)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.processing_period, self._process, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)

@@ -37,6 +37,9 @@ class IdentifierParameters(NodeParameters):
         'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'
     )
     sign: int = parameter(1, '1 or -1: the pull of the muscle is positive.', minimum=-1, maximum=1)
+    best_effort_force: bool = parameter(
+        False, 'Hear a force sensor that publishes best effort; samples may then be lost.'
+    )
     hold_back: float = parameter(
         _STREAM.hold_back,
         'How long a sample waits for pulses.',

@@ -10,17 +10,24 @@ from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 
 
-def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
+def _profile(
+    depth: int,
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
+) -> QoSProfile:
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
+        reliability=reliability,
         durability=durability,
     )
 
 
 # Five seconds at 1 kHz: longer than compiling or a garbage collection ever takes.
 FORCE = _profile(5000)
+
+# For a subscription to a sensor that does not offer more; it hears reliable ones as well.
+FORCE_BEST_EFFORT = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # A hundred seconds at 50 Hz.
 PULSES = _profile(5000)
@@ -31,6 +38,7 @@ ESTIMATE = _profile(1000)
 STATUS = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
 # What the subscription that use_sim_time makes expects: only the newest time matters.
-CLOCK = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
-)
+CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# What may stop a driver: nothing is skipped, and nothing old is waited for.
+STOP = _profile(10)

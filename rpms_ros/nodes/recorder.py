@@ -51,6 +51,9 @@ class RecorderParameters(NodeParameters):
     topics: tuple[str, ...] = parameter(
         (topics.PULSES, topics.FORCE, topics.ESTIMATE), 'Topics.', choices=tuple(_TOPICS)
     )
+    best_effort_force: bool = parameter(
+        False, 'Hear a force sensor that publishes best effort; samples may then be lost.'
+    )
     flush_period: float = parameter(
         0.5, 'Time between two writes to the file.', unit='s', minimum=0.01, maximum=60.0
     )
@@ -107,6 +110,8 @@ class Recorder(Node):
 
     def _subscribe(self, name: str) -> None:
         kind, type_name, profile = _TOPICS[name]
+        if name == topics.FORCE and self.settings.best_effort_force:
+            profile = qos.FORCE_BEST_EFFORT
         topic = self._writer.add_topic(self.resolve_topic_name(name), type_name)
         count = self.counts[name]
 

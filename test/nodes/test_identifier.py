@@ -174,6 +174,19 @@ def test_a_lost_pulse_shows_in_the_sequence(graph) -> None:
     assert np.isfinite(last.linear).all()
 
 
+@pytest.mark.parametrize('accepted', [True, False])
+def test_a_best_effort_sensor_is_heard_if_that_is_accepted(
+    graph, capfd: pytest.CaptureFixture[str], accepted: bool
+) -> None:
+    probe = graph.add(lambda **options: Node('probe', **options))
+    sensor = probe.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
+    graph.add(Identifier, best_effort_force=accepted)
+    if accepted:
+        graph.wait_for(lambda: sensor.get_subscription_count() == 1)
+    else:
+        graph.wait_for(lambda: 'incompatible QoS' in ''.join(capfd.readouterr()))
+
+
 def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) -> None:
     bench = Bench(graph)
     bench.identifier._heard -= 6.0
