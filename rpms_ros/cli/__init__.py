@@ -8,7 +8,7 @@ from importlib import import_module
 
 from rpms_ros.errors import RpmsError
 
-COMMANDS = ('demo', 'simulate', 'info', 'identify', 'import_csv', 'check')
+COMMANDS = ('demo', 'simulate', 'info', 'identify', 'import_csv', 'protocol', 'check')
 """Modules of this package, in the order of the help."""
 
 SUCCESS, INCOMPLETE, FAILURE, INTERRUPTED = 0, 1, 2, 130

@@ -11,16 +11,14 @@ import numpy as np
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import identify
-from rpms_ros.identification import settings_by_name
+from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.muscle import RecruitmentParameters
 from rpms_ros.muscle import identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 
 if TYPE_CHECKING:
-    from rpms_ros.identification import Estimator
     from rpms_ros.recording import Recording
 
 ONE_INTENSITY = (
@@ -37,7 +35,7 @@ class IdentificationOptions:
     Attributes
     ----------
     estimator : str
-        A key of `ESTIMATORS`.
+        Name of the algorithm.
     preset : str
         Design parameters by name: ``table_4`` or ``table_5``.
     rate_hz : float
@@ -52,21 +50,13 @@ class IdentificationOptions:
     seed: int = 0
 
 
-def _recursive(options: IdentificationOptions) -> 'Estimator':
-    return RecursiveEstimator(settings_by_name(options.preset), options.seed, options.rate_hz)
-
-
-ESTIMATORS: dict[str, Callable[[IdentificationOptions], 'Estimator']] = {'recursive': _recursive}
-"""Estimators by name."""
-
-
 def identified(
     recording: 'Recording',
     options: IdentificationOptions,
     progress: Callable[[int], object] | None = None,
 ) -> IdentifiedSession:
     """Return what an estimator makes of a recording, as it would have on line."""
-    estimator = ESTIMATORS[options.estimator](options)
+    estimator = estimator_by_name(options.estimator, options.preset, options.seed, options.rate_hz)
     return identify(estimator, recording.pulses, recording.forces, progress=progress)
 
 

@@ -55,9 +55,9 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('estimator')
     group.add_argument(
         '--estimator',
-        choices=('recursive',),
         default='recursive',
-        help='recursive: modified recursive Levenberg-Marquardt (default)',
+        metavar='NAME',
+        help='algorithm (default: recursive, the modified recursive Levenberg-Marquardt method)',
     )
     group.add_argument(
         '--preset',

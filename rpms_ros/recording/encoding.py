@@ -44,7 +44,9 @@ def encode_forces(forces: ForceTrace, axis: FloatArray) -> Records:
     """
     values = {
         f'wrench.force.{name}': forces.force * share
-        for name, share in zip('xyz', axis, strict=True)
+        for name, share in zip('xyz', axis.tolist(), strict=True)
+        # Infinity times nothing is no number.
+        if share
     }
     return _encode(WRENCH_STAMPED, forces.stamp_ns, forces.frame_id, values)
 

@@ -1,0 +1,184 @@
+"""rpms identify: one JSON object, a table, figures; and what it says when something is wrong."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpms_ros.cli import main
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import write_recording
+
+Rpms = Callable[..., tuple[int, str, str]]
+AsJson = Callable[..., dict[str, Any]]
+KEYS = [
+    'estimator',
+    'samples',
+    'pulses',
+    'duration_s',
+    'rate_hz',
+    'recruitment',
+    'curve',
+    'impulse_response',
+    'relative_output_error',
+    'faults',
+    'notes',
+]
+
+
+def test_json_is_one_object_and_nothing_else(rpms: Rpms, short_session: Path) -> None:
+    code, out, err = rpms('identify', short_session, '--json')
+    assert (code, err) == (0, '')
+    assert out.count('\n') == 1
+    document = json.loads(out)
+    assert list(document) == KEYS
+    assert document['estimator'] == 'recursive'
+    assert document['samples'] == 10_000
+    assert document['pulses'] == 200
+    assert document['duration_s'] == 9.999
+    assert document['rate_hz'] == 20.0
+    assert list(document['recruitment']) == ['u_thr', 'u_sat', 'alpha_sat', 'alpha_thr']
+    assert len(document['curve']['force']) == 101
+    np.testing.assert_allclose(document['curve']['intensity'], np.linspace(0, 1, 101))
+    response = document['impulse_response']
+    assert len(response['time_s']) == len(response['force']) > 10
+    assert 0 < document['relative_output_error'] < 1
+    assert document['faults'] == {}
+
+
+def test_curve_scales_with_the_rate_it_is_stated_for(as_json: AsJson, short_session: Path) -> None:
+    at_20 = as_json('identify', short_session, '--json')
+    at_10 = as_json('identify', short_session, '--json', '--rate-hz', 10)
+    np.testing.assert_allclose(
+        at_10['curve']['force'], 0.5 * np.array(at_20['curve']['force']), rtol=1e-12
+    )
+
+
+def test_table_and_files(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
+    folder = tmp_path / 'new' / 'results'
+    code, out, _ = rpms('identify', short_session, '--out', folder)
+    assert code == 0
+    for word in ('recursive', '10000 samples, 200 pulses', 'u_thr', 'N at 0.5', 'faults', 'none'):
+        assert word in out
+    assert list(json.loads((folder / 'result.json').read_text())) == KEYS
+    assert (folder / 'session.png').read_bytes().startswith(b'\x89PNG')
+    assert '<svg' in (folder / 'session.svg').read_text()
+
+
+def test_fixed_intensity_has_no_curve(rpms: Rpms, tmp_path: Path) -> None:
+    path = tmp_path / 'session'
+    options = ['--schedule', 'constant', '--intensity', '0.7', '--duration', '5']
+    rpms('simulate', '--out', path, *options)
+    code, out, err = rpms('identify', path, '--json')
+    document = json.loads(out)
+    assert code == 0
+    assert document['curve'] is None
+    assert document['recruitment'] is None
+    assert 'only the product of recruitment and dynamics can be identified' in err
+    assert document['notes'][0] in err
+    # The response is that of the applied pulses: 20 of them a second sum up to the steady force.
+    response = document['impulse_response']
+    area = np.trapezoid(response['force'], response['time_s'])
+    steady = read_recording(path).forces.force[-1000:].mean()
+    # The last samples are not fitted alone: the onset of the train weighs too.
+    assert 20 * area == pytest.approx(steady, rel=0.03)
+    _, out, _ = rpms('identify', path)
+    assert 'cannot be told from one intensity' in out
+
+
+def test_axis_sign_and_topics(as_json: AsJson, short_session: Path, tmp_path: Path) -> None:
+    recording = read_recording(short_session)
+    path = tmp_path / 'session'
+    mirrored = ForceTrace(recording.forces.stamp_ns, -recording.forces.force)
+    write_recording(path, recording.pulses, mirrored, axis='x')
+    names = ['--pulses-topic', '/pulses', '--force-topic', '/force', '--axis', 'x', '--sign', '-1']
+    assert as_json('identify', path, '--json', *names) == as_json(
+        'identify', short_session, '--json'
+    )
+
+
+def test_cut_off_recording_is_identified_and_told(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes((short_session / 'short_0.mcap').read_bytes())
+    os.truncate(path, path.stat().st_size * 3 // 4)
+    code, out, err = rpms('identify', path, '--json')
+    document = json.loads(out)
+    assert code == 1
+    assert document['faults'] == {'truncated_file': 1}
+    assert 5_000 < document['samples'] < 10_000
+    assert err.startswith('rpms: warning: cut.mcap has no end')
+
+
+def test_faults_of_the_data_are_counted(
+    as_json: AsJson, short_session: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(short_session)
+    force = recording.forces.force.copy()
+    force[[100, 200]] = np.nan, np.inf
+    stamp_ns = recording.forces.stamp_ns.copy()
+    stamp_ns[300] = stamp_ns[299]
+    write_recording(tmp_path / 'session', recording.pulses, ForceTrace(stamp_ns, force))
+    document = as_json('identify', tmp_path / 'session', '--json')
+    assert document['faults'] == {'force_not_finite': 2, 'force_stamp_not_after_last': 1}
+    assert document['samples'] == 10_000 - 3
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (['--force-topic', 'torque'], 'expected topic torque in'),
+        (['--axis', 'up'], 'expected axis x, y, z or three numbers'),
+        (['--estimator', 'oracle'], 'expected an estimator of'),
+        (['--rate-hz', '0'], 'expected a repetition rate above 0 Hz, got 0.0'),
+    ],
+)
+def test_bad_options(rpms: Rpms, short_session: Path, options: list[str], message: str) -> None:
+    code, out, err = rpms('identify', short_session, '--json', *options)
+    assert (code, out) == (2, '')
+    assert err.startswith(f'rpms: error: {message}')
+    assert err.count('\n') == 1
+
+
+def test_folder_that_cannot_be_made(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    code, _, err = rpms('identify', short_session, '--out', tmp_path / 'file' / 'results')
+    assert code == 2
+    assert 'rpms: error: expected to write into' in err
+
+
+def test_the_sample_of_the_readme(as_json: AsJson) -> None:
+    sample = Path(__file__).parents[2] / 'bags' / 'sample'
+    assert sum(file.stat().st_size for file in sample.iterdir()) < 2_000_000
+    document = as_json('identify', sample, '--json')
+    assert document['faults'] == {}
+    # Noise of 0.02 N, the slope alpha_thr of 5 taken for 6, and a basis with 0.5 % of its own.
+    assert document['relative_output_error'] < 0.012
+    # Half a minute: the curve's upper end is within a tenth of the true 10 N.
+    assert document['curve']['force'][-1] == pytest.approx(10.0, rel=0.1)
+
+
+def test_the_sample_is_what_its_script_makes(tmp_path: Path) -> None:
+    source = Path(__file__).parents[2] / 'bags' / 'make_sample.py'
+    scope: dict[str, Any] = {'__name__': 'make_sample', '__file__': str(source)}
+    exec(compile(source.read_text(), source, 'exec'), scope)
+    assert scope['make'](tmp_path / 'sample') == 0
+    made, kept = (read_recording(path) for path in (tmp_path / 'sample', scope['FOLDER']))
+    assert made.pulses.onset_ns.tolist() == kept.pulses.onset_ns.tolist()
+    assert made.forces.stamp_ns.tolist() == kept.forces.stamp_ns.tolist()
+    # Exponentials of another C library may differ in their last bit.
+    np.testing.assert_allclose(made.forces.force, kept.forces.force, rtol=1e-9, atol=1e-12)
+
+
+def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ([], ['simulate'], ['info'], ['identify'], ['import']):
+        with pytest.raises(SystemExit) as done:
+            main([*command, '--help'])
+        assert done.value.code == 0
+        assert f'rpms {command[0] if command else "demo"} ' in capsys.readouterr().out

@@ -1,0 +1,55 @@
+"""rpms info: facts as text and as JSON."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Rpms = Callable[..., tuple[int, str, str]]
+
+
+def test_text(rpms: Rpms, short_session: Path) -> None:
+    code, out, err = rpms('info', short_session)
+    assert (code, err) == (0, '')
+    lines = out.splitlines()
+    assert lines[0] == f'{short_session}  (mcap)'
+    assert lines[2].split() == [
+        '/force', 'geometry_msgs/msg/WrenchStamped', '10000', '9.999', 's', '1000.0', 'Hz',
+    ]  # fmt: skip
+    assert lines[3].split() == [
+        '/pulses',
+        'rpms_msgs/msg/Pulse',
+        '200',
+        '9.950',
+        's',
+        '20.0',
+        'Hz',
+    ]
+    assert '  schedule: paper-random' in lines
+
+
+def test_json(as_json: Callable[..., dict[str, Any]], short_session: Path) -> None:
+    document = as_json('info', short_session, '--json')
+    assert document['storage'] == 'mcap'
+    assert [topic['messages'] for topic in document['topics']] == [10_000, 200]
+    assert document['topics'][1]['duration_s'] == 9.95
+    assert document['faults'] == {}
+
+
+def test_what_is_wrong_is_said_and_the_exit_code_tells(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes((short_session / 'short_0.mcap').read_bytes())
+    os.truncate(path, 100_000)
+    code, out, _ = rpms('info', path)
+    assert code == 1
+    assert '  warning: cut.mcap has no end: ' in out
+
+
+def test_nothing_there(rpms: Rpms, tmp_path: Path) -> None:
+    code, out, err = rpms('info', tmp_path / 'bag')
+    assert (code, out) == (2, '')
+    assert err == (
+        f'rpms: error: expected a recording at {tmp_path / "bag"}, got no such file or folder\n'
+    )

@@ -1,0 +1,60 @@
+"""The command as a process of its own: streams, exit codes, nothing but JSON on stdout."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+
+def run(*arguments: object, **options: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-m', 'rpms_ros.cli', *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env={**os.environ, **options},
+    )
+
+
+def test_from_simulation_to_result(tmp_path: Path) -> None:
+    path = tmp_path / 'session'
+    done = run('simulate', '--out', path, '--duration', 3)
+    assert (done.returncode, done.stderr) == (0, '')
+    done = run('identify', path, '--json')
+    assert (done.returncode, done.stderr) == (0, '')
+    assert json.loads(done.stdout)['pulses'] == 60
+    done = run('identify', tmp_path / 'nothing', '--json')
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr.startswith('rpms: error: expected a recording at')
+    assert done.stderr.count('\n') == 1
+
+
+def test_works_where_there_is_no_ros(short_session: Path) -> None:
+    code = (
+        'import sys\n'
+        'for name in ("rclpy", "rpms_msgs", "std_msgs"): sys.modules[name] = None\n'
+        'from rpms_ros.cli import main\n'
+        f'sys.exit(main(["identify", {str(short_session)!r}, "--json"]))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+    assert json.loads(done.stdout)['pulses'] == 200
+
+
+def test_a_reader_that_leaves_early_is_no_error(short_session: Path) -> None:
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    with os.fdopen(write_end, 'w') as pipe:
+        done = subprocess.run(
+            [sys.executable, '-m', 'rpms_ros.cli', 'info', str(short_session)],
+            stdout=pipe,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (0, '')

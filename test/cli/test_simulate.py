@@ -1,0 +1,111 @@
+"""rpms simulate: what it writes is what was asked for."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.recording import read_facts
+from rpms_ros.recording import read_recording
+from rpms_ros.stimulation import paper_random
+
+Rpms = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_session_of_the_paper(rpms: Rpms, tmp_path: Path, storage: str) -> None:
+    path = tmp_path / 'session'
+    code, out, err = rpms('simulate', '--out', path, '--duration', 5, '--storage', storage)
+    assert (code, err) == (0, '')
+    assert out == f'{path}: 100 pulses, 5000 samples, 5 s\n'
+    recording = read_recording(path)
+    assert recording.facts.storage == storage
+    start_ns = int(recording.forces.stamp_ns[0])
+    expected = paper_random(5.0, 20.0, 1).pulses(start_ns)
+    assert recording.pulses.onset_ns.tolist() == expected.onset_ns.tolist()
+    assert recording.pulses.intensity.tolist() == expected.intensity.tolist()
+    assert (np.diff(recording.forces.stamp_ns) == 1_000_000).all()
+    contraction = Contraction(simulation_subject(), 20.0)
+    contraction.add_pulses(expected.onset_ns, expected.intensity)
+    force = contraction.force(recording.forces.stamp_ns)
+    # The same sums over the same pulses, folded at other times: rounding only.
+    np.testing.assert_allclose(recording.forces.force, force, rtol=1e-12, atol=1e-12)
+
+
+def test_the_same_options_make_the_same_recording(rpms: Rpms, tmp_path: Path) -> None:
+    contents = []
+    for folder in ('first', 'second'):
+        path = tmp_path / folder / 'session'
+        rpms('simulate', '--out', path, '--duration', 2, '--noise', 0.1, '--subject', 'random')
+        contents.append({file.name: file.read_bytes() for file in path.iterdir()})
+    assert contents[0] == contents[1]
+
+
+@pytest.mark.parametrize(
+    ('schedule', 'pulses', 'span'),
+    [('random', 120, 1.0), ('sinusoid', 120, 1.0), ('staircase', 120, 1.0), ('constant', 120, 0)],
+)
+def test_schedules_by_name(
+    rpms: Rpms, tmp_path: Path, schedule: str, pulses: int, span: float
+) -> None:
+    path = tmp_path / 'session'
+    rpms('simulate', '--out', path, '--schedule', schedule, '--duration', 6, '--intensity', 0.5)
+    intensity = read_recording(path).pulses.intensity
+    assert len(intensity) == pulses
+    # 120 random numbers leave less than 5 % at either end, but for one seed in a million.
+    assert span - 0.1 <= np.ptp(intensity) <= span
+
+
+def test_schedule_from_a_file(rpms: Rpms, tmp_path: Path) -> None:
+    schedule = tmp_path / 'schedule.yaml'
+    schedule.write_text(
+        'name: probe\nsegments:\n'
+        '- {kind: constant, rate_hz: 10.0, duration_s: 1.0, intensity: 0.7}\n'
+        '- {kind: pause, duration_s: 0.5}\n'
+    )
+    path = tmp_path / 'session'
+    code, _, _ = rpms('simulate', '--out', path, '--schedule', schedule, '--rate', 200)
+    recording = read_recording(path)
+    assert code == 0
+    assert recording.pulses.intensity.tolist() == [0.7] * 10
+    assert len(recording.forces) == 300
+    assert read_facts(path).custom['schedule'] == 'probe'
+
+
+def test_truth_is_noted(rpms: Rpms, tmp_path: Path) -> None:
+    path = tmp_path / 'session'
+    rpms('simulate', '--out', path, '--duration', 1, '--subject', 'fes', '--drift', 0.5)
+    custom = read_facts(path).custom
+    assert json.loads(custom['subject'])['latency'] == 24.4e-3
+    assert json.loads(custom['disturbances']) == {'drift': 0.5}
+    assert custom['seed'] == '1'
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (['--schedule', 'waltz'], 'expected a schedule of random, .* or a file, got waltz'),
+        (['--rate', '0'], 'expected a rate of the force up to 1e.06 Hz, got 0.0'),
+        (['--noise', '-1'], 'expected a noise of at least 0 N, got -1.0'),
+        (['--intensity', '2', '--schedule', 'constant'], 'intensity.* got 2'),
+        (['--storage', 'sqlite3', '--compression', 'lz4'], 'expected compression lz4 or zstd of'),
+    ],
+)
+def test_bad_options(rpms: Rpms, tmp_path: Path, options: list[str], message: str) -> None:
+    import re
+
+    code, out, err = rpms('simulate', '--out', tmp_path / 'session', '--duration', 1, *options)
+    assert (code, out) == (2, '')
+    assert re.match(f'rpms: error: .*{message}', err), err
+    assert err.count('\n') == 1
+
+
+def test_existing_folder_is_not_touched(rpms: Rpms, tmp_path: Path) -> None:
+    code, _, err = rpms('simulate', '--out', tmp_path)
+    assert code == 2
+    assert err == f'rpms: error: expected a new folder for the recording, got {tmp_path}\n'
+    assert list(tmp_path.iterdir()) == []
