@@ -38,7 +38,7 @@ def test_nothing_happens_before_the_onset(time_constant: float, order: float, la
 
 
 @settings(deadline=None)
-@given(time_constants, orders, st.floats(0.0, 2.0), st.floats(0.1, 10.0))
+@given(time_constants, orders, st.floats(1e-9, 2.0), st.floats(0.1, 10.0))
 def test_only_the_ratio_of_lag_and_time_constant_counts(
     time_constant: float, order: float, lag: float, factor: float
 ) -> None:
