@@ -38,7 +38,8 @@ STORAGES: dict[str, type[McapFileWriter] | type[SqliteFileWriter]] = {
 PULSES_TOPIC = '/pulses'
 FORCE_TOPIC = '/force'
 PULSE_FRAME = 'coil'
-_MESSAGES_PER_WRITE = 1 << 18
+# About a megabyte of force samples: one chunk of mcap, one transaction of sqlite3.
+_MESSAGES_PER_WRITE = 8192
 
 
 class RecordingWriter:
@@ -97,9 +98,13 @@ class RecordingWriter:
         """Return the number of a new topic, for `append` and `write`."""
         text, digest = written_definition(type_name)
         channel = Channel(name, type_name, text)
+        try:
+            number = self._file.add_channel(channel, digest)
+        except (OSError, SqliteError) as error:
+            raise self._refused(error) from error
         self._topics.append((channel, digest))
         self._counts.append(0)
-        return self._file.add_channel(channel, digest)
+        return number
 
     def append(self, topic: int, time_ns: int, message: bytes) -> None:
         """Take one message, received at `time_ns`; it is written with the next `flush`."""
@@ -121,8 +126,10 @@ class RecordingWriter:
         RecordingError
             If the device refuses them, for instance because it is full.
         """
-        if not len(batch):
-            return
+        for begin in range(0, len(batch), _MESSAGES_PER_WRITE):
+            self._write(batch.part(begin, begin + _MESSAGES_PER_WRITE))
+
+    def _write(self, batch: Batch) -> None:
         try:
             self._file.write(batch)
         except (OSError, SqliteError) as error:
@@ -213,6 +220,4 @@ def write_recording(
     }
     with RecordingWriter(path, storage, compression, custom) as writer:
         numbers = {writer.add_topic(*topic): records for topic, records in encoded.items()}
-        batch = merged(numbers)
-        for begin in range(0, len(batch), _MESSAGES_PER_WRITE):
-            writer.write(batch.part(begin, begin + _MESSAGES_PER_WRITE))
+        writer.write(merged(numbers))

@@ -26,6 +26,9 @@ from rpms_ros.recording.definitions import FLOAT64
 from rpms_ros.recording.definitions import PULSE
 from rpms_ros.recording.definitions import WRENCH
 from rpms_ros.recording.definitions import WRENCH_STAMPED
+from rpms_ros.recording.mcap_records import CHUNK
+from rpms_ros.recording.mcap_records import MAGIC
+from rpms_ros.recording.mcap_records import walk
 
 Session = tuple[PulseTrain, ForceTrace]
 WriteWithRosbags = Callable[..., Path]
@@ -134,10 +137,9 @@ def test_wrong_checksum_leaves_the_chunk_out(session: Session, tmp_path: Path) -
     write_recording(path, *session)
     file = storage_file(path)
     content = bytearray(file.read_bytes())
-    # Behind the header record: kind and length of the chunk, its times, its size.
-    header = 8 + 9 + int.from_bytes(content[9:17], 'little')
-    place = header + 9 + 24
-    assert content[header] == 6
+    frame = walk(np.frombuffer(content, np.uint8), len(MAGIC))
+    # Behind the times and the size of the content.
+    place = frame.of_kind(CHUNK)[0][0] + 24
     content[place : place + 4] = b'\1\2\3\4'
     file.write_bytes(content)
     with pytest.raises(RecordingError, match=r'expected messages in .*, got none'):

@@ -1,0 +1,130 @@
+"""Writing: what is refused, what a full device leaves, how raw messages come together."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.recording import RecordingWriter
+from rpms_ros.recording import read_facts
+from rpms_ros.recording.definitions import PULSE
+
+# A limit of the file size is met like the end of a device, at the same calls.
+FULL_DEVICE = """
+import resource, signal, sys
+import numpy as np
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import write_recording
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+stamp_ns = np.arange(50_000, dtype=np.int64) * 1_000_000
+pulses = PulseTrain.regular(np.full(1000, 0.5), 20.0)
+resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, resource.RLIM_INFINITY))
+forces = ForceTrace(stamp_ns, np.ones(50_000))
+try:
+    write_recording(sys.argv[1], pulses, forces, storage=sys.argv[2])
+except RecordingError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_full_device_is_told_and_what_fits_is_kept(tmp_path: Path, storage: str) -> None:
+    path = tmp_path / 'bag'
+    done = subprocess.run(
+        [sys.executable, '-c', FULL_DEVICE, str(path), storage],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.stderr == ''
+    assert done.stdout.startswith(f'expected room and permission to write {path}, got ')
+    assert done.stdout.count('\n') == 1
+    facts = read_facts(path)
+    force = next(topic for topic in facts.topics if topic.name == '/force')
+    # 3 MB hold 25,000 messages of 119 bytes; mcap loses what comes after the last whole chunk of
+    # 8192, sqlite3 what its journal has no room for beside the messages.
+    assert 8_000 < force.count < 26_000
+
+
+def test_raw_messages_are_counted_and_ordered_by_topic(tmp_path: Path) -> None:
+    for storage in ('mcap', 'sqlite3'):
+        path = tmp_path / storage
+        with RecordingWriter(path, storage) as writer:
+            first = writer.add_topic('/first', PULSE)
+            writer.append(first, 5, b'abc')
+            writer.flush()
+            second = writer.add_topic('/second', PULSE)
+            for index in range(300):
+                writer.append(second, 10 + index, bytes(index))
+                writer.append(first, 10 + index, b'')
+        topics = {topic.name: topic for topic in read_facts(path).topics}
+        assert (topics['/first'].count, topics['/second'].count) == (301, 300)
+        assert (topics['/first'].first_ns, topics['/first'].last_ns) == (5, 309)
+
+
+def test_a_failure_of_the_caller_still_closes_the_recording(tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+
+    def fail() -> None:
+        with RecordingWriter(path) as writer:
+            writer.append(writer.add_topic('/pulses', PULSE), 1, b'x')
+            raise KeyError('mine')
+
+    with pytest.raises(KeyError, match='mine'):
+        fail()
+    facts = read_facts(path)
+    assert facts.faults == {}
+    assert facts.topics[0].count == 1
+
+
+def test_folder_that_exists_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match='expected a new folder for the recording, got '):
+        RecordingWriter(tmp_path)
+
+
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(RecordingError, match='expected room and permission to write '):
+        RecordingWriter(tmp_path / 'file' / 'bag')
+
+
+def test_unknown_storage_and_compression(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="expected storage mcap or sqlite3, got 'bag'"):
+        RecordingWriter(tmp_path / 'bag', 'bag')
+    with pytest.raises(RecordingError, match="expected compression lz4 or zstd of mcap, got 'gz'"):
+        RecordingWriter(tmp_path / 'bag', compression='gz')
+    with pytest.raises(RecordingError, match=r'expected compression .* got .lz4. of sqlite3'):
+        RecordingWriter(tmp_path / 'bag', 'sqlite3', 'lz4')
+    assert not (tmp_path / 'bag').exists()
+
+
+def test_unknown_type_is_refused(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / 'bag') as writer:
+        with pytest.raises(RecordingError, match='expected a known message type, got lab/msg/Jaw'):
+            writer.add_topic('/jaw', 'lab/msg/Jaw')
+        assert writer.add_topic('/pulses', PULSE) == 1
+
+
+def test_messages_of_every_length_survive(tmp_path: Path) -> None:
+    generator = np.random.default_rng(3)
+    messages = [generator.bytes(int(size)) for size in generator.integers(0, 5000, 200)]
+    from rpms_ros.recording.scan import Scan
+
+    for storage, compression in (('mcap', ''), ('mcap', 'lz4'), ('sqlite3', '')):
+        path = tmp_path / f'{storage}{compression}'
+        with RecordingWriter(path, storage, compression) as writer:
+            topic = writer.add_topic('/pulses', PULSE)
+            for index, message in enumerate(messages):
+                writer.append(topic, index, message)
+        read = [
+            records.message(index)
+            for _, records in Scan(path).blocks()
+            for index in range(len(records))
+        ]
+        assert read == messages
