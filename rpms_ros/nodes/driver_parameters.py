@@ -51,6 +51,13 @@ class DriverParameters(NodeParameters):
     force_limit: float = parameter(
         0.0, 'Stop above this force; 0 does not listen to the force.', unit='N', minimum=0.0
     )
+    force_timeout: float = parameter(
+        0.2,
+        'Longest silence of the force when it is limited.',
+        unit='s',
+        minimum=0.01,
+        maximum=10.0,
+    )
     temperature_limit: float = parameter(
         40.0, 'Stop above this coil temperature.', unit='Celsius', minimum=0.0, maximum=100.0
     )
@@ -120,6 +127,7 @@ def driver_settings_of(settings: DriverParameters) -> DriverSettings:
         executor_timeout_s=settings.executor_timeout,
         heartbeat_timeout_s=settings.heartbeat_timeout if settings.require_heartbeat else 0.0,
         force_limit_n=settings.force_limit,
+        force_timeout_s=settings.force_timeout,
         temperature_limit=settings.temperature_limit,
     )
 

@@ -27,6 +27,7 @@ def status_message(core: StimulatorCore, stamp: Any, now_ns: int, note: str) -> 
     message.coil_temperature = float(core.coil_temperature)
     message.lateness_mean = float(core.lateness.mean_s)
     message.lateness_max = float(core.lateness.max_s)
-    message.fault_names = list(core.faults)
-    message.fault_counts = array('Q', list(core.faults.values()))
+    faults = core.fault_counts()
+    message.fault_names = list(faults)
+    message.fault_counts = array('Q', list(faults.values()))
     return message

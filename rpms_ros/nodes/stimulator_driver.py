@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
@@ -23,6 +24,8 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.driver_action import ScheduleAction
+from rpms_ros.nodes.driver_diagnostics import diagnostics_message
+from rpms_ros.nodes.driver_interlocks import InterlockInputs
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import driver_settings_of
@@ -37,11 +40,13 @@ from rpms_ros.pulses import Pulse
 from rpms_ros.stimulation.core import Fired
 from rpms_ros.stimulation.core import StimulatorCore
 from rpms_ros.stimulation.guard import EXECUTOR
+from rpms_ros.stimulation.guard import nanoseconds
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.threads import PulseThread
 from rpms_ros.stimulation.threads import SupervisorThread
 
 _TICK_S = 0.05
+_DIAGNOSTICS_PERIOD_S = 1.0
 Callback = Callable[..., TransitionCallbackReturn]
 
 
@@ -61,13 +66,16 @@ class StimulatorDriver(LifecycleNode):
         self._autostart = self.settings.autostart
         self._schedule = schedule_of(self.settings) if self._autostart else None
         self._threads: list[PulseThread | SupervisorThread] = []
-        self._ticks_to_status = 0
+        self._next_status_ns = 0
+        self._next_diagnostics_ns = 0
         self._said: tuple[Any, ...] = ()
         # Not life-cycle publishers: a pulse that was given is reported whatever the state.
         self._delivered = self.create_publisher(PulseMessage, topics.PULSES, qos.PULSES)
         self._commanded = self.create_publisher(PulseMessage, topics.PULSES_COMMANDED, qos.PULSES)
         self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.STOP)
         self._action = ScheduleAction(self, self.core, self._on_refused)
+        self._inputs = InterlockInputs(self, self.core, self.settings, self._on_refused)
         # rclpy lets a transition that is not possible end the process: look before it leaps.
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
@@ -183,14 +191,18 @@ class StimulatorDriver(LifecycleNode):
         self._tell(stamp, now_ns)
 
     def _tell(self, stamp: Any, now_ns: int) -> None:
-        """Publish the status when it is time, and at once when it has changed."""
+        """Publish status and diagnostics when it is time, and at once when something changed."""
         said = (*self.core.status(), self._note)
-        self._ticks_to_status -= 1
-        if said == self._said and self._ticks_to_status > 0:
-            return
-        self._said = said
-        self._ticks_to_status = round(1.0 / self.settings.status_rate / _TICK_S)
-        self._status.publish(status_message(self.core, stamp, now_ns, self._note))
+        changed, self._said = said != self._said, said
+        if changed or now_ns >= self._next_status_ns:
+            self._next_status_ns = now_ns + nanoseconds(1.0 / self.settings.status_rate)
+            self._status.publish(status_message(self.core, stamp, now_ns, self._note))
+        if changed or now_ns >= self._next_diagnostics_ns:
+            self._next_diagnostics_ns = now_ns + nanoseconds(_DIAGNOSTICS_PERIOD_S)
+            name, device = self.get_name(), self.settings.device
+            self._diagnostics.publish(
+                diagnostics_message(self.core, name, device, stamp, self._note)
+            )
 
     def _start_if_heard(self) -> None:
         """Start by itself, once enough nodes listen."""

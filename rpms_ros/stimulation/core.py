@@ -23,8 +23,8 @@ from rpms_ros.stimulation.gate import PulseGate
 from rpms_ros.stimulation.guard import POSSIBLE
 from rpms_ros.stimulation.guard import SUPERVISOR
 from rpms_ros.stimulation.guard import Guard
-from rpms_ros.stimulation.guard import Refused
 from rpms_ros.stimulation.guard import nanoseconds
+from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.lateness import Lateness
 from rpms_ros.stimulation.profile import Profile
 from rpms_ros.stimulation.run import Run
@@ -178,7 +178,7 @@ class StimulatorCore(Guard):
             self._firing_since_ns = None
             self.fail('stuck', f'expected an answer of the device within {limit:g} s, got none')
         elif possible and idle_s > self.limits.idle_disarm_s:
-            self.faults['idle'] += 1
+            self.count('idle')
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
         elif self.state in (State.DISARMED, *POSSIBLE):
             self._look_after_device(now)
@@ -234,7 +234,7 @@ class StimulatorCore(Guard):
         if refusal is not None and refusal.limit in TIMING_LIMITS:
             self._drop(run, refusal.limit)
         elif refusal is not None:
-            self.faults[refusal.limit] += 1
+            self.count(refusal.limit)
             self.cancel(f'{refusal.limit}: {refusal.reason}')
         return None
 
@@ -256,7 +256,7 @@ class StimulatorCore(Guard):
         run.cursor += 1
         run.dropped += 1
         self.dropped += 1
-        self.faults[name] += 1
+        self.count(name)
 
     def _finish(self, run: Run) -> None:
         missing = run.cursor - run.delivered

@@ -10,11 +10,11 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.interlocks import Interlocks
+from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import Command
 from rpms_ros.stimulation.states import State
@@ -30,14 +30,6 @@ POSSIBLE = (State.ARMED, State.RUNNING)
 
 _TEMPERATURE = 'temperature'
 _FORCE_LIMIT = 'force_limit'
-
-
-class Refused(StimulationError):
-    """A driver does not do what it was asked to; ``limit`` names what stands against it."""
-
-    def __init__(self, limit: str, reason: str) -> None:
-        super().__init__(reason)
-        self.limit = limit
 
 
 class Guard:
@@ -61,7 +53,7 @@ class Guard:
     ) -> None:
         self.device = device
         self.settings = settings
-        self.faults: Counter[str] = Counter()
+        self._faults: Counter[str] = Counter()
         self.state = State.UNCONFIGURED
         self.reason = 'not configured'
         self.interlocks = Interlocks(_timeouts_ns(settings))
@@ -132,7 +124,7 @@ class Guard:
         try:
             self.device.close()
         except DeviceError as error:
-            self.faults['device'] += 1
+            self.count('device')
             reason = f'{reason}; {error}'
         finally:
             if free:
@@ -143,7 +135,7 @@ class Guard:
         """Go to the safe state because something is wrong with the device."""
         self._silence()
         with self._lock:
-            self.faults[name] += 1
+            self.count(name)
             self._end_run(reason)
             self._enter(Command.FAIL, reason)
 
@@ -151,7 +143,7 @@ class Guard:
         """Stop at once and latch it, in whatever state."""
         self._silence()
         with self._lock:
-            self.faults[name] += 1
+            self.count(name)
             self.interlocks.latch(name, reason)
             self._end_run(reason)
             self.state = after(self.state, Command.STOP)
@@ -176,6 +168,16 @@ class Guard:
         with self._lock:
             return self.state, self.interlocks.latched, self.reason
 
+    def count(self, name: str) -> None:
+        """Count something that went wrong."""
+        with self._lock:
+            self._faults[name] += 1
+
+    def fault_counts(self) -> dict[str, int]:
+        """Return what went wrong since the start, and how often."""
+        with self._lock:
+            return dict(self._faults)
+
     def seen(self, name: str) -> None:
         """Note a sign of life."""
         self.interlocks.seen(name, self._clock())
@@ -191,13 +193,14 @@ class Guard:
     def force(self, newton: float) -> None:
         """Hold a force sample [N] against its limit; not a number counts as too much."""
         self.seen(FORCE)
-        self._condition(_FORCE_LIMIT, newton, self.settings.force_limit_n, 'N')
+        self.measured(_FORCE_LIMIT, newton, self.settings.force_limit_n, 'N')
 
     def temperature(self, celsius: float) -> None:
         """Hold a coil temperature [Celsius], measured or modelled, against its limit."""
-        self._condition(_TEMPERATURE, celsius, self.settings.temperature_limit, 'Celsius')
+        self.measured(_TEMPERATURE, celsius, self.settings.temperature_limit, 'Celsius')
 
-    def _condition(self, name: str, value: float, limit: float, unit: str) -> None:
+    def measured(self, name: str, value: float, limit: float, unit: str) -> None:
+        """Hold something measured against its limit; not a number counts as too much."""
         if value <= limit:
             self.interlocks.close(name)
             return
@@ -222,7 +225,7 @@ class Guard:
         except DeviceError as error:
             # nothing is sent to it any more, keep-alives neither: it disarms by itself
             with self._lock:
-                self.faults['disarm'] += 1
+                self.count('disarm')
                 self._enter(Command.FAIL, str(error))
 
     def _end_run(self, reason: str) -> None:

@@ -12,6 +12,14 @@ from collections.abc import Mapping
 from rpms_ros.errors import StimulationError
 
 
+class Refused(StimulationError):
+    """A driver does not do what it was asked to; ``limit`` names what stands against it."""
+
+    def __init__(self, limit: str, reason: str) -> None:
+        super().__init__(reason)
+        self.limit = limit
+
+
 class Interlocks:
     """Signs of life and conditions.
 
@@ -85,15 +93,15 @@ class Interlocks:
 
         Raises
         ------
-        StimulationError
+        Refused
             If a cause is still there.
         """
         with self._lock:
             for name, reason in self._conditions.items():
-                raise StimulationError(f'reset: expected the cause {name} gone, got {reason}')
+                raise Refused(name, f'reset: expected the cause {name} gone, got {reason}')
             for name in self._latched:
                 seen = self._seen_ns.get(name)
                 timeout = self._timeouts_ns.get(name)
                 if timeout is not None and (seen is None or now_ns - seen > timeout):
-                    raise StimulationError(f'reset: expected {name} to come again, got nothing')
+                    raise Refused(name, f'reset: expected {name} to come again, got nothing')
             self._latched.clear()

@@ -25,7 +25,9 @@ class Laboratory:
 
     def __init__(self, graph, **parameters):
         self.graph = graph
-        self.driver = graph.add(StimulatorDriver, **{'require_heartbeat': False, **parameters})
+        # a machine under load may stall for longer than the default allows
+        patient = {'require_heartbeat': False, 'executor_timeout': 5.0}
+        self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
         self.other = graph.add(lambda **options: Node('other', **options))
         self.pulses, self.commanded, self.statuses, self.feedback = [], [], [], []
         listen = self.other.create_subscription
@@ -153,7 +155,7 @@ def test_impossible_transition_does_not_end_the_node(graph):
 
 
 def test_lost_executor_stops_the_pulses(graph, wait_for):
-    lab = Laboratory(graph)
+    lab = Laboratory(graph, executor_timeout=0.5)
     lab.activate()
     lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses))

@@ -1,0 +1,120 @@
+"""Schedules of the paper's experiments on the muscle itself (Sec. 2).
+
+Twitches at intensities (Tables 1 and 2, Fig. 5), trains at rates (Figs. 6 to 8), and the staircase
+of intensities at several rates that the recruitment field is made of (Figs. 9 and 10).
+"""
+
+import numpy as np
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.repetitive import Constant
+from rpms_ros.stimulation.repetitive import Staircase
+from rpms_ros.stimulation.schedule import Repeat
+from rpms_ros.stimulation.schedule import Schedule
+from rpms_ros.stimulation.segment import Pause
+from rpms_ros.stimulation.segment import Segment
+from rpms_ros.stimulation.volleys import Single
+from rpms_ros.stimulation.volleys import Volley
+
+TWITCH_INTENSITIES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+TRAIN_RATES_HZ = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
+FIELD_RATES_HZ = (15.0, 19.0, 23.0, 27.0, 31.0, 35.0)
+# 21 intensities at 6 rates: 126 levels, 882 data sets of 7 subjects (Sec. 2.2).
+FIELD_LEVELS = tuple(round(float(level), 3) for level in np.linspace(0.0, 1.0, 21))
+REST = Pause(1.0)
+
+
+def twitches(
+    intensities: tuple[float, ...] = TWITCH_INTENSITIES,
+    repetitions: int = 10,
+    interval_s: float = 1.0,
+    seed: int = 0,
+) -> Schedule:
+    """Return single pulses at several intensities, in an order that fatigue cannot follow.
+
+    Parameters
+    ----------
+    intensities : tuple of float
+        Shares of the maximum.
+    repetitions : int
+        Pulses at each intensity.
+    interval_s : float
+        Time from one pulse to the next [s]; a twitch takes half a second to die away.
+    seed : int
+        Of the order.
+
+    Raises
+    ------
+    StimulationError
+        If there is nothing to give, or twitches would run into each other.
+    """
+    if not intensities or repetitions < 1:
+        raise StimulationError(
+            f'expected intensities and repetitions, got {len(intensities)} and {repetitions}'
+        )
+    if interval_s < 0.5:
+        raise StimulationError(f'expected an interval of at least 0.5 s, got {interval_s}')
+    order = np.random.default_rng(seed).permutation(np.repeat(intensities, repetitions))
+    pulses: list[Segment] = [Single(float(level), interval_s) for level in order]
+    return Schedule((REST, *pulses), name='twitches', seed=seed)
+
+
+def trains(
+    rates_hz: tuple[float, ...] = TRAIN_RATES_HZ,
+    duration_s: float = 1.5,
+    rest_s: float = 3.0,
+    intensity: float = 1.0,
+) -> Schedule:
+    """Return trains at several rates, single pulses and doublets before them as a reference.
+
+    Parameters
+    ----------
+    rates_hz : tuple of float
+        Repetition rates [Hz].
+    duration_s : float
+        Length of each train [s].
+    rest_s : float
+        Silence after each [s].
+    intensity : float
+        Share of the maximum.
+    """
+    single = Repeat((Single(intensity, rest_s),), 3)
+    volleys = tuple(Volley(intensity, count, 0.02, rest_s) for count in (2, 4))
+    given: list[Segment] = []
+    for rate in rates_hz:
+        given += [Constant(rate, duration_s, intensity=intensity), Pause(rest_s)]
+    return Schedule((REST, single, *volleys, *given), name='trains')
+
+
+def recruitment(
+    rates_hz: tuple[float, ...] = FIELD_RATES_HZ,
+    levels: tuple[float, ...] = FIELD_LEVELS,
+    step_s: float = 1.2,
+    rest_s: float = 3.0,
+) -> Schedule:
+    """Return a staircase of intensities at each of several rates.
+
+    Parameters
+    ----------
+    rates_hz : tuple of float
+        Repetition rates [Hz].
+    levels : tuple of float
+        Shares of the maximum, in their order.
+    step_s : float
+        Length of each level [s]: half a second to settle, the rest to measure.
+    rest_s : float
+        Silence after each staircase [s].
+    """
+    given: list[Segment] = []
+    for rate in rates_hz:
+        stairs = Staircase(rate, step_s * max(1, len(levels)), levels=levels)
+        given += [stairs, Pause(rest_s)]
+    return Schedule((REST, *given), name='recruitment')
+
+
+def muscle(seed: int = 0) -> Schedule:
+    """Return twitches, trains and staircases, one after another: the whole of Sec. 2."""
+    parts = (twitches(seed=seed), trains(), recruitment())
+    return Schedule(
+        tuple(segment for part in parts for segment in part.segments), name='muscle', seed=seed
+    )

@@ -1,0 +1,247 @@
+"""The driver as a node: interlocks, heartbeat, emergency stop, faults of the device."""
+
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from std_msgs.msg import Bool
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from rpms_msgs.action import RunSchedule
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import Pulse
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.stimulation.devices import SimulatedFaults
+
+LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+
+
+class Bench:
+    """A driver, somebody who watches it, and the means to stop it."""
+
+    def __init__(self, graph, **parameters):
+        self.graph = graph
+        # a machine under load may stall for longer than the default allows
+        patient = {'require_heartbeat': False, 'executor_timeout': 5.0, 'force_timeout': 2.0}
+        self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
+        self.core = self.driver.core
+        self.other = graph.add(lambda **options: Node('other', **options))
+        self.pulses, self.statuses, self.diagnostics = [], [], []
+        listen, talk = self.other.create_subscription, self.other.create_publisher
+        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
+        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
+        listen(DiagnosticArray, topics.DIAGNOSTICS, self.diagnostics.append, qos.STOP)
+        self.button = talk(Bool, topics.EMERGENCY_STOP, qos.STOP)
+        self.heart = talk(Header, topics.HEARTBEAT, qos.STOP)
+        self.sensor = talk(WrenchStamped, topics.FORCE, qos.FORCE)
+        self.client = ActionClient(self.other, RunSchedule, topics.RUN_SCHEDULE)
+        ask = self.other.create_client
+        self.changes = ask(ChangeState, 'stimulator_driver/change_state')
+        self.stop = ask(Trigger, topics.EMERGENCY_STOP)
+        self.reset = ask(Trigger, topics.RESET_EMERGENCY_STOP)
+        for ready in (self.changes, self.stop, self.reset):
+            graph.wait_for(ready.service_is_ready)
+        graph.wait_for(self.client.server_is_ready)
+        graph.wait_for(lambda: self.button.get_subscription_count() == 1 and bool(self.statuses))
+
+    def call(self, client, request=None):
+        future = client.call_async(request or Trigger.Request())
+        self.graph.wait_for(future.done)
+        return future.result()
+
+    def change(self, transition):
+        return self.call(
+            self.changes, ChangeState.Request(transition=Transition(id=transition))
+        ).success
+
+    def run(self, schedule=LONG):
+        assert self.change(Transition.TRANSITION_CONFIGURE)
+        assert self.change(Transition.TRANSITION_ACTIVATE)
+        self.send(schedule)
+        self.graph.wait_for(lambda: bool(self.pulses))
+
+    def send(self, schedule=LONG):
+        future = self.client.send_goal_async(RunSchedule.Goal(schedule=schedule))
+        self.graph.wait_for(future.done)
+        return future.result()
+
+    def wait_for_state(self, state):
+        self.graph.wait_for(lambda: self.statuses[-1].state == state)
+
+    def wait_for_reason(self, reason):
+        self.graph.wait_for(lambda: reason in self.statuses[-1].reason)
+
+
+def test_button_stops_and_latches_until_reset_with_the_cause_gone(graph):
+    bench = Bench(graph)
+    bench.run()
+    bench.button.publish(Bool(data=True))
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert bench.core.due_ns() is None
+    assert not bench.core.device.armed
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    bench.wait_for_reason('expected the latched stop to be reset, got: emergency stop')
+    answer = bench.call(bench.reset)
+    assert not answer.success
+    assert answer.message == (
+        'reset: expected the cause emergency_stop gone, got emergency stop is pressed'
+    )
+    bench.button.publish(Bool(data=False))
+    bench.graph.wait_for(lambda: bench.call(bench.reset).success)
+    bench.wait_for_state(DriverStatus.DISARMED)
+    assert bench.change(Transition.TRANSITION_ACTIVATE)
+
+
+def test_service_stops_in_every_state(graph):
+    bench = Bench(graph)
+    assert bench.call(bench.stop).success
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert bench.call(bench.reset).success
+    assert bench.change(Transition.TRANSITION_ACTIVATE)
+    bench.wait_for_state(DriverStatus.ARMED)
+    assert bench.call(bench.stop).success
+    bench.wait_for_state(DriverStatus.STOPPED)
+    # the life cycle follows: not active any more
+    assert bench.call(bench.reset).success
+    assert bench.change(Transition.TRANSITION_ACTIVATE)
+
+
+def test_heartbeat_is_needed_and_must_be_of_now(graph):
+    bench = Bench(graph, require_heartbeat=True, heartbeat_timeout=0.5)
+    graph.wait_for(lambda: bench.heart.get_subscription_count() == 1)
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    bench.wait_for_reason('heartbeat: expected a sign of life, got none yet')
+    past = Header()
+    past.stamp.sec = 1000
+    bench.heart.publish(past)
+    bench.wait_for_reason('expected a heartbeat of at most 0.5 s ago')
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+
+    def beat():
+        bench.heart.publish(Header(stamp=bench.other.get_clock().now().to_msg()))
+
+    timer = bench.other.create_timer(0.05, beat)
+    graph.wait_for(lambda: bench.change(Transition.TRANSITION_ACTIVATE))
+    bench.send()
+    graph.wait_for(lambda: bool(bench.pulses))
+    timer.cancel()
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert 'heartbeat: expected a sign of life within 0.5 s' in bench.statuses[-1].reason
+
+
+def wrench(force):
+    message = WrenchStamped()
+    message.wrench.force.x = 0.6 * force
+    message.wrench.force.z = 0.8 * force
+    return message
+
+
+@pytest.mark.parametrize('force', [200.0, float('nan')])
+def test_force_over_the_limit_stops(graph, force):
+    bench = Bench(graph, force_limit=100.0)
+    graph.wait_for(lambda: bench.sensor.get_subscription_count() == 1)
+    felt = [10.0]
+    bench.other.create_timer(0.02, lambda: bench.sensor.publish(wrench(felt[0])))
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    graph.wait_for(lambda: bench.change(Transition.TRANSITION_ACTIVATE))
+    bench.send()
+    graph.wait_for(lambda: bool(bench.pulses))
+    felt[0] = force
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert 'force_limit: expected at most 100 N' in bench.statuses[-1].reason
+    assert not bench.call(bench.reset).success
+    felt[0] = 10.0
+    graph.wait_for(lambda: bench.call(bench.reset).success)
+
+
+def test_force_sensor_that_falls_silent_stops(graph):
+    bench = Bench(graph, force_limit=100.0, force_timeout=0.5)
+    graph.wait_for(lambda: bench.sensor.get_subscription_count() == 1)
+    timer = bench.other.create_timer(0.02, lambda: bench.sensor.publish(wrench(10.0)))
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    graph.wait_for(lambda: bench.change(Transition.TRANSITION_ACTIVATE))
+    timer.cancel()
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert 'force: expected a sign of life within' in bench.statuses[-1].reason
+
+
+@pytest.mark.parametrize(
+    ('faults', 'reason'),
+    [
+        (SimulatedFaults(silent_loss=1.0), 'expected a pulse from the device, got none'),
+        (SimulatedFaults(extra_intensity=0.1), 'expected intensity 0.5 from the device, got 0.6'),
+        (SimulatedFaults(slow_s=0.05), 'expected the pulse within 0.02 s'),
+        (SimulatedFaults(stuck_s=60.0), 'expected an answer of the device within 0.2 s'),
+        (SimulatedFaults(vanish_after=1), 'expected an answer from the device, got none'),
+    ],
+)
+def test_fault_of_the_device_ends_in_the_safe_state(graph, faults, reason):
+    bench = Bench(graph)
+    bench.run()
+    bench.core.device.faults = faults
+    bench.wait_for_state(DriverStatus.FAULT)
+    assert reason in bench.statuses[-1].reason
+    assert not bench.core.device.armed
+    assert not bench.send().accepted
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    levels = (DiagnosticStatus.ERROR,)
+    graph.wait_for(lambda: bench.diagnostics[-1].status[0].level in levels)
+    bench.core.device.faults = SimulatedFaults()
+    assert bench.change(Transition.TRANSITION_CLEANUP)
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    assert bench.change(Transition.TRANSITION_ACTIVATE)
+
+
+def test_temperature_over_the_limit_stops(graph):
+    bench = Bench(graph)
+    bench.run()
+    bench.core.device.faults = SimulatedFaults(heating_per_pulse=1.0)
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert 'temperature: expected at most 40 Celsius' in bench.statuses[-1].reason
+    assert not bench.call(bench.reset).success
+
+
+def test_undeliverable_schedule_is_refused_with_an_offer(graph):
+    bench = Bench(graph, profile='rapid2-240v')
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    assert bench.change(Transition.TRANSITION_ACTIVATE)
+    paper = 'segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 90.0}]'
+    assert not bench.send(paper).accepted
+    bench.wait_for_reason('rate_limits_hz: expected at most 15 Hz at intensity')
+    assert 'mean power' in bench.statuses[-1].reason
+    assert 'at 20 Hz intensities up to 0.456 can be delivered' in bench.statuses[-1].reason
+    assert bench.pulses == []
+
+
+def test_deaf_driver_of_a_blocked_executor_does_not_fire(graph):
+    bench = Bench(graph, executor_timeout=0.1)
+    bench.run()
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        pass
+    assert bench.core.interlocks.latched
+    stopped = bench.core.delivered
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert bench.core.delivered == stopped
+
+
+def test_diagnostics_are_ok_while_all_is_well(graph):
+    bench = Bench(graph)
+    bench.run()
+    graph.wait_for(lambda: bool(bench.diagnostics))
+    status = bench.diagnostics[-1].status[0]
+    assert status.level == DiagnosticStatus.OK
+    assert status.name == 'stimulator_driver: stimulator'
+    assert {value.key for value in status.values} >= {'state', 'profile', 'energy [J]'}

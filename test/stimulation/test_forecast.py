@@ -1,0 +1,165 @@
+"""Forecasts: what the public figures say about the excitations of the paper, and profiles."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation import Constant
+from rpms_ros.stimulation import Pause
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import Single
+from rpms_ros.stimulation import constant
+from rpms_ros.stimulation import paper_random
+from rpms_ros.stimulation import paper_sinusoid
+from rpms_ros.stimulation.forecast import forecast
+from rpms_ros.stimulation.forecast import offers
+from rpms_ros.stimulation.profile import load_profile
+from rpms_ros.stimulation.profile import profile_names
+from rpms_ros.stimulation.thermal import CoilTemperature
+from rpms_ros.stimulation.thermal import CoilThermal
+
+RAPID = load_profile('rapid2-240v')
+SECOND = 1_000_000_000
+
+
+def limits_broken(schedule):
+    return {found.limit for found in forecast(schedule, RAPID).violations}
+
+
+def test_the_paper_exceeds_the_device():
+    random, sinusoid = forecast(paper_random(), RAPID), forecast(paper_sinusoid(), RAPID)
+    assert not random.deliverable
+    assert not sinusoid.deliverable
+    # E[u^2] is 1/3 and 3/8: 1680 and 1890 W; the draw of one seed is within 1 % of it
+    assert random.mean_power_w == pytest.approx(1680.0, rel=0.01)
+    assert sinusoid.mean_power_w == pytest.approx(1890.0, rel=1e-9)
+    assert random.max_rate_hz == 20.0
+    assert {found.limit for found in random.violations} >= {'rate_limits_hz', 'continuous_power_w'}
+    # energy over power, less the 90 s that the train lasted
+    assert sinusoid.waits_s == pytest.approx((170_100 / 1050 - 90,), rel=1e-9)
+
+
+def test_both_run_on_the_simulated_device():
+    simulated = load_profile('simulated')
+    assert forecast(paper_random(), simulated).deliverable
+    assert forecast(paper_sinusoid(), simulated).deliverable
+    assert forecast(paper_random(), simulated).highest_temperature is None
+
+
+@pytest.mark.parametrize(
+    ('schedule', 'limit'),
+    [
+        (constant(0.3, 1.0, 51.0), 'maximum_rate_hz'),
+        (constant(0.5, 1.0, 31.0), 'rate_limits_hz'),
+        (constant(0.7, 27.0, 20.0), 'continuous_power_w'),
+        (constant(0.1, 101.0, 20.0), 'maximum_train_pulses'),
+        (Schedule((Pause(61.0), Single())), 'idle_disarm_s'),
+        (
+            Schedule((Constant(20.0, 20.0, intensity=0.7), Pause(5.0), Single())),
+            'wait',
+        ),
+        (Schedule((Single(),), width_s=1e-3), 'maximum_width_s'),
+        (constant(0.45, 90.0, 20.0), 'deliverable'),
+    ],
+)
+def test_each_limit_is_named(schedule, limit):
+    expected = set() if limit == 'deliverable' else {limit}
+    assert limits_broken(schedule) == expected
+
+
+def test_offers_are_deliverable_themselves():
+    weaker = next(
+        offer for offer in offers(paper_sinusoid(), RAPID) if 'intensity' in offer.change
+    )
+    segment = paper_sinusoid().segments[0]
+    changed = type(segment)(20.0, 90.0, high=weaker.factor)
+    assert forecast(Schedule((changed,)), RAPID).deliverable
+    texts = [offer.change for offer in offers(paper_sinusoid(), RAPID)]
+    assert [text.split()[1] for text in texts] == ['intensity', 'rate', 'its']
+
+
+def test_nothing_to_offer_for_a_pulse_that_is_too_wide():
+    assert offers(Schedule((Single(),), width_s=1e-3), RAPID) == ()
+
+
+def test_coil_warms_by_its_pulses_and_cools_in_between():
+    thermal = CoilThermal(20.0, 0.5, 100.0, 10.0, 40.0)
+    coil = CoilTemperature(thermal)
+    assert coil.heat(SECOND, 200.0) == pytest.approx(21.0, abs=1e-12)
+    assert coil.at(11 * SECOND) == pytest.approx(20.0 + math.exp(-1.0), abs=1e-12)
+    coil.measured(11 * SECOND, 35.0)
+    assert coil.at(21 * SECOND) == pytest.approx(20.0 + 15.0 * math.exp(-1.0), abs=1e-12)
+
+
+def test_coil_reaches_the_mean_of_its_power():
+    thermal = CoilThermal(20.0, 0.5, 100.0, 10.0, 40.0)
+    coil = CoilTemperature(thermal)
+    for pulse in range(2000):
+        celsius = coil.heat(pulse * SECOND // 10, 2.0)
+    # s P tau / C = 0.5 * 20 W * 10 s / 100 J/K = 1 K; a pulse is 0.01 K of ripple
+    assert celsius == pytest.approx(21.0, abs=0.01)
+
+
+def test_every_figure_of_a_profile_has_its_source():
+    for name in profile_names():
+        profile = load_profile(name)
+        assert profile.name == name
+        assert profile.description
+        assert all(profile.sources.values())
+    assert RAPID.limits.pulse_energy_j == 252.0
+    assert RAPID.limits.window_energy_j == 63_000.0
+    assert not RAPID.simulated_only
+
+
+PROFILE = """\
+name: mine
+description: mine
+limits: {maximum_rate_hz: 10.0}
+sources: {maximum_rate_hz: a guess}
+"""
+
+
+@pytest.mark.parametrize(
+    ('change', 'fault'),
+    [
+        (('maximum_rate_hz: 10.0', 'maximum_rate_hz: -1'), r'line 3, limits\.maximum_rate_hz'),
+        (('maximum_rate_hz: 10.0', 'fastest: 1'), r'line 3, limits\.fastest: expected one of'),
+        (('{maximum_rate_hz: a guess}', '{}'), 'expected the source of maximum_rate_hz, got none'),
+        (('name: mine', 'name: 3'), 'line 1, name: expected a text, got 3'),
+        (('name: mine', 'nme: mine'), 'line 1, nme: expected one of'),
+        (('{maximum_rate_hz: 10.0}', '[1]'), r'line 3, limits: expected a mapping .* got \[1\]'),
+        (('10.0}', '10.0, rate_limits_hz: [1.0, 2.0]}'), 'expected the source of rate_limits_hz'),
+        (('name: mine', 'thermal: {ambient: 1.0}\nname: mine'), 'the source of ambient'),
+        (('name: mine', '['), 'expected a YAML document'),
+    ],
+)
+def test_faults_of_a_profile_are_named_by_their_place(tmp_path, change, fault):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(PROFILE)
+    assert load_profile(str(path)).limits.maximum_rate_hz == 10.0
+    path.write_text(PROFILE.replace(*change))
+    with pytest.raises(StimulationError, match=fault):
+        load_profile(str(path))
+
+
+def test_conditions_between_limits_are_faults_of_the_profile(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    text = PROFILE.replace('10.0}', '10.0, rate_intensities: [0.5]}')
+    path.write_text(text.replace('a guess}', 'a guess, rate_intensities: a guess}'))
+    with pytest.raises(StimulationError, match='limits: expected a rate limit up to'):
+        load_profile(str(path))
+
+
+def test_unknown_device_is_named_with_those_known():
+    with pytest.raises(StimulationError, match=r'expected a device of rapid2-240v, simulated or'):
+        load_profile('oracle')
+
+
+def test_forecast_of_silence():
+    silent = forecast(Schedule((Pause(3.0),)), RAPID)
+    assert silent.deliverable
+    assert (silent.pulses, silent.energy_j, silent.max_rate_hz) == (0, 0.0, 0.0)
+    assert silent.waits_s == ()
+    assert np.array_equal(silent.temperature, [])
