@@ -127,3 +127,10 @@ def test_periods_and_limits_are_above_zero(name: str, value: float) -> None:
 def test_forces_are_finite(name: str, value: float) -> None:
     with pytest.raises(MuscleError, match=f'expected a finite {name}, got'):
         Disturbances(**{name: value})
+
+
+def test_artifact_is_at_its_peak_on_the_onset() -> None:
+    onset_ns = STAMP_NS[10:11]
+    sensor = Sensor(Disturbances(artifact=2.0))
+    shown = sensor.measure(STAMP_NS[:11], np.zeros(11), onset_ns, np.array([0.5]))
+    np.testing.assert_array_equal(shown, [0.0] * 10 + [1.0])
