@@ -8,7 +8,7 @@ over the pulses that still act.  Two recursions run side by side on the cost (19
     K = P phi / (lambda + phi^T P phi),   w <- w + K e,   P <- (P - K phi^T P) / lambda
 
 *Nonlinear parameters*, Eqs. (24) to (28).  The plain derivative ``psi = d(phi^T w)/d theta`` at
-fixed w leads nowhere: most of what a step in theta does, w undoes at once.  What w cannot undo
+fixed w is a poor guide: most of what a step in theta does, w undoes at once.  What w cannot undo
 is the part of psi that lies off the linear regressors.  Regressing psi on phi by the same least
 squares, with the same gain, gives it recursively::
 

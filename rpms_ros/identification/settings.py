@@ -91,7 +91,8 @@ class RecursiveSettings:
         it is small while a schedule begins below the threshold and makes steps too bold.
     projected : bool
         Project the gradient off the linear regressors (variable projection); False takes the
-        plain partial derivative at fixed linear parameters, which does not converge.
+        plain partial derivative at fixed linear parameters, which loses the curve under a
+        sinusoidal intensity.
     bounds : RecruitmentBounds
         Where the nonlinear parameters stay.
     """
