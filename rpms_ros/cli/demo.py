@@ -27,8 +27,6 @@ exit code: 0 if no sample was lost and the replay is exact, 1 otherwise, 2 if it
 """
 RATE = 20.0
 FORCE_RATE = 1000.0
-# What the last pulse does, what the identifier holds back, and some air [s].
-_TAIL = 1.5
 _TTY_PERIOD, _PLAIN_PERIOD = 0.2, 5.0
 
 
@@ -42,7 +40,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        '--duration', type=float, default=60.0, metavar='S', help='stimulation [s] (default: 60)'
+        '--duration', type=float, default=45.0, metavar='S', help='stimulation [s] (default: 45)'
     )
     parser.add_argument(
         '--schedule',
@@ -130,7 +128,10 @@ def laboratory_settings(arguments: argparse.Namespace) -> 'LaboratorySettings':
 
 
 def _watch(laboratory: 'Laboratory', subject: 'Subject', duration: float) -> None:
-    """Show progress until the schedule has run and its last effect has been identified."""
+    """Show progress until the schedule has run.
+
+    It ends with the last pulse: an estimator that forgets would only forget from there on.
+    """
     from rpms_ros.nodes.laboratory import STARTUP_LIMIT
 
     started = time.monotonic()
@@ -146,7 +147,6 @@ def _watch(laboratory: 'Laboratory', subject: 'Subject', duration: float) -> Non
         if elapsed - shown >= period:
             shown = elapsed
             _show(laboratory, subject, duration)
-    laboratory.step(_TAIL)
     _show(laboratory, subject, duration)
     print(flush=True)
     status = laboratory.monitor.status

@@ -40,7 +40,7 @@ PLANT, IDENTIFIER, DRIVER = 'plant_simulator', 'identifier', 'stimulator_driver'
 RECORDING = 'recording'
 
 # Compiling for the first time takes most of it.
-STARTUP_LIMIT = 90.0
+STARTUP_LIMIT = 120.0
 _PATIENCE = 5.0
 _LOOK_PERIOD = 0.2
 

@@ -79,7 +79,7 @@ def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path: Path) -> None:
     assert 'lost 0; faults none' in done.stdout
     assert (folder / 'demo.png').stat().st_size > 10_000
     recording = read_recording(folder / 'recording')
-    assert len(recording.forces) > 2000
+    assert len(recording.forces) > 1900
     # 20 Hz for 2 s; a busy machine may make the driver drop one or the other
     assert 30 <= len(recording.pulses) <= 40
     assert 'estimate' in {facts.name.strip('/') for facts in recording.facts.topics}
