@@ -1,0 +1,313 @@
+"""A recording as a whole: what it holds, what can be told from it, what cannot and why."""
+
+from collections import Counter
+from collections.abc import Callable
+from collections.abc import Mapping
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.analysis.artifact import Artifacts
+from rpms_ros.identification.analysis.artifact import find_artifacts
+from rpms_ros.identification.analysis.artifact import without_artifacts
+from rpms_ros.identification.analysis.cleaning import CleanTrace
+from rpms_ros.identification.analysis.cleaning import clean
+from rpms_ros.identification.analysis.field_fit import FieldAnalysis
+from rpms_ros.identification.analysis.field_fit import fit_field
+from rpms_ros.identification.analysis.muscle_analysis import MuscleAnalysis
+from rpms_ros.identification.analysis.responses import Cutter
+from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.identification.analysis.segmentation import Group
+from rpms_ros.identification.analysis.segmentation import Kind
+from rpms_ros.identification.analysis.segmentation import groups_of
+from rpms_ros.identification.analysis.segmentation import in_order
+from rpms_ros.identification.analysis.settings import AnalysisSettings
+from rpms_ros.identification.analysis.steady import SteadyPoint
+from rpms_ros.identification.analysis.steady import resting_force
+from rpms_ros.identification.analysis.steady import steady_point
+from rpms_ros.identification.analysis.summation import MOST_PULSES
+from rpms_ros.identification.analysis.summation import SummationAnalysis
+from rpms_ros.identification.analysis.summation import analyze_trains
+from rpms_ros.identification.analysis.twitches import TwitchAnalysis
+from rpms_ros.identification.analysis.twitches import analyze_twitches
+from rpms_ros.muscle import RateRecruitment
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+USUAL_ORDER = 3
+ALIKE = 2e-3
+
+# label, done, all
+Progress = Callable[[str, int, int], None]
+
+
+def analyze(
+    pulses: PulseTrain,
+    force: ForceTrace,
+    settings: AnalysisSettings | None = None,
+    progress: Progress | None = None,
+) -> MuscleAnalysis:
+    """Analyse a recording.
+
+    Parameters
+    ----------
+    pulses : PulseTrain
+        Delivered pulses, in any order; an intensity of NaN is one that was not recorded.
+    force : ForceTrace
+        Measured force, in any order.
+    settings : AnalysisSettings, optional
+        Spans and thresholds.
+    progress : callable, optional
+        Gets what is being done, how much is done and how much there is.
+
+    Raises
+    ------
+    IdentificationError
+        If there are fewer than 100 force samples.
+    """
+    return _Analysis(pulses, force, settings or AnalysisSettings(), progress).result()
+
+
+class _Analysis:
+    """One run: what every step needs, and the findings."""
+
+    def __init__(
+        self,
+        pulses: PulseTrain,
+        force: ForceTrace,
+        settings: AnalysisSettings,
+        progress: Progress | None,
+    ) -> None:
+        self.settings = settings
+        self._progress = progress
+        self.trace: CleanTrace = clean(force)
+        self.findings = list(self.trace.findings)
+        self.pulses = self._within(in_order(pulses))
+        self.groups = groups_of(self.pulses, settings.rest)
+
+    def result(self) -> MuscleAnalysis:
+        """Do what can be done."""
+        if not len(self.pulses):
+            return self._described(None, None, None, (), None)
+        self._judge_intensities()
+        artifacts = find_artifacts(self.trace, self.pulses.onset_ns, self.settings.artifact_search)
+        self._judge_clocks(artifacts)
+        cutter = Cutter(self.trace, self.pulses, artifacts, self.settings)
+        left_over = self._left_over(cutter)
+        twitches = self._twitches(cutter, left_over)
+        order = twitches.choice.order if twitches else USUAL_ORDER
+        summation = self._trains(cutter, left_over, order)
+        steady = self._steady(cutter, artifacts)
+        return self._described(artifacts, twitches, summation, steady, self._field(steady))
+
+    def _within(self, pulses: PulseTrain) -> PulseTrain:
+        if not len(pulses):
+            self.findings.append('there are no pulses: nothing can be told about the muscle')
+            return pulses
+        stamps = self.trace.stamp_ns
+        inside = (pulses.onset_ns >= stamps[0]) & (pulses.onset_ns <= stamps[-1])
+        if not inside.all():
+            count, of = int((~inside).sum()), len(pulses)
+            self.findings.append(
+                f'{count} of {of} pulses lie outside the span of the force; they are left out'
+            )
+        return _chosen(pulses, inside)
+
+    def _judge_intensities(self) -> None:
+        known = self.pulses.intensity[np.isfinite(self.pulses.intensity)]
+        if len(known) < len(self.pulses):
+            count, of = len(self.pulses) - len(known), len(self.pulses)
+            self.findings.append(
+                f'the intensity of {count} of {of} pulses is not recorded: latency, twitch and '
+                'summation do without, recruitment against intensity does not'
+            )
+        elif np.ptp(known) < ALIKE:
+            self.findings.append(
+                f'all pulses have the intensity {known[0]:.3g}: recruitment against intensity '
+                'cannot be told'
+            )
+
+    def _judge_clocks(self, artifacts: Artifacts) -> None:
+        if not artifacts.found:
+            self.findings.append(
+                'the force shows no stimulation artifact: the stamps of the pulses are taken as '
+                'the stimulus instants, and the clocks cannot be compared'
+            )
+        elif artifacts.clock_offset:
+            self.findings.append(
+                f'the clocks of sensor and stimulator differ by {artifacts.clock_offset * 1e3:.2f}'
+                ' ms, as the artifacts show; the pulses are moved by that'
+            )
+
+    def _left_over(self, cutter: Cutter) -> dict[int, str]:
+        """Return the groups, by first pulse, that run into their neighbour."""
+        found: dict[int, str] = {}
+        for index, group in enumerate(self.groups[:-1]):
+            response = cutter.cut(_shortened(group))
+            if isinstance(response, str) or group.count > MOST_PULSES:
+                continue
+            share = _share_left(response)
+            if share > self.settings.left_over:
+                found[group.first] = 'not died away when the next begins'
+                found[self.groups[index + 1].first] = 'begins while the one before lasts'
+        if found:
+            moment = self._seconds(self.pulses.onset_ns[min(found)])
+            self.findings.append(
+                f'{len(found)} responses run into each other, the first at {moment:.2f} s: more '
+                f'than {self.settings.left_over:.0%} is left when the next begins; they are left '
+                'out'
+            )
+        return found
+
+    def _cut(
+        self, cutter: Cutter, kind: Kind, left_over: Mapping[int, str]
+    ) -> tuple[list[Response], Counter[str]]:
+        responses, reasons = [], Counter[str]()
+        for group in self.groups:
+            if group.kind is not kind:
+                continue
+            response = left_over.get(group.first) or cutter.cut(_shortened(group))
+            if isinstance(response, str):
+                reasons[response] += 1
+            else:
+                responses.append(response)
+        return responses, reasons
+
+    def _twitches(self, cutter: Cutter, left_over: Mapping[int, str]) -> TwitchAnalysis | None:
+        if not self._count(Kind.SINGLE):
+            self.findings.append(
+                'there are no single pulses: latency and twitch come from trains, if there are any'
+            )
+            return None
+        responses, reasons = self._cut(cutter, Kind.SINGLE, left_over)
+        found = analyze_twitches(
+            responses, reasons, self.trace.sample_period, self.settings, self._step('twitches')
+        )
+        if isinstance(found, str):
+            self.findings.append(found)
+            return None
+        if len(found.fits) == 1:
+            self.findings.append('there is one twitch only: no spread can be given')
+        if found.choice.order != found.choice.held_out_order:
+            self.findings.append(
+                f'the information criterion chooses order {found.choice.order}, the error on '
+                f'held-out samples order {found.choice.held_out_order}: the order is uncertain'
+            )
+        return found
+
+    def _trains(
+        self, cutter: Cutter, left_over: Mapping[int, str], order: int
+    ) -> SummationAnalysis | None:
+        for kind, what in (
+            (Kind.MODULATED, 'change from pulse to pulse: `rpms identify` explains those'),
+            (Kind.OVERLAPPING, 'begin before the train before has died away: left out'),
+        ):
+            if count := self._count(kind):
+                self.findings.append(f'{count} group(s) of pulses {what}')
+        if not self._count(Kind.TRAIN):
+            return None
+        responses, reasons = self._cut(cutter, Kind.TRAIN, left_over)
+        if not responses:
+            why = ', '.join(f'{count} x {reason}' for reason, count in reasons.items())
+            self.findings.append(f'no response to a train qualifies ({why})')
+            return None
+        return analyze_trains(responses, order, reasons, self._step('trains'))
+
+    def _steady(self, cutter: Cutter, artifacts: Artifacts) -> tuple[SteadyPoint, ...]:
+        trace, onset = self.trace, cutter.onset_ns
+        if artifacts.found:
+            trace = without_artifacts(trace, onset, self.settings.blanking)
+        baseline = resting_force(trace, self.groups, onset)
+        held = [
+            level
+            for group in self.groups
+            if group.kind in (Kind.TRAIN, Kind.STAIRCASE, Kind.OVERLAPPING)
+            for level in group.levels
+            if level.last - level.first > 1
+        ]
+        if not held or baseline is None:
+            return ()
+        found = [steady_point(trace, onset, level, baseline, self.settings) for level in held]
+        reasons = Counter(item for item in found if isinstance(item, str))
+        if reasons:
+            why = ', '.join(f'{count} x {reason}' for reason, count in reasons.items())
+            self.findings.append(
+                f'{sum(reasons.values())} of {len(held)} levels give no steady force ({why})'
+            )
+        return tuple(item for item in found if isinstance(item, SteadyPoint))
+
+    def _field(self, steady: tuple[SteadyPoint, ...]) -> FieldAnalysis | None:
+        if not steady:
+            self.findings.append('there is no steady force: recruitment cannot be told')
+            return None
+        lowest = RateRecruitment().lowest_rate
+        # Eq. (10) was measured from there up; towards 0 Hz it is no recruitment but rounding
+        chosen = [point for point in steady if point.rate_hz > lowest * (1.0 - ALIKE)]
+        try:
+            found = fit_field(chosen or steady)
+        except IdentificationError as error:
+            self.findings.append(f'recruitment cannot be told: {error}')
+            return None
+        if not found.rates_fitted:
+            self.findings.append(
+                'there are fewer than 3 rates: rho_f is the average of Table 3, only rho_u fitted'
+            )
+        return found
+
+    def _described(
+        self,
+        artifacts: Artifacts | None,
+        twitches: TwitchAnalysis | None,
+        summation: SummationAnalysis | None,
+        steady: tuple[SteadyPoint, ...],
+        recruitment: FieldAnalysis | None,
+    ) -> MuscleAnalysis:
+        return MuscleAnalysis(
+            contents={kind.value: self._count(kind) for kind in Kind if self._count(kind)},
+            pulses=len(self.pulses),
+            samples=len(self.trace.stamp_ns),
+            sample_rate_hz=1.0 / self.trace.sample_period,
+            noise=self.trace.noise,
+            artifacts=artifacts,
+            twitches=twitches,
+            summation=summation,
+            steady=steady,
+            recruitment=recruitment,
+            findings=tuple(self.findings),
+        )
+
+    def _count(self, kind: Kind) -> int:
+        return sum(group.kind is kind for group in self.groups)
+
+    def _seconds(self, stamp_ns: int) -> float:
+        return float(stamp_ns - self.trace.stamp_ns[0]) / 1e9
+
+    def _step(self, label: str) -> Callable[[int, int], None] | None:
+        if self._progress is None:
+            return None
+        tell = self._progress
+        return lambda done, total: tell(label, done, total)
+
+
+def _chosen(pulses: PulseTrain, mask: BoolArray) -> PulseTrain:
+    return PulseTrain(
+        pulses.onset_ns[mask], pulses.intensity[mask], pulses.sequence[mask], pulses.width[mask]
+    )
+
+
+def _shortened(group: Group) -> Group:
+    """Return at most the first pulses of a group: a long train repeats itself."""
+    last = min(group.last, group.first + MOST_PULSES)
+    return Group(group.kind, group.first, last, group.start_ns, group.end_ns, group.levels)
+
+
+def _share_left(response: Response) -> float:
+    """Return how much of a response is left at its end, in its peak."""
+    force = response.force[response.usable] - response.baseline
+    scatter = float(np.std(response.force[response.lag < 0]))
+    peak = float(np.percentile(force, 98))
+    # a response that noise hides cannot be said to last
+    if peak < 10.0 * scatter:
+        return 0.0
+    return float(np.mean(force[-20:])) / peak

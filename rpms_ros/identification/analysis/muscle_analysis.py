@@ -1,0 +1,51 @@
+"""What the analysis of a recording returns."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rpms_ros.identification.analysis.artifact import Artifacts
+from rpms_ros.identification.analysis.field_fit import FieldAnalysis
+from rpms_ros.identification.analysis.steady import SteadyPoint
+from rpms_ros.identification.analysis.summation import SummationAnalysis
+from rpms_ros.identification.analysis.twitches import TwitchAnalysis
+
+
+@dataclass(frozen=True)
+class MuscleAnalysis:
+    """What a recording told about the muscle.
+
+    Attributes
+    ----------
+    contents : mapping of str to int
+        Groups of pulses by kind.
+    pulses, samples : int
+        Pulses within the force, and force samples.
+    sample_rate_hz : float
+        Median rate of the force [Hz].
+    noise : float
+        Standard deviation of the white noise of the sensor [N].
+    artifacts : Artifacts or None
+        Clocks of stimulator and sensor; None without pulses.
+    twitches : TwitchAnalysis or None
+        From single pulses.
+    summation : SummationAnalysis or None
+        From trains.
+    steady : tuple of SteadyPoint
+        Steady forces of long levels.
+    recruitment : FieldAnalysis or None
+        From the steady forces.
+    findings : tuple of str
+        What was odd, what could not be done and why; a sentence each.
+    """
+
+    contents: Mapping[str, int]
+    pulses: int
+    samples: int
+    sample_rate_hz: float
+    noise: float
+    artifacts: Artifacts | None
+    twitches: TwitchAnalysis | None
+    summation: SummationAnalysis | None
+    steady: tuple[SteadyPoint, ...]
+    recruitment: FieldAnalysis | None
+    findings: tuple[str, ...]

@@ -1,0 +1,194 @@
+"""Twitches fitted one by one, at several orders (Eqs. 2 and 3)."""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.identification.analysis.twitch_kernel import coarse_start
+from rpms_ros.identification.analysis.twitch_kernel import linear_parts
+from rpms_ros.identification.analysis.twitch_kernel import shared_fit
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+Progress = Callable[[int, int], None]
+
+ONSET, CONSTANT, PEAK, BASELINE, ERROR, HELD_OUT, ONSET_SD, CONSTANT_SD = range(8)
+COLUMNS = 8
+_STRIDE = 4
+_WORKERS = 2
+_CHUNK = 25
+
+
+@dataclass(frozen=True)
+class TwitchFits:
+    """Fits of several twitches at several orders.
+
+    Attributes
+    ----------
+    orders : tuple of int
+        Orders, as many as columns below.
+    intensity : ndarray, shape (twitches,)
+        Shares of the maximum; NaN where it is not recorded.
+    samples : ndarray of int64, shape (twitches,)
+        Samples fitted.
+    table : ndarray, shape (twitches, orders, 8)
+        Onset [s], time constant [s], peak [N], baseline [N], squared error [N^2], squared error
+        on samples that were held out [N^2], standard deviations of onset and time constant [s].
+    free_order : ndarray, shape (twitches,)
+        Order fitted as a real number.
+    """
+
+    orders: tuple[int, ...]
+    intensity: FloatArray
+    samples: IntArray
+    table: FloatArray
+    free_order: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def column(self, column: int, order: int) -> FloatArray:
+        """Return one column of the table at one order (twitches,)."""
+        values: FloatArray = self.table[:, self.orders.index(order), column]
+        return values
+
+    def least_error(self, order: int) -> FloatArray:
+        """Return E_min of Eq. (3), the squared error in squared peaks (twitches,)."""
+        return self.column(ERROR, order) / self.column(PEAK, order) ** 2
+
+    def bayes(self) -> FloatArray:
+        """Return the Bayesian information criterion (twitches, orders): N ln(E / N) + k ln N."""
+        count = self.samples[:, None].astype(np.float64)
+        error = np.maximum(self.table[:, :, ERROR], 1e-300)
+        return count * np.log(error / count) + 5.0 * np.log(count)
+
+    def chosen(self, mask: FloatArray) -> 'TwitchFits':
+        """Return the twitches of a mask or of indices."""
+        return TwitchFits(
+            self.orders,
+            self.intensity[mask],
+            self.samples[mask],
+            self.table[mask],
+            self.free_order[mask],
+        )
+
+
+@numba.njit(cache=True, nogil=True)
+def _errors_on(
+    lag: FloatArray, force: FloatArray, theta: FloatArray, peak: float, base: float
+) -> float:
+    total = 0.0
+    for k in range(len(lag)):
+        value = base
+        since = lag[k] - theta[0]
+        if since > 0.0:
+            power = theta[2] - 1.0
+            scaled = since / np.exp(theta[1])
+            value += peak * np.exp(power * np.log(scaled / power) + power - scaled)
+        total += (force[k] - value) ** 2
+    return total
+
+
+@numba.njit(cache=True, nogil=True)
+def _held_out(lag: FloatArray, force: FloatArray, theta: FloatArray) -> float:
+    """Return the squared error of each half of the samples under the fit to the other [N^2]."""
+    total = 0.0
+    for part in range(2):
+        seen_lag, seen = lag[part::2].copy(), force[part::2].copy()
+        starts = np.array([0, len(seen)])
+        fitted, _, _ = shared_fit(seen_lag, seen, starts, theta, 2)
+        parts = linear_parts(seen_lag, seen, starts, fitted)
+        rest = 1 - part
+        total += _errors_on(lag[rest::2], force[rest::2], fitted, parts[0, 0], parts[0, 1])
+    return total
+
+
+@numba.njit(cache=True, nogil=True)
+def fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArray) -> float:
+    """Fit one twitch at each order into `row` (orders, 8); return the free order.
+
+    Parameters
+    ----------
+    lag : ndarray, shape (samples,)
+        Time since the pulse [s].
+    force : ndarray, shape (samples,)
+        Force [N].
+    orders : ndarray of int64, shape (orders,)
+        Orders to try.
+    row : ndarray, shape (orders, 8)
+        Filled in, as in `TwitchFits`.
+    """
+    starts = np.array([0, len(lag)])
+    best = np.inf
+    best_theta = np.zeros(3)
+    for index in range(len(orders)):
+        start = coarse_start(lag, force, starts, float(orders[index]), _STRIDE)
+        theta, normal, error = shared_fit(lag, force, starts, start, 2)
+        parts = linear_parts(lag, force, starts, theta)
+        scale = error / max(1, len(lag) - 4)
+        row[index, ONSET] = theta[0]
+        row[index, CONSTANT] = np.exp(theta[1])
+        row[index, PEAK] = parts[0, 0]
+        row[index, BASELINE] = parts[0, 1]
+        row[index, ERROR] = error
+        row[index, HELD_OUT] = _held_out(lag, force, theta)
+        determinant = normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2
+        if determinant > 0.0:
+            row[index, ONSET_SD] = np.sqrt(scale * normal[1, 1] / determinant)
+            row[index, CONSTANT_SD] = np.exp(theta[1]) * np.sqrt(
+                scale * normal[0, 0] / determinant
+            )
+        if error < best:
+            best = error
+            best_theta = theta
+    free, _, _ = shared_fit(lag, force, starts, best_theta, 3)
+    return float(free[2])
+
+
+def fit_twitches(
+    responses: Sequence[Response],
+    orders: tuple[int, ...],
+    progress: Progress | None = None,
+) -> TwitchFits:
+    """Fit every response to a single pulse at every order.
+
+    Parameters
+    ----------
+    responses : sequence of Response
+        Twitches.
+    orders : tuple of int
+        Orders.
+    progress : callable, optional
+        Gets the number of twitches done and of all.
+
+    Returns
+    -------
+    TwitchFits
+    """
+    tried = np.array(orders, dtype=np.int64)
+    table = np.zeros((len(responses), len(orders), COLUMNS))
+    free = np.full(len(responses), np.nan)
+    samples = np.array([int(item.usable.sum()) for item in responses], dtype=np.int64)
+
+    def work(first: int) -> int:
+        chunk = range(first, min(first + _CHUNK, len(responses)))
+        for index in chunk:
+            item = responses[index]
+            lag, force = item.lag[item.usable], item.force[item.usable]
+            free[index] = fit_one(lag, force, tried, table[index])
+        return len(chunk)
+
+    done = 0
+    # The kernels let go of the interpreter: threads use both cores without copying anything.
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        for count in pool.map(work, range(0, len(responses), _CHUNK)):
+            done += count
+            if progress is not None:
+                progress(done, len(responses))
+    intensity = np.array([item.intensity for item in responses])
+    return TwitchFits(orders, intensity, samples, table, free)

@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.analysis import field_model
+from rpms_ros.identification.analysis.field_fit import fit_field
+from rpms_ros.identification.analysis.monotone import rising
+from rpms_ros.identification.analysis.monotone import rising_product
+from rpms_ros.identification.analysis.steady import SteadyPoint
+from rpms_ros.muscle import RecruitmentField
+from rpms_ros.muscle import average_subject
+from rpms_ros.muscle import random_subject
+
+LEVELS = np.linspace(0.0, 1.0, 21)
+RATES = np.array([15.0, 19.0, 23.0, 27.0, 31.0, 35.0])
+
+
+def points(subject, noise=0.0, levels=LEVELS, rates=RATES, seed=0):
+    random = np.random.default_rng(seed)
+    return [
+        SteadyPoint(
+            float(u), float(f), float(subject.steady_force(u, f)) + noise * random.normal(), 0.0, 0
+        )
+        for f in rates
+        for u in levels
+    ]
+
+
+def worst_error(found, subject):
+    u, f = np.meshgrid(np.linspace(0, 1, 101), np.linspace(15, 35, 41))
+    true = subject.steady_force(u, f)
+    return np.abs(found.recruitment(u, f) * found.maximum_force.value - true).max() / true.max()
+
+
+@given(values=st.lists(st.floats(-100, 100), min_size=1, max_size=30))
+def test_monotone_regression_rises_and_keeps_the_mean(values):
+    fitted = rising(np.array(values), np.ones(len(values)))
+    assert (np.diff(fitted) >= 0).all()
+    assert fitted.mean() == pytest.approx(np.mean(values), abs=1e-9)
+
+
+@given(values=st.lists(st.floats(-100, 100), min_size=1, max_size=30))
+def test_what_rises_already_stays(values):
+    ascending = np.sort(values)
+    assert np.allclose(rising(ascending, np.ones(len(values))), ascending)
+
+
+def test_weights_count_in_monotone_regression():
+    assert rising(np.array([3.0, 0.0]), np.array([2.0, 1.0])).tolist() == [2.0, 2.0]
+
+
+def test_a_product_of_rising_factors_is_found():
+    row, column = (axis.ravel() for axis in np.meshgrid(LEVELS, RATES, indexing='ij'))
+    rows, share, columns, other = rising_product(row, column, row**2 * column)
+    assert np.allclose(share, rows**2, atol=1e-6)
+    assert np.allclose(other, columns, rtol=1e-6)
+
+
+def test_the_model_is_the_field_of_the_muscle():
+    theta = field_model.CENTRE
+    by_intensity, by_rate = field_model.as_recruitment(theta)
+    u, f = np.meshgrid(LEVELS, RATES)
+    factors = field_model.intensity_factor(theta, u) * field_model.rate_factor(theta, f)
+    assert np.allclose(RecruitmentField(by_intensity, by_rate)(u, f), factors)
+    assert field_model.intensity_factor(theta, np.array([0.0, 1.0])) == pytest.approx([0, 1])
+    assert field_model.rate_factor(theta, np.array([20.0])) == pytest.approx([1.0])
+
+
+def test_table_3_is_found_in_its_own_field():
+    found = fit_field(points(average_subject()))
+    assert worst_error(found, average_subject()) < 1e-3
+    values = {name: interval.value for name, interval in found.parameters}
+    assert values['threshold'] == pytest.approx(0.48, abs=0.01)
+    assert values['saturation'] == pytest.approx(0.98, abs=0.01)
+    assert found.shape_difference < 0.01
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_subjects_are_found_within_two_per_cent_of_the_maximum(seed):
+    subject = random_subject(np.random.default_rng(seed))
+    top = float(subject.steady_force(1.0, 35.0))
+    # a tenth of 1 % noise is what the mean of a level keeps; five times that is asked here
+    found = fit_field(points(subject, 5e-3 * top, seed=seed))
+    assert worst_error(found, subject) < 0.02
+    assert found.residual == pytest.approx(5e-3, rel=0.3)
+
+
+def test_the_intervals_hold_the_truth():
+    subject = average_subject()
+    inside = 0
+    for seed in range(20):
+        found = fit_field(points(subject, 0.02, seed=seed))
+        interval = found.maximum_force
+        inside += interval.low <= subject.maximum_force <= interval.high
+    # 95 % intervals: 15 of 20 or fewer come in one of 3000 studies
+    assert inside >= 16
+
+
+def test_one_rate_keeps_the_average_rate_curve():
+    found = fit_field(points(average_subject(), rates=[20.0]))
+    assert not found.rates_fitted
+    assert found.recruitment.by_rate(20.0) == pytest.approx(1.0, abs=1e-3)
+    assert worst_error(found, average_subject()) < 0.01
+
+
+def test_few_intensities_are_refused():
+    with pytest.raises(IdentificationError, match='at 5 intensities or more, got 2'):
+        fit_field(points(average_subject(), levels=[0.5, 1.0]))
+
+
+def test_no_force_is_refused():
+    silent = [SteadyPoint(u, 20.0, -0.1, 0.0, 0) for u in LEVELS]
+    with pytest.raises(IdentificationError, match=r'a force above the baseline, got -0\.1 N'):
+        fit_field(silent)

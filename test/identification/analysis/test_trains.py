@@ -1,0 +1,143 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.analysis.history_fit import fit_history
+from rpms_ros.identification.analysis.history_fit import fit_with_law
+from rpms_ros.identification.analysis.history_law import HistoryLaw
+from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.identification.analysis.summation import analyze_trains
+from rpms_ros.identification.analysis.train_model import fit_equal
+from rpms_ros.identification.analysis.train_model import fit_gains
+from rpms_ros.identification.analysis.train_model import fit_percent
+from rpms_ros.muscle import twitch
+
+LATENCY, CONSTANT = 0.0105, 0.030
+
+
+def response(count, rate=50.0, gains=None, law=None, noise=0.0, step=2e-3):
+    onset = np.arange(count) / rate
+    lag = np.arange(-0.05, onset[-1] + 0.5, step)
+    usable = np.ones(len(lag), dtype=np.bool_)
+    empty = Response(onset, lag, np.zeros(len(lag)), usable, 1.0, np.nan, 0)
+    if law is not None:
+        force = 2.0 * law.force(empty, 3, LATENCY, CONSTANT)
+    else:
+        columns = twitch(lag[:, None] - onset - LATENCY, CONSTANT)
+        force = columns @ (np.ones(count) if gains is None else np.asarray(gains))
+    force = force + 1.0 + noise * np.random.default_rng(count).standard_normal(len(lag))
+    return Response(onset, lag, force, usable, 1.0, np.nan, 0)
+
+
+def test_equal_pulses_are_explained_by_one_twitch():
+    fit = fit_equal(response(6), 3)
+    assert fit.fit > 99.99
+    assert fit.latency == pytest.approx(LATENCY, abs=1e-5)
+    assert fit.time_constant == pytest.approx(CONSTANT, rel=1e-3)
+    assert fit.gains == pytest.approx([1.0], rel=1e-3)
+    assert fit.baseline == pytest.approx(1.0, abs=1e-3)
+
+
+def test_unequal_pulses_need_a_gain_each():
+    gains = [1.0, 2.5, 1.5, 0.5]
+    train = response(4, gains=gains)
+    equal = fit_equal(train, 3)
+    each = fit_gains(train, 3, equal)
+    assert equal.fit < 95
+    assert each.fit > 99.9
+    assert each.gains == pytest.approx(gains, rel=0.02)
+
+
+def test_no_gain_is_negative():
+    train = response(4, gains=[1.0, -0.5, 1.0, 1.0])
+    assert (fit_gains(train, 3, fit_equal(train, 3)).gains >= 0).all()
+
+
+def test_the_fit_in_per_cent_is_that_of_the_norms():
+    measured = np.array([0.0, 1.0, 2.0])
+    assert fit_percent(measured, measured) == 100.0
+    assert fit_percent(measured, np.full(3, 1.0)) == pytest.approx(0.0)
+
+
+@given(
+    facilitation=st.floats(0.0, 2.0),
+    decay=st.floats(0.01, 1.0),
+    rate=st.floats(1.0, 100.0),
+)
+def test_facilitation_only_grows_in_a_regular_train_and_starts_at_one(facilitation, decay, rate):
+    law = HistoryLaw(facilitation=facilitation, facilitation_decay=decay)
+    gains = law.gains(np.arange(10) / rate)
+    assert gains[0] == 1.0
+    assert (np.diff(gains) >= 0).all()
+    # the geometric series of a sum e^(-k / (f tau))
+    limit = 1.0 + facilitation / np.expm1(1.0 / (rate * decay))
+    assert (gains <= limit * (1 + 1e-12)).all()
+
+
+def test_a_law_without_history_is_the_linear_sum():
+    train = response(5)
+    law = HistoryLaw(1e6, 1.0, 0.0, 0.1, 1e-6)
+    linear = twitch(train.lag[:, None] - train.onset - LATENCY, CONSTANT).sum(axis=1)
+    # saturation takes x / 1e6 of x, the lag a microsecond
+    assert law.force(train, 3, LATENCY, CONSTANT) == pytest.approx(linear, abs=2e-4)
+
+
+def test_the_law_of_a_single_twitch_has_the_peak_one_without_a_lag():
+    law = HistoryLaw(series_lag=1e-7)
+    force = law.force(response(1, step=1e-4), 3, LATENCY, CONSTANT)
+    # the sample nearest to the peak is within 50 us of it
+    assert force.max() == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize('name', ['half_level', 'cooperation', 'facilitation_decay', 'series_lag'])
+def test_numbers_of_the_law_are_above_zero(name):
+    with pytest.raises(IdentificationError, match=f'expected a {name} above 0, got 0'):
+        HistoryLaw(**{name: 0.0})
+
+
+def test_facilitation_is_not_negative():
+    with pytest.raises(IdentificationError, match='facilitation of at least 0, got -1'):
+        HistoryLaw(facilitation=-1.0)
+
+
+def test_a_law_learned_on_short_trains_tells_longer_ones():
+    law = HistoryLaw(2.5, 1.8, 0.6, 0.08, 0.008)
+    taught = [response(count, 50.0, law=law, noise=5e-3) for count in (2, 4, 6)]
+    longer = response(9, 50.0, law=law, noise=5e-3)
+    found = fit_history(taught, [fit_equal(train, 3) for train in taught], 3)
+    judged = fit_with_law(found, longer, 3)
+    assert fit_equal(longer, 3).fit < 95
+    assert judged.fit > 98
+
+
+def test_trains_of_two_pulses_teach_no_law():
+    train = response(2)
+    with pytest.raises(IdentificationError, match='a train of at least 3 pulses, got none'):
+        fit_history([train], [fit_equal(train, 3)], 3)
+
+
+def test_the_longest_trains_judge_the_law():
+    law = HistoryLaw(2.5, 1.8, 0.6, 0.08, 0.008)
+    trains = [response(count, law=law, noise=5e-3) for count in (3, 6, 6, 4)]
+    found = analyze_trains(trains, 3, {'sensor saturated': 1})
+    assert [train.held_out for train in found.trains] == [False, True, True, False]
+    assert found.mean_fit('law', held_out=True) > found.mean_fit('equal', held_out=True)
+    assert found.rejected == {'sensor saturated': 1}
+    assert found.trains[0].rate_hz == pytest.approx(50.0)
+
+
+def test_trains_of_one_length_have_no_judge():
+    trains = [response(4), response(4)]
+    found = analyze_trains(trains, 3)
+    assert not any(train.held_out for train in found.trains)
+    assert found.law is not None
+    assert np.isnan(found.mean_fit('law', held_out=True))
+
+
+def test_doublets_alone_have_no_law():
+    found = analyze_trains([response(2), response(2)], 3)
+    assert found.law is None
+    assert found.trains[0].law is None
+    assert np.isnan(found.mean_fit('law'))
