@@ -27,7 +27,8 @@ _SCHEDULES = ('constant', 'uniform_random', 'sinusoid', 'staircase')
 class DriverParameters(NodeParameters):
     """Parameters of the stimulator driver."""
 
-    device: str = parameter('simulated', 'Kind of device.', choices=('simulated',))
+    device: str = parameter('simulated', 'Kind of device.', choices=('simulated', 'serial'))
+    port: str = parameter('/dev/ttyUSB0', 'Serial port of a device on one.')
     profile: str = parameter('simulated', 'Limits of the device: a name, or a YAML file.')
     frame_id: str = parameter('coil', 'Frame of the pulses.')
     maximum_intensity: float = parameter(
@@ -64,6 +65,9 @@ class DriverParameters(NodeParameters):
     status_rate: float = parameter(
         10.0, 'Status messages a second.', unit='Hz', minimum=1.0, maximum=20.0
     )
+    realtime_priority: int = parameter(
+        0, 'Priority of the process under SCHED_FIFO; 0 does not ask.', minimum=0, maximum=99
+    )
     autostart: bool = parameter(
         False, 'Configure, activate and run the schedule below; simulated device only.'
     )
@@ -99,8 +103,12 @@ class DriverParameters(NodeParameters):
 
 def build_device(settings: DriverParameters) -> Device:
     """Return the device that the parameters name, not open yet."""
-    del settings
-    return SimulatedDevice()
+    if settings.simulated:
+        return SimulatedDevice()
+    # not everybody who simulates has a serial port to import
+    from rpms_ros.stimulation.devices.serial_line import SerialDevice
+
+    return SerialDevice(settings.port)
 
 
 def profile_of(settings: DriverParameters) -> Profile:

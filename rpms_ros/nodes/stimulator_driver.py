@@ -4,6 +4,7 @@ The life cycle: configure opens the device, activate arms it, deactivate disarms
 What decides is `rpms_ros.stimulation.core`; here it meets topics, services and the executor.
 """
 
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -31,6 +32,7 @@ from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.driver_parameters import profile_of
 from rpms_ros.nodes.driver_parameters import schedule_of
+from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.driver_status import status_message
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
@@ -46,6 +48,11 @@ from rpms_ros.stimulation.threads import PulseThread
 from rpms_ros.stimulation.threads import SupervisorThread
 
 _TICK_S = 0.05
+_CLOCK_READINGS = 5
+_TIGHT_NS = 50_000
+_LONG_NS = 10**18
+# how long one thread of Python keeps the others waiting: the pulse thread is one of them
+_SWITCH_S = 5e-4
 _DIAGNOSTICS_PERIOD_S = 1.0
 Callback = Callable[..., TransitionCallbackReturn]
 
@@ -91,6 +98,10 @@ class StimulatorDriver(LifecycleNode):
         self._threads = [PulseThread(self.core, self._publish), SupervisorThread(self.core)]
         for thread in self._threads:
             thread.start()
+        if self.settings.realtime_priority > 0:
+            denied = ask_for_realtime(self.settings.realtime_priority)
+            if denied:
+                logger_of(self).warning(denied)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -168,16 +179,33 @@ class StimulatorDriver(LifecycleNode):
         return response
 
     def _publish(self, fired: Fired) -> None:
-        self._commanded.publish(self._pulse(fired.due_ns, fired.intensity, fired.sequence, fired))
+        offset_ns = self._clock_offset_ns()
         given = fired.delivery
+        asked = Pulse(fired.due_ns + offset_ns, fired.intensity, fired.sequence, fired.width_s)
+        self._commanded.publish(self._message(asked))
         if given is not None:
             sequence = fired.delivered_sequence
-            self._delivered.publish(self._pulse(given.time_ns, given.intensity, sequence, fired))
+            delivered = Pulse(given.time_ns + offset_ns, given.intensity, sequence, fired.width_s)
+            self._delivered.publish(self._message(delivered))
 
-    def _pulse(self, time_ns: int, intensity: float, sequence: int, fired: Fired) -> PulseMessage:
-        stamp = self.get_clock().now().nanoseconds - (time.monotonic_ns() - time_ns)
-        pulse = Pulse(stamp, intensity, sequence, fired.width_s)
+    def _message(self, pulse: Pulse) -> PulseMessage:
         return messages.pulse_message(pulse, MESSAGE_TYPES, self.settings.frame_id)
+
+    def _clock_offset_ns(self) -> int:
+        """Return the node's clock minus the monotonic clock [ns].
+
+        The thread may be held up between the two readings; the tightest of a few counts.
+        """
+        best_width, best_offset = _LONG_NS, 0
+        for _ in range(_CLOCK_READINGS):
+            before = time.monotonic_ns()
+            now = self.get_clock().now().nanoseconds
+            width = time.monotonic_ns() - before
+            if width < best_width:
+                best_width, best_offset = width, now - before - width // 2
+            if width < _TIGHT_NS:
+                break
+        return best_offset
 
     def _tick(self) -> None:
         self.core.seen(EXECUTOR)
@@ -221,4 +249,5 @@ class StimulatorDriver(LifecycleNode):
 
 def main() -> int:
     """Run the stimulator driver as a process."""
+    sys.setswitchinterval(_SWITCH_S)
     return run(StimulatorDriver)

@@ -160,7 +160,20 @@ class StimulatorCore(Guard):
         finally:
             self._firing_since_ns = None
         with self._lock:
-            return self._account(pulse, delivery, since)
+            fired = self._account(pulse, delivery, since)
+        self._prepare_next()
+        return fired
+
+    def _prepare_next(self) -> None:
+        with self._lock:
+            run = self.run
+            if run is None or run.exhausted or self.state is not State.RUNNING:
+                return
+        try:
+            with self._device_lock:
+                self.device.prepare(run.intensity)
+        except DeviceError as error:
+            self.fail('device', str(error))
 
     def supervise(self) -> None:
         """Watch over everything else; called steadily by a thread of its own."""

@@ -51,6 +51,9 @@ class Device(Protocol):
     def keep_alive(self) -> None:
         """Tell an armed device that its driver is there; without it, it disarms by itself."""
 
+    def prepare(self, intensity: float) -> None:
+        """Do ahead of time what the next pulse, of this intensity, allows."""
+
     def fire(self, intensity: float, width_s: float) -> Delivery | None:
         """Give one pulse now; return what was delivered, None if nothing was."""
 

@@ -1,6 +1,7 @@
 """A stimulator that exists only as a program, with the faults that real ones have."""
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -72,7 +73,8 @@ class SimulatedDevice:
         self.faults = faults or SimulatedFaults()
         self.opened = False
         self.armed = False
-        self.fired: list[Delivery] = []
+        # the last ones only: a session has no end
+        self.fired: deque[Delivery] = deque(maxlen=10_000)
         self._clock = clock
         self._wait = wait
         self._random = np.random.default_rng(seed)
@@ -112,6 +114,10 @@ class SimulatedDevice:
         """Note that the driver is there."""
         self._require_present()
         self._last_sign_ns = self._clock()
+
+    def prepare(self, intensity: float) -> None:
+        """Nothing takes time here."""
+        del intensity
 
     def fire(self, intensity: float, width_s: float) -> Delivery | None:
         """Give one pulse, or do what the faults say."""

@@ -1,0 +1,186 @@
+"""A stimulator of the Rapid2 class on a serial line.
+
+The frames are those that users of these devices have published: a command letter, its data and a
+check byte, the complement of the sum of the bytes before it; the device echoes the letter, adds
+its status and its data, and a check byte.  9600 baud, 8 data bits, no parity.
+
+This has been tested against a simulated instrument on a pseudo-terminal only.  It has not met
+hardware: hold it against the manual of your device before a coil is connected.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+
+import serial
+
+from rpms_ros.stimulation.devices.interface import Delivery
+from rpms_ros.stimulation.devices.interface import DeviceError
+
+BAUD = 9600
+_TIMEOUT_S = 0.15
+# three bytes of ten bits each
+_FRAME_NS = round(3 * 10 / BAUD * 1e9)
+_REPLY_BYTES = {b'Q@': 3, b'R@': 3, b'E': 3, b'@': 3, b'F@': 9}
+
+# bits of the status byte
+ARMED = 0x02
+READY = 0x04
+COIL_PRESENT = 0x08
+REPLACE_COIL = 0x10
+ERROR = 0x20
+REMOTE = 0x80
+
+ENABLE, DISABLE = b'Q@', b'R@'
+DISARM, ARM, FIRE = b'EA', b'EB', b'EH'
+TEMPERATURE = b'F@'
+
+
+def framed(body: bytes) -> bytes:
+    """Return a frame: the body and its check byte."""
+    return body + bytes([~sum(body) & 0xFF])
+
+
+def power(intensity: float) -> bytes:
+    """Return the command that sets an intensity (share 0..1), in whole percent."""
+    return b'@%03d' % round(100 * intensity)
+
+
+class SerialDevice:
+    """One stimulator on one serial line.
+
+    The device knows whole percents: an intensity is rounded to the nearest.
+
+    Parameters
+    ----------
+    port : str
+        Name of the serial port, e.g. ``/dev/ttyUSB0``.
+    clock : callable
+        Monotonic time [ns].
+    """
+
+    def __init__(self, port: str, clock: Callable[[], int] = time.monotonic_ns) -> None:
+        self._port = port
+        self._clock = clock
+        self._line: serial.Serial | None = None
+        self._percent = -1
+        # held for one exchange; disarming does not wait for it
+        self._exchange = threading.Lock()
+        self._silenced = threading.Event()
+
+    @property
+    def real(self) -> bool:
+        """True: a coil hangs on it."""
+        return True
+
+    def open(self) -> None:
+        """Connect, take remote control, intensity zero."""
+        try:
+            self._line = serial.Serial(
+                self._port, BAUD, timeout=_TIMEOUT_S, write_timeout=_TIMEOUT_S, exclusive=True
+            )
+            self._line.reset_input_buffer()
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise DeviceError(f'expected a serial port, got {self._port}: {error}') from error
+        status = self._ask(ENABLE)
+        if not status & REMOTE:
+            raise DeviceError(f'expected remote control, got status {status:#04x}')
+        self._ask(DISARM)
+        self._set_percent(0)
+
+    def arm(self) -> None:
+        """Charge, at intensity zero; refused while the device reports an error or no coil."""
+        self._silenced.clear()
+        self._set_percent(0)
+        status = self._ask(ARM)
+        if status & (ERROR | REPLACE_COIL) or not status & COIL_PRESENT or not status & ARMED:
+            self.disarm()
+            raise DeviceError(f'expected an armed device with a coil, got status {status:#04x}')
+
+    def disarm(self) -> None:
+        """Set intensity zero, then disarm; written at once, no answer is waited for."""
+        self._silenced.set()
+        self._percent = -1
+        line = self._line
+        if line is None:
+            return
+        try:
+            line.write(framed(power(0.0)) + framed(DISARM))
+        except (serial.SerialException, OSError) as error:
+            raise DeviceError(f'expected a device to disarm, got {error}') from error
+
+    def close(self) -> None:
+        """Disarm, give back remote control, let go of the port."""
+        line = self._line
+        if line is None:
+            return
+        try:
+            self.disarm()
+            line.write(framed(DISABLE))
+            line.flush()
+        except (serial.SerialException, OSError) as error:
+            raise DeviceError(f'expected a device to close, got {error}') from error
+        finally:
+            self._line = None
+            line.close()
+
+    def keep_alive(self) -> None:
+        """Ask anything: every exchange is a sign of life; an error of the device shows here."""
+        status = self._ask(ENABLE)
+        if status & ERROR:
+            raise DeviceError(f'expected a device without error, got status {status:#04x}')
+
+    def fire(self, intensity: float, width_s: float) -> Delivery | None:
+        """Set the intensity if it changed, then trigger; the device has one width."""
+        del width_s
+        self.prepare(intensity)
+        if self._silenced.is_set():
+            return None
+        # the device fires when it has the whole frame
+        onset_ns = self._clock() + _FRAME_NS
+        percent = self._percent
+        status = self._ask(FIRE)
+        return Delivery(onset_ns, percent / 100) if status & ARMED else None
+
+    def prepare(self, intensity: float) -> None:
+        """Set the intensity of the next pulse, so that only the trigger is left to send."""
+        if not self._silenced.is_set():
+            self._set_percent(round(100 * intensity))
+
+    def temperature(self) -> float | None:
+        """Return the coil's temperature [Celsius]."""
+        reply = self._exchanged(TEMPERATURE)
+        try:
+            return int(reply[2:5]) / 10
+        except ValueError as error:
+            raise DeviceError(f'expected a temperature, got {reply!r}') from error
+
+    def _set_percent(self, percent: int) -> None:
+        if percent != self._percent:
+            self._ask(b'@%03d' % percent)
+            self._percent = percent
+
+    def _ask(self, body: bytes) -> int:
+        """Send a command; return the status byte of its answer."""
+        return self._exchanged(body)[1]
+
+    def _exchanged(self, body: bytes) -> bytes:
+        letter = body[:1]
+        length = _REPLY_BYTES.get(body, _REPLY_BYTES.get(letter, 3))
+        line = self._line
+        if line is None:
+            raise DeviceError('expected an open serial line, got a closed one')
+        try:
+            with self._exchange:
+                # answers to a disarming, which nobody waited for
+                line.reset_input_buffer()
+                line.write(framed(body))
+                reply: bytes = line.read(length)
+        except (serial.SerialException, OSError) as error:
+            raise DeviceError(f'expected an answer from {self._port}, got {error}') from error
+        if len(reply) != length or reply[:1] != letter or framed(reply[:-1]) != reply:
+            raise DeviceError(
+                f'expected {length} bytes that begin with {letter!r} and a check byte that fits '
+                f'from {self._port}, got {reply!r}'
+            )
+        return reply

@@ -1,0 +1,161 @@
+"""`rpms check` and `rpms protocol`: verdicts, exit codes, JSON, faults of the input."""
+
+import json
+
+import numpy as np
+import pytest
+
+from rpms_ros.cli.protocol import PROTOCOLS
+from rpms_ros.report.schedule_figure import window_power
+from rpms_ros.stimulation import load_schedule
+from rpms_ros.stimulation import paper_random
+from rpms_ros.stimulation import paper_sinusoid
+
+KEYS = [
+    'deliverable',
+    'violations',
+    'mean_power_w',
+    'energy_j',
+    'max_rate_hz',
+    'waits_s',
+    'temperature_c',
+]
+
+
+@pytest.fixture
+def written(tmp_path, rpms):
+    """Write a protocol; return its file."""
+
+    def write(name, *options):
+        path = tmp_path / f'{name}.yaml'
+        code, out, err = rpms('protocol', name, '--out', path, *options)
+        assert (code, err) == (0, '')
+        assert str(path) in out
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize('name', ['paper-random', 'paper-sinusoid'])
+def test_the_paper_is_not_deliverable_and_an_offer_is_made(written, rpms, name):
+    code, out, err = rpms('check', written(name), '--device', 'rapid2-240v')
+    assert (code, err) == (1, '')
+    assert f'{name} on rapid2-240v: NOT deliverable' in out
+    for limit in ('rate_limits_hz', 'continuous_power_w', 'deliverable would be:'):
+        assert limit in out
+
+
+def test_protocols_are_those_of_the_paper(written):
+    assert load_schedule(written('paper-random')) == paper_random()
+    assert load_schedule(written('paper-sinusoid')) == paper_sinusoid()
+
+
+def test_options_change_a_protocol(written):
+    changed = written('paper-random', '--rate', '10', '--duration', '5', '--seed', '7')
+    assert load_schedule(changed) == paper_random(duration_s=5.0, rate_hz=10.0, seed=7)
+
+
+def test_json_is_one_object_with_its_keys(written, rpms):
+    code, out, _ = rpms('check', written('paper-random'), '--device', 'rapid2-240v', '--json')
+    document = json.loads(out)
+    assert code == 1
+    assert list(document) == KEYS
+    assert document['deliverable'] is False
+    # E[u^2] of one draw is within 1 % of 1/3
+    assert document['mean_power_w'] == pytest.approx(1680.0, rel=0.01)
+    assert document['energy_j'] == pytest.approx(90 * document['mean_power_w'], rel=1e-9)
+    assert document['max_rate_hz'] == 20.0
+    assert len(document['waits_s']) == 1
+    assert {entry['limit'] for entry in document['violations']} >= {'rate_limits_hz'}
+    assert all(entry['reason'].startswith('expected') for entry in document['violations'])
+
+
+def test_what_is_deliverable_says_so(tmp_path, rpms):
+    path = tmp_path / 'mild.yaml'
+    path.write_text(
+        'name: mild\nsegments:\n- {kind: constant, rate_hz: 10.0, duration_s: 20.0, '
+        'intensity: 0.4}\n- {kind: pause, duration_s: 3.0}\n- {kind: single}\n'
+    )
+    code, out, err = rpms('check', path, '--device', 'rapid2-240v')
+    assert (code, err) == (0, '')
+    assert 'mild on rapid2-240v: deliverable' in out
+    assert 'deliverable would be' not in out
+    code, out, _ = rpms('check', path, '--device', 'rapid2-240v', '--json')
+    document = json.loads(out)
+    assert code == 0
+    assert document['violations'] == []
+    assert document['waits_s'] == [0.5, 0.5]
+    assert 22.0 < document['temperature_c'] < 40.0
+
+
+def test_temperature_is_null_where_nothing_is_known_of_it(written, rpms):
+    code, out, _ = rpms('check', written('paper-random'), '--device', 'simulated', '--json')
+    assert code == 0
+    assert json.loads(out)['temperature_c'] is None
+
+
+def test_silence_is_deliverable(tmp_path, rpms):
+    path = tmp_path / 'silence.yaml'
+    path.write_text('segments: [{kind: pause, duration_s: 3.0}]')
+    code, out, _ = rpms('check', path, '--device', 'rapid2-240v')
+    assert code == 0
+    assert 'waits        none' in out
+
+
+def test_plot_is_written(tmp_path, written, rpms):
+    figure = tmp_path / 'plot.png'
+    rpms('check', written('paper-sinusoid'), '--device', 'rapid2-240v', '--plot', figure)
+    assert figure.read_bytes().startswith(b'\x89PNG')
+    code, _, err = rpms(
+        'check',
+        written('paper-sinusoid'),
+        '--device',
+        'simulated',
+        '--plot',
+        tmp_path / 'no' / 'x',
+    )
+    assert code == 2
+    assert 'expected a figure file to write, got' in err
+
+
+def test_power_over_a_window():
+    power = window_power(np.array([0.0, 1.0, 2.0, 3.5]), np.array([10.0, 20.0, 30.0, 40.0]), 2.0)
+    assert power.tolist() == [5.0, 15.0, 25.0, 35.0]
+
+
+@pytest.mark.parametrize(
+    ('text', 'device', 'fault'),
+    [
+        ('segments: [', 'rapid2-240v', 'expected a YAML document'),
+        ('segments: [{kind: pause}]', 'rapid2-240v', 'line 1, segments[0].duration_s: expected'),
+        ('segments: [{kind: single}]', 'oracle', 'expected a device of rapid2-240v, simulated'),
+    ],
+)
+def test_unusable_input_is_one_line(tmp_path, rpms, text, device, fault):
+    path = tmp_path / 'schedule.yaml'
+    path.write_text(text)
+    code, out, err = rpms('check', path, '--device', device, '--json')
+    assert (code, out) == (2, '')
+    assert err.startswith('rpms: error: ')
+    assert err.count('\n') == 1
+    assert fault in err
+
+
+def test_files_that_cannot_be_read_or_written(tmp_path, rpms):
+    code, _, err = rpms('check', tmp_path / 'absent.yaml', '--device', 'simulated')
+    assert code == 2
+    assert 'expected a readable schedule file' in err
+    code, _, err = rpms('protocol', 'paper-random', '--out', tmp_path / 'no' / 'x.yaml')
+    assert code == 2
+    assert 'expected a file to write' in err
+    code, _, err = rpms('protocol', 'paper-random', '--out', tmp_path / 'x.yaml', '--rate', '0')
+    assert code == 2
+    assert 'rate_hz: expected a number in (0, 1000] Hz, got 0.0' in err
+
+
+def test_help_names_every_protocol(rpms, capsys):
+    with pytest.raises(SystemExit, match='0'):
+        rpms('protocol', '--help')
+    out = capsys.readouterr().out
+    assert all(name in out for name in PROTOCOLS)
+    assert '0 to 100 %' in out

@@ -1,0 +1,71 @@
+"""Interlocks and heartbeats by themselves."""
+
+import pytest
+
+from rpms_ros.stimulation.heartbeat import Heartbeat
+from rpms_ros.stimulation.interlocks import Interlocks
+from rpms_ros.stimulation.interlocks import Refused
+
+SECOND = 1_000_000_000
+NOW = 1000 * SECOND
+
+
+def test_sign_of_life_ages():
+    interlocks = Interlocks({'heart': SECOND})
+    assert interlocks.problem(0) == ('heart', 'heart: expected a sign of life, got none yet')
+    interlocks.seen('heart', 0)
+    assert interlocks.problem(SECOND) is None
+    name, reason = interlocks.problem(SECOND + 1)
+    assert name == 'heart'
+    assert reason == 'heart: expected a sign of life within 1 s, got none for 1 s'
+
+
+def test_condition_is_open_until_it_is_closed():
+    interlocks = Interlocks({})
+    interlocks.close('door')
+    interlocks.open('door', 'the door is open')
+    assert interlocks.problem(0) == ('door', 'the door is open')
+    interlocks.close('door')
+    assert interlocks.problem(0) is None
+    assert not interlocks.latched
+
+
+def test_latch_lets_go_only_with_its_causes_gone():
+    interlocks = Interlocks({'heart': SECOND})
+    interlocks.latch('heart', 'no heartbeat')
+    interlocks.latch('door', 'the door was open')
+    assert interlocks.latched_reason == 'no heartbeat'
+    with pytest.raises(Refused, match='expected heart to come again, got nothing') as caught:
+        interlocks.reset(0)
+    assert caught.value.limit == 'heart'
+    interlocks.seen('heart', 0)
+    interlocks.open('door', 'the door is open')
+    with pytest.raises(Refused, match='expected the cause door gone, got the door is open'):
+        interlocks.reset(0)
+    interlocks.close('door')
+    assert interlocks.latched
+    interlocks.reset(0)
+    assert not interlocks.latched
+    assert interlocks.latched_reason == ''
+
+
+def test_heartbeat_of_now_counts():
+    heartbeat = Heartbeat(0.5)
+    assert heartbeat.refusal(NOW - SECOND // 4, NOW) is None
+    assert heartbeat.refusal(NOW + SECOND // 4, NOW) is None
+
+
+@pytest.mark.parametrize(
+    ('stamp_ns', 'reason'),
+    [
+        (NOW - SECOND, 'expected a heartbeat of at most 0.5 s ago, got one of 1 s'),
+        (0, 'expected a heartbeat of at most 0.5 s ago, got one of 1e+03 s'),
+        (NOW + SECOND, 'expected a heartbeat of now, got one 1 s in the future'),
+        (NOW, 'expected a heartbeat after the last one, got one that repeats or goes back'),
+        (NOW - 1, 'expected a heartbeat after the last one, got one that repeats or goes back'),
+    ],
+)
+def test_heartbeat_from_the_past_or_nowhere_does_not(stamp_ns, reason):
+    heartbeat = Heartbeat(0.5)
+    assert heartbeat.refusal(NOW, NOW) is None
+    assert heartbeat.refusal(stamp_ns, NOW) == reason
