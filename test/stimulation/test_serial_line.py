@@ -92,7 +92,8 @@ def instrument():
 
 @pytest.fixture
 def device(instrument):
-    real = SerialDevice(instrument.port)
+    # a machine under load may hold the instrument up
+    real = SerialDevice(instrument.port, timeout_s=5.0)
     real.open()
     yield real
     instrument.mute = False
@@ -130,12 +131,14 @@ def test_disarming_sets_zero_first_and_waits_for_nobody(instrument, device, wait
     instrument.mute = True
     began = time.monotonic()
     device.disarm()
-    # far less than the time-out of an exchange, 0.15 s
-    assert time.monotonic() - began < 0.1
+    # less than the time-out of an exchange, 5 s
+    assert time.monotonic() - began < 1.0
     wait_for(lambda: instrument.log[-2:] == [b'@000', b'EA'])
     assert not instrument.status & ARMED
     assert device.fire(0.5, 100e-6) is None
     assert instrument.fired == [50]
+    # what was never answered is not waited for twice
+    device._timeout_s = device._line.timeout = 0.01
 
 
 def test_rearming_after_disarming_starts_from_zero(instrument, device):
@@ -167,10 +170,12 @@ def test_coil_that_is_missing_and_errors_are_refused(instrument, device):
 
 def test_silence_and_noise_on_the_line(instrument, device):
     device.arm()
+    device.prepare(0.5)
     instrument.garbled = True
     with pytest.raises(DeviceError, match='a check byte that fits'):
         device.fire(0.5, 100e-6)
     instrument.garbled, instrument.mute = False, True
+    device._line.timeout = 0.1
     with pytest.raises(DeviceError, match=r"expected 3 bytes that begin with b'Q' .* got b''"):
         device.keep_alive()
 
@@ -196,7 +201,7 @@ def test_device_that_gives_no_remote_control(instrument):
     instrument._obey = lambda frame: os.write(
         instrument.master, framed(frame[:1] + bytes([COIL_PRESENT]))
     )
-    stubborn = SerialDevice(instrument.port)
+    stubborn = SerialDevice(instrument.port, timeout_s=5.0)
     with pytest.raises(DeviceError, match='expected remote control, got status 0x08'):
         stubborn.open()
     stubborn.close()
@@ -204,7 +209,7 @@ def test_device_that_gives_no_remote_control(instrument):
 
 def test_whole_driver_on_the_line(instrument, wait_for):
     core = StimulatorCore(
-        SerialDevice(instrument.port),
+        SerialDevice(instrument.port, timeout_s=5.0),
         load_profile('rapid2-240v'),
         # a machine under load may hold up a thread or two
         DriverSettings(heartbeat_timeout_s=0.0, lateness_limit_s=0.1, response_limit_s=1.0),

@@ -21,7 +21,7 @@ BAUD = 9600
 _TIMEOUT_S = 0.15
 # three bytes of ten bits each
 _FRAME_NS = round(3 * 10 / BAUD * 1e9)
-_REPLY_BYTES = {b'Q@': 3, b'R@': 3, b'E': 3, b'@': 3, b'F@': 9}
+_STATUS_BYTES, _TEMPERATURE_BYTES = 3, 9
 
 # bits of the status byte
 ARMED = 0x02
@@ -57,15 +57,25 @@ class SerialDevice:
         Name of the serial port, e.g. ``/dev/ttyUSB0``.
     clock : callable
         Monotonic time [ns].
+    timeout_s : float
+        How long an answer may take [s].
     """
 
-    def __init__(self, port: str, clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(
+        self,
+        port: str,
+        clock: Callable[[], int] = time.monotonic_ns,
+        timeout_s: float = _TIMEOUT_S,
+    ) -> None:
         self._port = port
+        self._timeout_s = timeout_s
+        self._owed = 0
         self._clock = clock
         self._line: serial.Serial | None = None
         self._percent = -1
         # held for one exchange; disarming does not wait for it
         self._exchange = threading.Lock()
+        self._count = threading.Lock()
         self._silenced = threading.Event()
 
     @property
@@ -77,9 +87,14 @@ class SerialDevice:
         """Connect, take remote control, intensity zero."""
         try:
             self._line = serial.Serial(
-                self._port, BAUD, timeout=_TIMEOUT_S, write_timeout=_TIMEOUT_S, exclusive=True
+                self._port,
+                BAUD,
+                timeout=self._timeout_s,
+                write_timeout=self._timeout_s,
+                exclusive=True,
             )
             self._line.reset_input_buffer()
+            self._owed = 0
         except (serial.SerialException, OSError, ValueError) as error:
             raise DeviceError(f'expected a serial port, got {self._port}: {error}') from error
         status = self._ask(ENABLE)
@@ -106,6 +121,8 @@ class SerialDevice:
             return
         try:
             line.write(framed(power(0.0)) + framed(DISARM))
+            with self._count:
+                self._owed += 2 * _STATUS_BYTES
         except (serial.SerialException, OSError) as error:
             raise DeviceError(f'expected a device to disarm, got {error}') from error
 
@@ -164,16 +181,22 @@ class SerialDevice:
         """Send a command; return the status byte of its answer."""
         return self._exchanged(body)[1]
 
+    def _read_owed(self, line: serial.Serial) -> None:
+        """Read the answers to disarmings, which nobody has waited for."""
+        with self._count:
+            owed, self._owed = self._owed, 0
+        if owed:
+            line.read(owed)
+
     def _exchanged(self, body: bytes) -> bytes:
         letter = body[:1]
-        length = _REPLY_BYTES.get(body, _REPLY_BYTES.get(letter, 3))
+        length = _TEMPERATURE_BYTES if body == TEMPERATURE else _STATUS_BYTES
         line = self._line
         if line is None:
             raise DeviceError('expected an open serial line, got a closed one')
         try:
             with self._exchange:
-                # answers to a disarming, which nobody waited for
-                line.reset_input_buffer()
+                self._read_owed(line)
                 line.write(framed(body))
                 reply: bytes = line.read(length)
         except (serial.SerialException, OSError) as error:
