@@ -1,6 +1,7 @@
 """``rpms demo``: the whole laboratory on this machine, with a muscle whose truth is known."""
 
 import argparse
+import shutil
 import sys
 import time
 from datetime import datetime
@@ -175,7 +176,9 @@ def _show(laboratory: 'Laboratory', subject: 'Subject', duration: float) -> None
             f'pulses {counts["pulses"].messages} (dropped {status.pulses_dropped})'
         )
     if sys.stdout.isatty():
-        print(f'\r  {line}\x1b[K', end='', flush=True)
+        # a line that wraps could not be written over
+        width = shutil.get_terminal_size().columns - 3
+        print(f'\r  {line[:width]}\x1b[K', end='', flush=True)
     else:
         print(f'  {line}', flush=True)
 

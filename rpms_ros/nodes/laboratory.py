@@ -43,6 +43,8 @@ RECORDING = 'recording'
 STARTUP_LIMIT = 120.0
 _PATIENCE = 5.0
 _LOOK_PERIOD = 0.2
+# Several estimate periods without an estimate: there will be none.
+_QUIET = 0.5
 
 
 @dataclass(frozen=True)
@@ -221,16 +223,23 @@ class Laboratory:
                 )
 
     def stop(self) -> None:
-        """Stop the processes, take what they said last, and close the recording."""
-        self._stop_all()
-        end = time.monotonic() + 0.5
-        while time.monotonic() < end:
+        """Stop the force, hear what the identifier still says, then close the recording."""
+        self._end(DRIVER, PLANT)
+        heard, quiet_since = -1, time.monotonic()
+        limit = quiet_since + _PATIENCE
+        while time.monotonic() < min(limit, quiet_since + _QUIET):
             self._executor.spin_once(timeout_sec=0.05)
+            if len(self.monitor.estimates) != heard:
+                heard, quiet_since = len(self.monitor.estimates), time.monotonic()
+        self._end(IDENTIFIER)
         self.recorder.close()
 
     def _stop_all(self) -> None:
-        """End the processes: politely, then not."""
-        processes, self._processes = list(self._processes.values()), {}
+        self._end(*self._processes)
+
+    def _end(self, *names: str) -> None:
+        """End processes: politely, then not."""
+        processes = [self._processes.pop(name) for name in names]
         for process in processes:
             process.send_signal(signal.SIGINT)
         end = time.monotonic() + _PATIENCE
