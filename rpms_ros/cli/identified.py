@@ -11,6 +11,7 @@ import numpy as np
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import identify
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.muscle import RecruitmentParameters
@@ -57,7 +58,9 @@ def identified(
 ) -> IdentifiedSession:
     """Return what an estimator makes of a recording, as it would have on line."""
     estimator = estimator_by_name(options.estimator, options.preset, options.seed, options.rate_hz)
-    return identify(estimator, recording.pulses, recording.forces, progress=progress)
+    # The batch fits everything anew for every estimate: one is enough, at the end.
+    settings = StreamSettings(estimate_period=1e9) if options.estimator == 'batch' else None
+    return identify(estimator, recording.pulses, recording.forces, settings, progress)
 
 
 def as_document(recording: 'Recording', session: IdentifiedSession) -> dict[str, Any]:

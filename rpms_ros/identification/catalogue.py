@@ -3,8 +3,11 @@
 from collections.abc import Callable
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.batch import BatchEstimator
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimator
+from rpms_ros.identification.horizon import HorizonEstimator
+from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.settings import settings_by_name
 
@@ -13,7 +16,15 @@ def _recursive(preset: str, seed: int, rate_hz: float) -> Estimator:
     return RecursiveEstimator(settings_by_name(preset), seed, rate_hz)
 
 
-ESTIMATORS: dict[str, Callable[[str, int, float], Estimator]] = {'recursive': _recursive}
+def _projection(preset: str, rate_hz: float) -> tuple[ProjectionSettings, float]:
+    return ProjectionSettings(start=settings_by_name(preset).start), rate_hz
+
+
+ESTIMATORS: dict[str, Callable[[str, int, float], Estimator]] = {
+    'recursive': _recursive,
+    'batch': lambda preset, _seed, rate_hz: BatchEstimator(*_projection(preset, rate_hz)),
+    'horizon': lambda preset, _seed, rate_hz: HorizonEstimator(*_projection(preset, rate_hz)),
+}
 """What makes a fresh estimator of a preset, a seed and a rate [Hz], by name."""
 
 

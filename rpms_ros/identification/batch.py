@@ -1,0 +1,196 @@
+"""Off-line estimator: variable projection over all samples, from many starts.
+
+The samples are condensed into cells of one pulse each, from which the normal equations of any
+parameters follow exactly (`rpms_ros.identification.projection`); a fit costs what its pulses
+cost, not its samples.  Fits are made when the recording has doubled, so that there is an honest
+a-priori prediction of every sample, and once more when an estimate is asked for.
+"""
+
+from collections.abc import Mapping
+from itertools import product
+
+import numpy as np
+
+from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.projection.cells import SIZE
+from rpms_ros.identification.projection.cells import grown
+from rpms_ros.identification.projection.estimator import ProjectionEstimator
+from rpms_ros.identification.projection.intake import LEARNT
+from rpms_ros.identification.projection.intake import restate
+from rpms_ros.identification.projection.normal_equations import Baseline
+from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.projection.step import COST
+from rpms_ros.identification.projection.step import DAMPING
+from rpms_ros.identification.projection.step import VARIANCE
+from rpms_ros.identification.projection.step import Fit
+from rpms_ros.identification.projection.step import complete_equations
+from rpms_ros.identification.projection.step import empty_fit
+from rpms_ros.identification.projection.step import fit_linear
+from rpms_ros.identification.projection.step import improve
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+_FIRST_FIT_NS = NANOSECONDS_PER_SECOND
+_GROWTH = 2
+# Corners of the physiological range, u_thr, u_sat and alpha_sat, from which fits begin.
+STARTS = tuple(product((0.40, 0.65), (0.80, 1.00), (3.0, 12.0)))
+_SCOUTED_CELLS = 300
+_SCOUTING_STEPS = 5
+_SCOUTING_TOLERANCE = 1e-3
+_FINAL_STEPS = 12
+_FINAL_TOLERANCE = 1e-9
+_ROUNDS = 3
+_START_DAMPING = 1e-2
+
+
+class BatchEstimator(ProjectionEstimator):
+    """Batch estimator; its memory grows with the recording.
+
+    Parameters
+    ----------
+    settings : ProjectionSettings or None
+        Model and numerics.
+    rate_hz : float
+        Rate for which the recruitment curve is stated [Hz].
+
+    Raises
+    ------
+    IdentificationError
+        If the rate is not above zero.
+    """
+
+    name = 'batch'
+
+    def __init__(
+        self,
+        settings: ProjectionSettings | None = None,
+        rate_hz: float = DEFAULT_RATE,
+    ) -> None:
+        super().__init__(settings, rate_hz)
+        if not self.settings.baseline:
+            self._reshape(0)
+        self._origin_ns: int | None = None
+        self._last_ns = 0
+        self._due_ns = 0
+        self._interval_ns = _FIRST_FIT_NS
+        self._fitted_samples = -1
+
+    def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
+        """Take samples (samples,), ascending; return their a-priori prediction [N].
+
+        See `rpms_ros.identification.estimate.Estimator.update`.
+        """
+        prediction = np.empty(len(stamp_ns))
+        first = 0
+        if len(stamp_ns) and self._origin_ns is None:
+            self._origin_ns = int(stamp_ns[0])
+            self._due_ns = self._origin_ns + _FIRST_FIT_NS
+        while first < len(stamp_ns):
+            if stamp_ns[first] >= self._due_ns:
+                self._fit_all()
+                while stamp_ns[first] >= self._due_ns:
+                    self._interval_ns *= _GROWTH
+                    self._due_ns += self._interval_ns
+            last = int(np.searchsorted(stamp_ns, self._due_ns))
+            part = slice(first, last)
+            self._make_room(int(stamp_ns[last - 1] - stamp_ns[first]))
+            self._take(stamp_ns[part], force[part], usable[part], prediction[part])
+            self._last_ns = int(stamp_ns[last - 1])
+            first = last
+        return prediction
+
+    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Fit everything that has come and return what is known."""
+        self._fit_all()
+        return self._snapshot(stamp_ns, faults)
+
+    def _make_room(self, span_ns: int) -> None:
+        """Let there be room for all pending pulses, and for the cells of a pause."""
+        need = int(self._cells.place[SIZE]) + len(self._pending.begin_ns)
+        need += span_ns // 200_000_000 + 2
+        if need > len(self._cells.start_ns):
+            self._cells = grown(self._cells, 2 * need)
+
+    def _reshape(self, knots: int) -> None:
+        """Give the baseline so many knots."""
+        theta, functions = self._fit.theta, self.settings.basis.functions
+        self._fit = empty_fit(theta, functions, knots)
+        self._trial = empty_fit(theta, functions, knots)
+        self._baseline = Baseline(knots, 0, 1)
+
+    def _place_knots(self) -> None:
+        """Spread the baseline's knots evenly over what has come."""
+        assert self._origin_ns is not None
+        span = max(self._last_ns - self._origin_ns, 5 * NANOSECONDS_PER_SECOND)
+        spacing = self.settings.knot_spacing * NANOSECONDS_PER_SECOND
+        parts = max(round(span / spacing), 1)
+        if parts + 1 != self._baseline.knots:
+            self._reshape(parts + 1)
+        self._baseline = Baseline(parts + 1, self._origin_ns, -(-span // parts))
+
+    def _fit_all(self) -> None:
+        """Fit all samples: a few steps from every start, many from the best."""
+        samples = int(self._intake.scalars[LEARNT])
+        if self._origin_ns is None or samples == self._fitted_samples:
+            return
+        self._fitted_samples = samples
+        if self.settings.baseline:
+            self._place_knots()
+        fit = self._fit
+        fit.scalars[VARIANCE] = 0.0
+        self._solve(fit, 0, refresh=True)
+        self._improve(fit, 0, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
+        self._scout(fit)
+        for _ in range(_ROUNDS):
+            self._solve(fit, 0, refresh=True)
+            self._improve(fit, 0, _FINAL_STEPS, _FINAL_TOLERANCE)
+        complete_equations(
+            self._cells, 0, self._kick, self._baseline, self._known, self._work, fit
+        )
+        restate(self._cells, self._intake, fit, self._kick)
+
+    def _scout(self, fit: Fit) -> None:
+        """Try every start on the newest cells; go on from the best if it is better over all."""
+        first = max(int(self._cells.place[SIZE]) - _SCOUTED_CELLS, 0)
+        best = self._trial_from(fit, fit.theta, first)
+        for start in ((*self.settings.start[:3],), *STARTS):
+            theta = np.array([*start, self.settings.start.alpha_thr])
+            other = self._trial_from(fit, theta, first)
+            if other.scalars[COST] < best.scalars[COST]:
+                best = other
+        self._solve(best, 0, refresh=False)
+        self._improve(best, 0, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
+        if best.scalars[COST] < fit.scalars[COST]:
+            fit.theta[:] = best.theta
+            fit.scalars[DAMPING] = best.scalars[DAMPING]
+
+    def _trial_from(self, fit: Fit, theta: FloatArray, first: int) -> Fit:
+        """Return a fit a few steps from theta, with the variance of `fit`."""
+        other = empty_fit(theta, len(fit.linear), len(fit.levels))
+        other.scalars[VARIANCE] = fit.scalars[VARIANCE]
+        other.scalars[DAMPING] = _START_DAMPING
+        self._solve(other, first, refresh=False)
+        self._improve(other, first, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
+        return other
+
+    def _solve(self, fit: Fit, first: int, refresh: bool) -> None:
+        fit_linear(
+            self._cells, first, self._kick, self._baseline, self._known, self._work, fit, refresh
+        )
+
+    def _improve(self, fit: Fit, first: int, steps: int, tolerance: float) -> None:
+        improve(
+            self._cells,
+            first,
+            self._kick,
+            self._baseline,
+            self._known,
+            self._work,
+            fit,
+            self._trial,
+            steps,
+            tolerance,
+        )

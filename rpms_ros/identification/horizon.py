@@ -1,0 +1,162 @@
+"""On-line estimator: exact variable projection over a moving horizon.
+
+Samples of the last 20 s are kept, condensed into cells of one pulse each, from which the normal
+equations of any parameters follow exactly.  Once a period of the stamps one Gauss-Newton step is
+taken from them, so the linearisation never grows old.  Cells that leave the horizon are kept as
+a quadratic cost that is forgotten only where newer cells say the same.
+
+Steps are triggered by stamps alone, so the answer does not depend on how the data are cut.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.projection.arrival import absorb
+from rpms_ros.identification.projection.arrival import forget
+from rpms_ros.identification.projection.cells import HEAD
+from rpms_ros.identification.projection.cells import SIZE
+from rpms_ros.identification.projection.estimator import ProjectionEstimator
+from rpms_ros.identification.projection.intake import restate
+from rpms_ros.identification.projection.normal_equations import Baseline
+from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.projection.step import fit_linear
+from rpms_ros.identification.projection.step import improve
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+# There is room for pulses at this rate over the horizon [Hz]; at a higher one it is shorter.
+_HIGHEST_RATE = 120.0
+# Cells that a step period can bring before a step makes room again.
+_SPARE_CELLS = 128
+# A slope of the baseline is not asked of a shorter time [ns].
+_SHORTEST_SLOPE_NS = 5 * NANOSECONDS_PER_SECOND
+_TOLERANCE = 1e-10
+
+
+class HorizonEstimator(ProjectionEstimator):
+    """Moving-horizon estimator.
+
+    Parameters
+    ----------
+    settings : ProjectionSettings or None
+        Model and numerics.
+    rate_hz : float
+        Rate for which the recruitment curve is stated [Hz].
+
+    Raises
+    ------
+    IdentificationError
+        If the rate is not above zero.
+    """
+
+    name = 'horizon'
+
+    def __init__(
+        self,
+        settings: ProjectionSettings | None = None,
+        rate_hz: float = DEFAULT_RATE,
+    ) -> None:
+        settings = settings if settings is not None else ProjectionSettings()
+        seconds = settings.horizon + settings.basis.duration
+        capacity = int(seconds * _HIGHEST_RATE) + _SPARE_CELLS
+        super().__init__(settings, rate_hz, capacity, 2 if settings.baseline else 0)
+        self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
+        self._horizon_ns = round(settings.horizon * NANOSECONDS_PER_SECOND)
+        self._memory_ns = round(settings.basis.duration * NANOSECONDS_PER_SECOND)
+        self._last_ns: int | None = None
+
+    def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
+        """Learn from samples (samples,), ascending; return their a-priori prediction [N].
+
+        See `rpms_ros.identification.estimate.Estimator.update`.
+        """
+        prediction = np.empty(len(stamp_ns))
+        if not len(stamp_ns):
+            return prediction
+        period = stamp_ns // self._step_ns
+        starts = np.flatnonzero(np.diff(period)) + 1
+        for first, last in zip((0, *starts), (*starts, len(stamp_ns)), strict=True):
+            if self._last_ns is not None and period[first] != self._last_ns // self._step_ns:
+                self._step()
+            part = slice(first, last)
+            self._take(stamp_ns[part], force[part], usable[part], prediction[part])
+            self._last_ns = int(stamp_ns[last - 1])
+        return prediction
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act; what the horizon holds is kept as a quadratic cost."""
+        super().forget_pulses()
+        size = int(self._cells.place[SIZE])
+        if size:
+            self._leave(size)
+            self._cells.place[SIZE] = 0
+            self._first = 0
+        self._last_ns = None
+
+    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return what is known now."""
+        return self._snapshot(stamp_ns, faults)
+
+    def _step(self) -> None:
+        """Slide the horizon and take a step."""
+        self._slide()
+        cells, known, fit, work = self._cells, self._known, self._fit, self._work
+        if self.settings.forgetting and known.information.any():
+            forget(known, fit, self.settings.forgetting)
+        fit_linear(cells, self._first, self._kick, self._baseline, known, work, fit, True)
+        improve(
+            cells,
+            self._first,
+            self._kick,
+            self._baseline,
+            known,
+            work,
+            fit,
+            self._trial,
+            self.settings.steps,
+            _TOLERANCE,
+        )
+        restate(cells, self._intake, fit, self._kick)
+
+    def _slide(self) -> None:
+        """Let cells go that lie before the horizon; keep what leads the state up to it."""
+        assert self._last_ns is not None
+        cells = self._cells
+        capacity = len(cells.start_ns)
+        head, size = int(cells.place[HEAD]), int(cells.place[SIZE])
+        start_ns = cells.start_ns[(head + np.arange(size)) % capacity]
+        surplus = size - (capacity - _SPARE_CELLS)
+        oldest = self._last_ns - self._horizon_ns
+        leaving = int(np.searchsorted(start_ns[1:], oldest, side='right'))
+        self._leave(min(max(leaving, surplus), size - 1))
+        begin = int(start_ns[self._first])
+        gone = int(np.searchsorted(start_ns, begin - self._memory_ns))
+        gone = min(max(gone, surplus), self._first)
+        if gone > 0:
+            cells.place[HEAD] = (head + gone) % capacity
+            cells.place[SIZE] -= gone
+            self._first -= gone
+        length = max(self._last_ns - begin, _SHORTEST_SLOPE_NS)
+        self._baseline = Baseline(self._baseline.knots, begin, length)
+
+    def _leave(self, last: int) -> None:
+        """Keep what cells up to `last` say as a quadratic cost."""
+        if last <= self._first:
+            return
+        absorb(
+            self._cells,
+            self._first,
+            last,
+            self._kick,
+            self._baseline,
+            self._known,
+            self._work,
+            self._fit,
+            self._trial,
+        )
+        self._first = last

@@ -1,0 +1,132 @@
+r"""Twitch parameters read off an identified response: time constant, latency, order, gain.
+
+The twitch of Eq. (2) behind a latency is fitted to the coefficients of the basis, not to the
+curve that they draw: ``min (w - P m(p))^T (C + e^2 I)^-1 (w - P m(p))`` with P the projection on
+the basis, C the coefficients' covariance and e a share of their length that the basis may miss.
+So every direction counts as much as the data know it.  Time constant, latency and order pull
+the response in similar ways; a prior as wide as people differ (Tables 1 and 2) keeps the answer
+physiological where the data leave it open, and the intervals say how far they do.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.muscle.twitch import twitch
+from rpms_ros.pulses import FloatArray
+
+PHYSIOLOGY_NAMES = ('twitch_time_constant_s', 'latency_s', 'order', 'twitch_peak_n')
+_CENTRE = np.array([38e-3, 9.5e-3, 3.0])
+_DEVIATION = np.array([15e-3, 8e-3, 0.7])
+_LOWER = np.array([8e-3, 0.0, 1.5])
+_UPPER = np.array([0.15, 60e-3, 6.0])
+_STEP = np.array([1e-5, 1e-5, 1e-3])
+# What the basis may miss of a response, relative to its length.
+_MISFIT = 1e-3
+_ITERATIONS = 15
+
+
+@dataclass(frozen=True)
+class Physiology:
+    """Numbers of `PHYSIOLOGY_NAMES` and their standard deviations, (4,) each."""
+
+    values: FloatArray
+    deviations: FloatArray
+
+
+@dataclass(frozen=True)
+class TwitchReader:
+    """Reads the twitch off coefficients of a basis.
+
+    Attributes
+    ----------
+    basis : LaguerreBasis
+        The basis.
+    step : float
+        Grid on which twitches are projected [s].
+    """
+
+    basis: LaguerreBasis
+    step: float = 2e-3
+
+    @cached_property
+    def _grid(self) -> FloatArray:
+        return np.arange(self.step / 2, self.basis.duration, self.step)
+
+    @cached_property
+    def _projection(self) -> FloatArray:
+        values = self.basis.evaluate(self._grid)
+        return np.asarray(np.linalg.pinv(values), dtype=np.float64)
+
+    def read(self, response: FloatArray, covariance: FloatArray) -> Physiology | None:
+        """Fit the twitch.
+
+        Parameters
+        ----------
+        response, covariance : ndarray (functions,), (functions, functions)
+            Coefficients of the response at full intensity, and their covariance.
+
+        Returns
+        -------
+        Physiology or None
+            None if the response is not known to differ from nothing.
+        """
+        length = float(np.linalg.norm(response))
+        if not length > 2.0 * float(np.sqrt(max(np.trace(covariance), 0.0))):
+            return None
+        noise = covariance + (_MISFIT * length) ** 2 * np.eye(len(response))
+        whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        target = whiten @ response
+        shape = _CENTRE.copy()
+        cost, peak = self._match(shape, whiten, target)
+        damping = 1e-3
+        for _ in range(_ITERATIONS):
+            jacobian, residual = self._equations(shape, peak, whiten, target)
+            matrix = jacobian.T @ jacobian
+            right = jacobian.T @ residual
+            step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)
+            candidate = np.clip(shape + step[:3], _LOWER, _UPPER)
+            new_cost, new_peak = self._match(candidate, whiten, target)
+            if new_cost <= cost:
+                done = cost - new_cost < 1e-6 * cost
+                shape, peak, cost = candidate, new_peak, new_cost
+                damping *= 0.1
+                if done:
+                    break
+            else:
+                damping = max(10.0 * damping, 1e-6)
+        jacobian, _ = self._equations(shape, peak, whiten, target)
+        inverse = np.linalg.inv(jacobian.T @ jacobian + 1e-12 * np.eye(4))
+        return Physiology(np.append(shape, peak), np.sqrt(np.maximum(np.diag(inverse), 0.0)))
+
+    def _model(self, shape: FloatArray) -> FloatArray:
+        """Return the coefficients (functions,) of a twitch of peak 1."""
+        force = twitch(self._grid - shape[1], float(shape[0]), float(shape[2]))
+        result: FloatArray = self._projection @ force
+        return result
+
+    def _match(
+        self, shape: FloatArray, whiten: FloatArray, target: FloatArray
+    ) -> tuple[float, float]:
+        """Return cost and best peak of a shape."""
+        model = whiten @ self._model(shape)
+        peak = float(model @ target) / max(float(model @ model), 1e-300)
+        residual = target - peak * model
+        away = (shape - _CENTRE) / _DEVIATION
+        return float(residual @ residual + away @ away), peak
+
+    def _equations(
+        self, shape: FloatArray, peak: float, whiten: FloatArray, target: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return Jacobian (functions + 3, 4) and residual (functions + 3,), prior included."""
+        model = self._model(shape)
+        moves = np.diag(_STEP)
+        columns = np.column_stack(
+            [self._model(shape + move) - self._model(shape - move) for move in moves]
+        )
+        data = whiten @ np.column_stack((columns * (0.5 / _STEP) * peak, model))
+        prior = np.column_stack((np.diag(1.0 / _DEVIATION), np.zeros(3)))
+        residual = target - peak * (whiten @ model)
+        return np.vstack((data, prior)), np.append(residual, (_CENTRE - shape) / _DEVIATION)

@@ -1,0 +1,1 @@
+"""Exact variable projection on sums that are kept a pulse, not on samples."""

@@ -1,0 +1,176 @@
+"""What the batch and the horizon estimator have in common: intake, prediction, estimates."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.projection.cells import SIZE
+from rpms_ros.identification.projection.cells import empty_cells
+from rpms_ros.identification.projection.intake import ERROR_ENERGY
+from rpms_ros.identification.projection.intake import FORCE_ENERGY
+from rpms_ros.identification.projection.intake import FRESH
+from rpms_ros.identification.projection.intake import LEARNT
+from rpms_ros.identification.projection.intake import fresh_intake
+from rpms_ros.identification.projection.intake import take
+from rpms_ros.identification.projection.normal_equations import Baseline
+from rpms_ros.identification.projection.normal_equations import pass_arrays
+from rpms_ros.identification.projection.normal_equations import residual_spread
+from rpms_ros.identification.projection.pending import PendingPulses
+from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.projection.snapshot import Counters
+from rpms_ros.identification.projection.snapshot import Snapshots
+from rpms_ros.identification.projection.step import empty_fit
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+# Lengths over which residuals are summed to see whether they hang together [ns].
+_BLOCK_NS = np.array([100_000_000, 500_000_000, 2_000_000_000], dtype=np.int64)
+
+
+class ProjectionEstimator:
+    """Intake of samples and pulses into cells; when to fit is left to the classes below.
+
+    Parameters
+    ----------
+    settings : ProjectionSettings or None
+        Model and numerics.
+    rate_hz : float
+        Rate for which the recruitment curve is stated [Hz].
+    capacity : int
+        Number of cells there is room for.
+    knots : int
+        Number of the baseline's knots.
+
+    Raises
+    ------
+    IdentificationError
+        If the rate is not above zero.
+    """
+
+    name = 'projection'
+
+    def __init__(
+        self,
+        settings: ProjectionSettings | None,
+        rate_hz: float = DEFAULT_RATE,
+        capacity: int = 64,
+        knots: int = 2,
+    ) -> None:
+        if not (math.isfinite(rate_hz) and rate_hz > 0):
+            raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+        self.settings = settings if settings is not None else ProjectionSettings()
+        self.rate_hz = rate_hz
+        basis = self.settings.basis
+        self._rate = 2.0 / basis.time_constant
+        self._kick = basis.kick
+        self._cells = empty_cells(capacity, basis.functions)
+        self._first = 0
+        self._known = self.settings.known()
+        start = np.array(self.settings.start)
+        self._fit = empty_fit(start, basis.functions, knots)
+        self._trial = empty_fit(start, basis.functions, knots)
+        self._work = pass_arrays(basis.functions)
+        self._intake = fresh_intake(basis.functions)
+        self._baseline = Baseline(knots, 0, 1)
+        self._pending = PendingPulses(basis.latency, self.settings.by_rate, rate_hz)
+        self._snapshots = Snapshots(self.name, basis, rate_hz, self.settings.confidence)
+        self._pulses = 0
+        self._intensity_range = (np.inf, -np.inf)
+
+    @property
+    def memory(self) -> float:
+        """Longest time for which a pulse acts on the model's output [s]."""
+        return self.settings.basis.duration
+
+    @property
+    def parameters(self) -> RecruitmentParameters:
+        """Nonlinear parameters as they stand."""
+        return RecruitmentParameters(*(float(value) for value in self._fit.theta))
+
+    @property
+    def linear(self) -> FloatArray:
+        """Coefficients of the basis as they stand (functions,) [N s^1/2]."""
+        return self._fit.linear.copy()
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        if not len(onset_ns):
+            return
+        self._pending.add(onset_ns, intensity)
+        self._pulses += len(onset_ns)
+        low, high = self._intensity_range
+        # Recruitment at intensity 0 is 0 whatever the parameters: it shows no point of the curve.
+        recruiting = intensity[intensity > 0.0]
+        self._intensity_range = (
+            float(recruiting.min(initial=low)),
+            float(recruiting.max(initial=high)),
+        )
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act: the clock has jumped and they lie nowhere."""
+        self._pending.forget()
+        self._intake.scalars[FRESH] = 1.0
+        self._intake.scalars[ERROR_ENERGY] = 0.0
+        self._intake.scalars[FORCE_ENERGY] = 0.0
+
+    def _take(
+        self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray, prediction: FloatArray
+    ) -> None:
+        """Put samples (samples,) into cells; write their prediction."""
+        pending = self._pending
+        begun = take(
+            stamp_ns,
+            force,
+            usable,
+            pending.begin_ns,
+            pending.intensity,
+            pending.weight,
+            self._cells,
+            self._intake,
+            self._fit,
+            self._baseline,
+            self._rate,
+            self._kick,
+            prediction,
+        )
+        pending.drop(begun)
+
+    def _snapshot(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return the estimate of the fit as it stands."""
+        low, high = self._intensity_range
+        scalars = self._intake.scalars
+        energy = float(scalars[FORCE_ENERGY])
+        counters = Counters(
+            samples=int(scalars[LEARNT]),
+            pulses=self._pulses,
+            intensity_span=high - low,
+            output_error=float(np.sqrt(scalars[ERROR_ENERGY] / energy)) if energy > 0.0 else 0.0,
+        )
+        return self._snapshots.make(
+            stamp_ns, self._fit, self._known, self._spread(), counters, faults
+        )
+
+    def _spread(self) -> FloatArray:
+        """Return how much sums of neighbouring residuals vary (lengths,) [N^2]."""
+        spread = np.zeros(len(_BLOCK_NS))
+        if self._cells.place[SIZE]:
+            residual_spread(
+                self._cells,
+                self._first,
+                self._cells.place[SIZE],
+                self._fit.theta,
+                self._fit.linear,
+                self._fit.levels,
+                self._kick,
+                self._baseline,
+                _BLOCK_NS,
+                self._work,
+                spread,
+            )
+        return spread

@@ -1,0 +1,35 @@
+"""Which parameters the data tell, by stated rules.
+
+* not informed: the standard deviation is above 0.7 of the prior's; the data have not even halved
+  what was uncertain (as variance).
+* converged: it is below `SETTLED`, and the last step moved by less than one of them.
+* informed: in between.
+"""
+
+import numpy as np
+
+from rpms_ros.identification.estimate import CONVERGED
+from rpms_ros.identification.estimate import INFORMED
+from rpms_ros.identification.estimate import NOT_INFORMED
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+LEAST_GAIN = 0.7
+SETTLED: FloatArray = np.array([0.01, 0.01, 0.15, 0.15])
+SETTLED.flags.writeable = False
+
+
+def excitation(deviation: FloatArray, prior: FloatArray, moved: float) -> IntArray:
+    """Return a flag a parameter (4,).
+
+    Parameters
+    ----------
+    deviation, prior : ndarray (4,)
+        Standard deviations now and before any data, alpha as logarithms.
+    moved : float
+        Largest change in the last step, in the same units.
+    """
+    flags = np.full(len(deviation), INFORMED, dtype=np.int64)
+    flags[(deviation < SETTLED) & (moved < SETTLED)] = CONVERGED
+    flags[~(deviation < LEAST_GAIN * prior)] = NOT_INFORMED
+    return flags

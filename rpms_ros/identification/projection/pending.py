@@ -1,0 +1,68 @@
+"""Pulses between their onset and the moment when they begin to act."""
+
+import numpy as np
+
+from rpms_ros.muscle.recruitment import RateRecruitment
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+# A motor axon is absolutely refractory for about a millisecond: no interval counts as shorter.
+_REFRACTORY_NS = 1_000_000
+
+
+class PendingPulses:
+    """Pulses that have not begun to act, with what their repetition rate makes of them.
+
+    Parameters
+    ----------
+    latency : float
+        From onset to action [s].
+    by_rate : RateRecruitment or None
+        Weight by the interval to the pulse before; None weights all alike.
+    rate_hz : float
+        Rate at which the weight is 1 [Hz].
+    """
+
+    def __init__(self, latency: float, by_rate: RateRecruitment | None, rate_hz: float) -> None:
+        self._latency_ns = round(latency * NANOSECONDS_PER_SECOND)
+        self._by_rate = by_rate
+        self._unit = float(by_rate.per_pulse(rate_hz)) if by_rate is not None else 1.0
+        self._last_ns: int | None = None
+        self.begin_ns: IntArray = np.empty(0, dtype=np.int64)
+        self.intensity: FloatArray = np.empty(0)
+        self.weight: FloatArray = np.empty(0)
+
+    def add(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        if not len(onset_ns):
+            return
+        self.begin_ns = np.concatenate((self.begin_ns, onset_ns + self._latency_ns))
+        self.intensity = np.concatenate((self.intensity, intensity))
+        self.weight = np.concatenate((self.weight, self._weights(onset_ns)))
+        self._last_ns = int(onset_ns[-1])
+
+    def drop(self, count: int) -> None:
+        """Drop the first pulses: they act now."""
+        if count:
+            self.begin_ns = self.begin_ns[count:]
+            self.intensity = self.intensity[count:]
+            self.weight = self.weight[count:]
+
+    def forget(self) -> None:
+        """Drop all pulses; the next one counts as alone."""
+        self.begin_ns = np.empty(0, dtype=np.int64)
+        self.intensity = np.empty(0)
+        self.weight = np.empty(0)
+        self._last_ns = None
+
+    def _weights(self, onset_ns: IntArray) -> FloatArray:
+        if self._by_rate is None:
+            return np.ones(len(onset_ns))
+        rate = np.zeros(len(onset_ns))
+        interval = np.diff(onset_ns)
+        rate[1:] = NANOSECONDS_PER_SECOND / np.maximum(interval, _REFRACTORY_NS)
+        if self._last_ns is not None:
+            since = max(int(onset_ns[0]) - self._last_ns, _REFRACTORY_NS)
+            rate[0] = NANOSECONDS_PER_SECOND / since
+        return self._by_rate.per_pulse(rate) / self._unit

@@ -1,0 +1,139 @@
+"""Settings that the batch and the horizon estimator share."""
+
+import math
+from dataclasses import dataclass
+from dataclasses import field
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.normal_equations import PARAMETERS
+from rpms_ros.identification.projection.step import Known
+from rpms_ros.identification.settings import SIMULATION_START
+from rpms_ros.identification.settings import RecruitmentBounds
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.recruitment import RateRecruitment
+
+_CENTRE = RecruitmentParameters(0.60, 0.90, 8.0, 5.5)
+
+
+@dataclass(frozen=True)
+class RecruitmentPrior:
+    """What is known of the recruitment before any data: centre, and how far people differ.
+
+    The centres are those of the paper's Tables 3 and 6, the deviations about twice their spread.
+
+    Attributes
+    ----------
+    centre : RecruitmentParameters
+        Most likely parameters.
+    u_thr, u_sat : float
+        Standard deviations.
+    alpha_sat, alpha_thr : float
+        Standard deviations of the natural logarithms.
+    """
+
+    centre: RecruitmentParameters = _CENTRE
+    u_thr: float = 0.2
+    u_sat: float = 0.2
+    alpha_sat: float = 0.8
+    alpha_thr: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name in ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise IdentificationError(f'expected a deviation of {name} above 0, got {value}')
+
+    def known(
+        self, bounds: RecruitmentBounds, alpha_thr: tuple[float, float], functions: int
+    ) -> Known:
+        """Return this prior and the bounds as the steps want them."""
+        joint = PARAMETERS + functions
+        centre = np.array(self.centre)
+        low, high = zip(bounds.u_thr, bounds.u_sat, bounds.alpha_sat, alpha_thr, strict=True)
+        return Known(
+            mean=np.concatenate((centre[:2], np.log(centre[2:]))),
+            deviation=np.array([self.u_thr, self.u_sat, self.alpha_sat, self.alpha_thr]),
+            lower=np.array(low, dtype=np.float64),
+            upper=np.array(high, dtype=np.float64),
+            separation=bounds.separation,
+            information=np.zeros((joint, joint)),
+            pull=np.zeros(joint),
+            reference=np.zeros(joint),
+        )
+
+
+@dataclass(frozen=True)
+class ProjectionSettings:
+    """Model and numerics of the estimators that project exactly.
+
+    Attributes
+    ----------
+    basis : LaguerreBasis
+        Functions of the response, behind the latency.
+    start : RecruitmentParameters
+        Where the nonlinear parameters begin.
+    prior : RecruitmentPrior
+        Weak physiological prior.
+    bounds : RecruitmentBounds
+        Where u_thr, u_sat and alpha_sat stay.
+    alpha_thr : tuple of float
+        Lowest and highest alpha_thr; equal values fix it.
+    baseline : bool
+        Let an offset and a slow drift be part of the force.
+    by_rate : RateRecruitment or None
+        How a pulse's weight depends on the interval to the one before it (Eq. 10); None takes
+        all pulses alike.
+    knot_spacing : float
+        Batch: distance of the baseline's knots [s].
+    horizon : float
+        Horizon: how long samples are kept exactly [s].
+    step_period : float
+        Horizon: stamps between two steps [s].
+    steps : int
+        Horizon: Gauss-Newton steps a period.
+    forgetting : float
+        Horizon: share of what left cells said that is forgotten a period, where it is replaced.
+    confidence : float
+        Level of the intervals.
+    """
+
+    basis: LaguerreBasis = field(default_factory=lambda: LaguerreBasis(6, 38e-3, 8e-3))
+    start: RecruitmentParameters = SIMULATION_START
+    prior: RecruitmentPrior = field(default_factory=RecruitmentPrior)
+    bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
+    alpha_thr: tuple[float, float] = (2.0, 15.0)
+    baseline: bool = True
+    by_rate: RateRecruitment | None = field(default_factory=RateRecruitment)
+    knot_spacing: float = 15.0
+    horizon: float = 20.0
+    step_period: float = 0.05
+    steps: int = 2
+    forgetting: float = 0.02
+    confidence: float = 0.95
+
+    def __post_init__(self) -> None:
+        for name in ('knot_spacing', 'horizon', 'step_period'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise IdentificationError(f'expected {name} above 0 s, got {value}')
+        if self.steps < 1:
+            raise IdentificationError(f'expected at least 1 step a period, got {self.steps}')
+        if not 0 <= self.forgetting <= 1:
+            raise IdentificationError(f'expected 0 <= forgetting <= 1, got {self.forgetting}')
+        if not 0 < self.confidence < 1:
+            raise IdentificationError(f'expected 0 < confidence < 1, got {self.confidence}')
+        if not 0 < self.alpha_thr[0] <= self.start.alpha_thr <= self.alpha_thr[1]:
+            raise IdentificationError(
+                f'expected alpha_thr bounds around {self.start.alpha_thr}, got {self.alpha_thr}'
+            )
+        if not self.bounds.hold(self.start):
+            raise IdentificationError(
+                f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
+            )
+
+    def known(self) -> Known:
+        """Return what is known before any data."""
+        return self.prior.known(self.bounds, self.alpha_thr, self.basis.functions)

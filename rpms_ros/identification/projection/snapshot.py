@@ -1,0 +1,176 @@
+"""Estimates out of a fit: curve, response, physiology, each with its interval."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.identification.estimate import CURVE_INTENSITY
+from rpms_ros.identification.estimate import SMALLEST_INTENSITY_SPAN
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
+from rpms_ros.identification.physiology import TwitchReader
+from rpms_ros.identification.projection.excitation import excitation
+from rpms_ros.identification.projection.normal_equations import PARAMETERS
+from rpms_ros.identification.projection.step import DAMPING
+from rpms_ros.identification.projection.step import MOVED
+from rpms_ros.identification.projection.step import Fit
+from rpms_ros.identification.projection.step import Known
+from rpms_ros.identification.projection.uncertainty import Uncertainty
+from rpms_ros.identification.projection.uncertainty import uncertainty
+from rpms_ros.muscle.identified_form import PARAMETER_NAMES
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment_with_gradient
+from rpms_ros.pulses import FloatArray
+
+RESPONSE_STEP = 5e-3
+RESPONSE_DURATION = 0.4
+
+
+@dataclass(frozen=True)
+class Counters:
+    """What an estimator has seen.
+
+    Attributes
+    ----------
+    samples, pulses : int
+        What was used.
+    intensity_span : float
+        Highest less lowest intensity.
+    output_error : float
+        A-priori error over the last second, relative.
+    """
+
+    samples: int
+    pulses: int
+    intensity_span: float
+    output_error: float
+
+
+class Snapshots:
+    """Makes estimates of one estimator.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    basis : LaguerreBasis
+        Its basis.
+    rate_hz : float
+        Rate for which the curve is stated [Hz].
+    confidence : float
+        Level of the intervals.
+    """
+
+    def __init__(self, name: str, basis: LaguerreBasis, rate_hz: float, confidence: float) -> None:
+        self._name = name
+        self._basis = basis
+        self._rate_hz = rate_hz
+        self._confidence = confidence
+        self._reader = TwitchReader(basis)
+        self._time = np.arange(0.0, RESPONSE_DURATION, RESPONSE_STEP)
+        self._values = basis.evaluate(self._time)
+
+    def make(
+        self,
+        stamp_ns: int,
+        fit: Fit,
+        known: Known,
+        spread: FloatArray,
+        counters: Counters,
+        faults: Mapping[str, int],
+    ) -> Estimate:
+        """Return the estimate of a fit whose equations are complete."""
+        sure = uncertainty(fit, known, spread, self._confidence)
+        count = len(fit.linear)
+        names = tuple(f'basis_{index + 1}' for index in range(count))
+        levels = tuple(f'baseline_{index + 1}' for index in range(len(fit.levels)))
+        fields: dict[str, Any] = {}
+        if sure is not None:
+            fields |= {
+                'confidence': self._confidence,
+                'nonlinear_covariance': sure.parameter_covariance,
+                'nonlinear_excitation': excitation(
+                    sure.deviations, known.deviation, float(fit.scalars[MOVED])
+                ),
+                'condition_number': _condition(fit),
+            }
+        fields |= self._curve(fit, sure, counters.intensity_span)
+        fields |= self._response(fit, sure)
+        return Estimate(
+            stamp_ns=stamp_ns,
+            estimator=self._name,
+            nonlinear_names=PARAMETER_NAMES,
+            nonlinear=fit.theta.copy(),
+            linear_names=names + levels,
+            linear=np.concatenate((fit.linear, fit.levels)),
+            repetition_rate=self._rate_hz,
+            curve_intensity=CURVE_INTENSITY,
+            response_time=self._time,
+            output_error=counters.output_error,
+            samples=counters.samples,
+            pulses=counters.pulses,
+            damping=float(fit.scalars[DAMPING]),
+            faults=dict(faults),
+            **fields,
+        )
+
+    def _curve(self, fit: Fit, sure: Uncertainty | None, span: float) -> dict[str, FloatArray]:
+        """Return K rho(u) and its bounds [N]; empty if one intensity only has been seen."""
+        if not span >= SMALLEST_INTENSITY_SPAN:
+            return {'curve_force': np.empty(0)}
+        area = self._rate_hz * self._basis.area
+        rho, slopes = _recruitment(fit, CURVE_INTENSITY)
+        gain = float(area @ fit.linear)
+        curve = gain * rho
+        if sure is None:
+            return {'curve_force': curve}
+        half = sure.half_width(np.hstack((gain * slopes, np.outer(rho, area))))
+        return {'curve_force': curve, 'curve_lower': curve - half, 'curve_upper': curve + half}
+
+    def _response(self, fit: Fit, sure: Uncertainty | None) -> dict[str, Any]:
+        """Return the response to a pulse of full intensity, and what it says of the twitch."""
+        rho, slopes = _recruitment(fit, np.ones(1))
+        response = rho[0] * (self._values @ fit.linear)
+        if sure is None:
+            return {'response_force': response}
+        to_coefficients = np.hstack(
+            (np.outer(fit.linear, slopes[0]), rho[0] * np.eye(len(fit.linear)))
+        )
+        half = sure.half_width(self._values @ to_coefficients)
+        fields: dict[str, Any] = {
+            'response_force': response,
+            'response_lower': response - half,
+            'response_upper': response + half,
+        }
+        covariance = to_coefficients @ sure.covariance @ to_coefficients.T
+        twitch = self._reader.read(rho[0] * fit.linear, covariance)
+        if twitch is not None:
+            width = sure.quantile * twitch.deviations
+            fields |= {
+                'physiology_names': PHYSIOLOGY_NAMES,
+                'physiology': twitch.values,
+                'physiology_lower': twitch.values - width,
+                'physiology_upper': twitch.values + width,
+            }
+        return fields
+
+
+def _recruitment(fit: Fit, intensity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rho (n,) and its derivatives (n, 4), by the logarithms of alpha."""
+    parameters = RecruitmentParameters(*(float(value) for value in fit.theta))
+    rho, slopes = identified_recruitment_with_gradient(parameters, intensity)
+    return rho, slopes * np.concatenate((np.ones(2), fit.theta[2:]))
+
+
+def _condition(fit: Fit) -> float:
+    """Return the condition number of the normal equations of w, 0 if unknown."""
+    part = slice(PARAMETERS, PARAMETERS + len(fit.linear))
+    matrix = np.tril(fit.complete[part, part])
+    scale = np.sqrt(np.diag(matrix))
+    if not scale.min() > 0.0:
+        return 0.0
+    matrix = (matrix + np.tril(matrix, -1).T) / np.outer(scale, scale)
+    return float(np.linalg.cond(matrix))

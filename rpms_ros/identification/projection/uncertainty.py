@@ -1,0 +1,114 @@
+r"""How sure an estimate is: covariance of [theta, w], and what follows from it.
+
+The covariance is ``s^2 (M + C)^-1`` with M the Gauss-Newton matrix of the joint problem and C
+what is known besides.  ``s^2`` is the variance of the residuals, times the factor by which sums
+of neighbouring residuals vary more than white ones would: drift, an artifact or a misfit of the
+basis make residuals hang together, and then many samples say less than their number.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from rpms_ros.identification.projection.normal_equations import PARAMETERS
+from rpms_ros.identification.projection.step import SAMPLES
+from rpms_ros.identification.projection.step import VARIANCE
+from rpms_ros.identification.projection.step import Fit
+from rpms_ros.identification.projection.step import Known
+from rpms_ros.pulses import FloatArray
+
+_SCALE_FLOOR = 1e-12
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Gaussian uncertainty of [theta, w], alpha as logarithms.
+
+    Attributes
+    ----------
+    covariance : ndarray (4 + functions, 4 + functions)
+        Of theta and w.
+    theta : ndarray (4,)
+        Where it is expanded.
+    confidence : float
+        Level of the intervals.
+    """
+
+    covariance: FloatArray
+    theta: FloatArray
+    confidence: float
+
+    @property
+    def parameter_covariance(self) -> FloatArray:
+        """Covariance of u_thr, u_sat, alpha_sat, alpha_thr themselves (4, 4)."""
+        scale = np.concatenate((np.ones(2), self.theta[2:]))
+        part = self.covariance[:PARAMETERS, :PARAMETERS]
+        result: FloatArray = part * np.outer(scale, scale)
+        return result
+
+    @property
+    def deviations(self) -> FloatArray:
+        """Standard deviations of theta, alpha as logarithms (4,)."""
+        result: FloatArray = np.sqrt(np.diag(self.covariance)[:PARAMETERS])
+        return result
+
+    @property
+    def quantile(self) -> float:
+        """Half width of an interval in standard deviations."""
+        return float(ndtri(0.5 + 0.5 * self.confidence))
+
+    def half_width(self, gradient: FloatArray) -> FloatArray:
+        """Return half the interval (n,) of what has this gradient (n, 4 + functions)."""
+        variance = np.einsum('ij,jk,ik->i', gradient, self.covariance, gradient)
+        width: FloatArray = self.quantile * np.sqrt(np.maximum(variance, 0.0))
+        return width
+
+
+def uncertainty(
+    fit: Fit, known: Known, spread: FloatArray, confidence: float
+) -> Uncertainty | None:
+    """Return the uncertainty of a fit whose equations are complete.
+
+    Parameters
+    ----------
+    fit, known : Fit, Known
+        State of the estimator.
+    spread : ndarray (lengths,)
+        See `residual_spread` [N^2].
+    confidence : float
+        Level of the intervals.
+
+    Returns
+    -------
+    Uncertainty or None
+        None while there is no sample.
+    """
+    if not fit.scalars[SAMPLES] > 0.0:
+        return None
+    joint = len(known.reference)
+    lower = np.tril(fit.complete)
+    matrix = lower + lower.T - np.diag(np.diag(lower))
+    matrix[:joint, :joint] += known.information
+    variance = float(fit.scalars[VARIANCE])
+    prior = np.arange(PARAMETERS)
+    matrix[prior, prior] += variance / known.deviation**2
+    scale = np.sqrt(np.maximum(np.diag(matrix), _SCALE_FLOOR * max(matrix.max(), _SCALE_FLOOR)))
+    scaled = matrix / np.outer(scale, scale) + _SCALE_FLOOR * np.eye(len(matrix))
+    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+    together = max(1.0, float(spread.max(initial=0.0)) / variance)
+    inverse = 0.5 * (inverse + inverse.T) * variance
+    inverse[PARAMETERS:] *= np.sqrt(together)
+    inverse[:, PARAMETERS:] *= np.sqrt(together)
+    inverse = _inflate_parameters(inverse, known, together)
+    return Uncertainty(inverse[:joint, :joint], fit.theta.copy(), confidence)
+
+
+def _inflate_parameters(covariance: FloatArray, known: Known, factor: float) -> FloatArray:
+    """Inflate theta, but no deviation beyond that of the prior, which does not depend on data."""
+    deviation = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 0.0))
+    most = np.maximum(known.deviation / np.maximum(deviation, 1e-300), 1.0)
+    scale = np.ones(len(covariance))
+    scale[:PARAMETERS] = np.minimum(np.sqrt(factor), most)
+    result: FloatArray = covariance * np.outer(scale, scale)
+    return result
