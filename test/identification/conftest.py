@@ -1,0 +1,47 @@
+"""Recordings of simulated muscles, made once."""
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+MILLISECOND = 1_000_000
+Record = Callable[..., tuple[PulseTrain, ForceTrace]]
+
+
+@pytest.fixture(scope='session')
+def record() -> Record:
+    """Force of the simulated subject at 1 kHz for intensities at 20 Hz."""
+
+    def simulate(
+        intensity: FloatArray, start_ns: int = 0, sequence: int = 0
+    ) -> tuple[PulseTrain, ForceTrace]:
+        pulses = PulseTrain.regular(intensity, 20.0, start_ns)
+        muscle = Contraction(simulation_subject())
+        muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+        stamps = start_ns + MILLISECOND * np.arange(50 * len(intensity), dtype=np.int64)
+        pulses.sequence[:] = (pulses.sequence + sequence) % 2**32
+        return pulses, ForceTrace(stamps, muscle.force(stamps))
+
+    return simulate
+
+
+@pytest.fixture(scope='session')
+def numpy_recursion() -> ModuleType:
+    """The plain version of the recursion, which stands beside the benchmarks."""
+    path = Path(__file__).parents[2] / 'bench' / 'numpy_recursion.py'
+    spec = importlib.util.spec_from_file_location('numpy_recursion', path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,164 @@
+"""The compiled recursion against its plain version, and its rules one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpms_ros.identification import TABLE_4
+from rpms_ros.identification import TABLE_5
+from rpms_ros.identification import DistortedSineBasis
+from rpms_ros.identification import RecruitmentBounds
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import RecursiveSettings
+from rpms_ros.identification.recursion_kernel import CONDITION
+from rpms_ros.identification.recursion_kernel import DAMPING
+from rpms_ros.identification.recursion_kernel import _bounded
+from rpms_ros.identification.recursion_kernel import _damped_step
+from rpms_ros.identification.recursion_kernel import _judge
+from rpms_ros.identification.recursion_kernel import _plain_derivative
+from rpms_ros.identification.recursion_kernel import _update_linear
+from rpms_ros.identification.recursion_kernel import mix
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment
+
+
+def estimator_of(**changes: object) -> RecursiveEstimator:
+    return RecursiveEstimator(replace(TABLE_4, **changes), seed=1)
+
+
+@pytest.mark.parametrize(
+    'settings',
+    [
+        TABLE_4,
+        TABLE_5,
+        replace(TABLE_4, projected=False),
+        replace(TABLE_4, force_scale=3.0, basis=DistortedSineBasis(functions=3)),
+        # every sample meets the conditioning rule, and some steps the bounds
+        replace(TABLE_4, condition_limit=1.5, bounds=RecruitmentBounds(u_thr=(0.39, 0.41))),
+    ],
+)
+def test_it_is_the_plain_version(record, numpy_recursion, settings: RecursiveSettings) -> None:
+    pulses, forces = record(np.random.default_rng(7).uniform(size=16))
+    plain = numpy_recursion.NumpyRecursion(settings, seed=1)
+    expected = [
+        plain.update(stamp, force, pulses.onset_ns, pulses.intensity)
+        for stamp, force in zip(forces.stamp_ns.tolist(), forces.force.tolist(), strict=True)
+    ]
+    compiled = RecursiveEstimator(settings, seed=1)
+    compiled.add_pulses(pulses.onset_ns, pulses.intensity)
+    usable = np.ones(len(forces), dtype=np.bool_)
+    prediction = compiled.update(forces.stamp_ns, forces.force, usable)
+    # Sums in another order; the first samples, with a covariance of 1e6 against residuals of
+    # 1e-3, multiply epsilon by up to 1e9.  A wrong term shows in the first digit.
+    np.testing.assert_allclose(prediction, expected, rtol=1e-6, atol=1e-6)
+    state = compiled._state
+    np.testing.assert_allclose(state.theta, plain.theta, rtol=1e-5)
+    np.testing.assert_allclose(state.hessian, plain.hessian, rtol=1e-4, atol=1e-9)
+    assert state.scalars[DAMPING] == pytest.approx(plain.damping, rel=1e-5)
+
+
+def test_the_derivative_is_that_of_central_differences() -> None:
+    generator = np.random.default_rng(3)
+    basis = DistortedSineBasis()
+    lags, intensity = generator.uniform(0.0, 0.35, 7), generator.uniform(size=7)
+    linear = generator.normal(size=8)
+    raw = np.linalg.solve(basis.mixing, basis.evaluate(lags).T).T
+    theta = np.array([0.45, 0.95, 4.0, 6.0])
+
+    def output(values: np.ndarray) -> float:
+        rho = identified_recruitment(RecruitmentParameters(*values), intensity)
+        phi = np.empty(8)
+        mix(basis.mixing, rho @ raw, phi)
+        return float(phi @ linear)
+
+    def difference(place: int, values: np.ndarray) -> np.ndarray:
+        step = np.zeros(4)
+        step[place] = 1e-5
+        above = identified_recruitment(RecruitmentParameters(*(values + step)), intensity)
+        below = identified_recruitment(RecruitmentParameters(*(values - step)), intensity)
+        return (above - below) @ raw / 2e-5
+
+    gradient = np.array([difference(place, theta) for place in range(3)])
+    derivative = np.empty(3)
+    _plain_derivative(linear, basis.mixing, gradient, derivative)
+    for place in range(3):
+        step = np.zeros(4)
+        step[place] = 1e-5
+        expected = (output(theta + step) - output(theta - step)) / 2e-5
+        # rounding: 1e-15 / 1e-5
+        assert derivative[place] == pytest.approx(expected, rel=1e-7, abs=1e-8)
+
+
+def test_the_projection_is_the_one_of_all_samples_at_once() -> None:
+    generator = np.random.default_rng(4)
+    samples, forgetting = 60, 0.95
+    phi, psi, force = (generator.normal(size=(samples, n)) for n in (8, 3, 1))
+    state = estimator_of(linear_covariance=1e12)._state
+    for row in range(samples):
+        gain = state.covariance @ phi[row]
+        innovation = psi[row] - state.projection @ phi[row]
+        error = float(force[row, 0] - state.linear @ phi[row])
+        denominator = forgetting + float(phi[row] @ gain)
+        _update_linear(state, gain, innovation, error, denominator, forgetting)
+    weight = forgetting ** np.arange(samples - 1, -1, -1.0)
+    gram = phi.T @ (weight[:, np.newaxis] * phi)
+    # a start of 1e12 instead of infinity, eroded by subtraction: 1e12 epsilon and its inverse
+    np.testing.assert_allclose(
+        state.projection.T, np.linalg.solve(gram, phi.T @ (weight[:, np.newaxis] * psi)), atol=1e-3
+    )
+    np.testing.assert_allclose(
+        state.linear, np.linalg.solve(gram, phi.T @ (weight * force[:, 0])), atol=1e-3
+    )
+    np.testing.assert_allclose(state.covariance, np.linalg.inv(gram), atol=1e-3)
+    np.testing.assert_array_equal(state.covariance, state.covariance.T)
+
+
+def test_a_badly_conditioned_step_is_damped_more() -> None:
+    estimator = estimator_of()
+    state, constants, work = estimator._state, estimator._constants, estimator._workspace
+    state.hessian[:] = np.diag([10.0, 1.0, 1e-4])
+    work.derivative[:] = 1.0
+    _damped_step(state, constants, work, 1.0)
+    # 10.001 / 0.0011
+    assert state.scalars[CONDITION] == pytest.approx(10.001 / 0.0011)
+    assert state.scalars[DAMPING] == pytest.approx(0.001 + 0.01)
+    np.testing.assert_allclose(work.step, 1.0 / (np.array([10.0, 1.0, 1e-4]) + 0.011))
+    state.hessian[:] = np.eye(3)
+    _damped_step(state, constants, work, 1.0)
+    assert state.scalars[DAMPING] == pytest.approx(0.011)
+
+
+@pytest.mark.parametrize(
+    ('actual', 'predicted', 'taken', 'factor'),
+    [
+        (1.0, 1.0, True, 1 / 1.002),
+        (0.981, 1.0, True, 1 / 1.002),
+        (0.5, 1.0, True, 1.0),
+        (0.01, 1.0, True, 1.002),
+        (-0.1, 1.0, False, 1.002),
+        (1.0, 0.0, False, 1.002),
+        (1.0, -1.0, False, 1.002),
+    ],
+)
+def test_gain_ratio_rules(actual: float, predicted: float, taken: bool, factor: float) -> None:
+    estimator = estimator_of()
+    scalars = estimator._state.scalars
+    assert _judge(scalars, estimator._constants, actual, predicted) is taken
+    assert scalars[DAMPING] == pytest.approx(0.001 * factor, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('step', 'expected'),
+    [
+        ((0.0, 0.1, 1.0), (0.4, 1.0, 4.0)),
+        ((-1.0, 9.0, -9.0), (0.0, 1.5, 0.5)),
+        ((0.3, -0.3, 99.0), (0.7, 0.75, 50.0)),
+    ],
+)
+def test_bounds(step: tuple[float, ...], expected: tuple[float, ...]) -> None:
+    estimator = estimator_of()
+    work = estimator._workspace
+    work.step[:] = step
+    _bounded(estimator._state.theta, estimator._constants, work)
+    np.testing.assert_allclose(work.candidate, (*expected, 6.0), rtol=1e-12)
