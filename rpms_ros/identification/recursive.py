@@ -1,5 +1,6 @@
 """The paper's on-line estimator: modified recursive Levenberg-Marquardt, Sec. 3.2.2."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -60,7 +61,7 @@ class RecursiveEstimator:
         seed: int = 0,
         rate_hz: float = DEFAULT_RATE,
     ) -> None:
-        if not rate_hz > 0:
+        if not (math.isfinite(rate_hz) and rate_hz > 0):
             raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
         self.settings = settings
         self.rate_hz = rate_hz
@@ -93,9 +94,11 @@ class RecursiveEstimator:
         self._intensity = np.concatenate((self._intensity, intensity))
         self._make_room()
         low, high = self._intensity_range
+        # Recruitment at intensity 0 is 0 whatever the parameters: it shows no point of the curve.
+        recruiting = intensity[intensity > 0.0]
         self._intensity_range = (
-            min(low, float(intensity.min())),
-            max(high, float(intensity.max())),
+            float(recruiting.min(initial=low)),
+            float(recruiting.max(initial=high)),
         )
         self._pulses += len(onset_ns)
 
@@ -103,6 +106,10 @@ class RecursiveEstimator:
         """Drop the pulses that still act: the clock has jumped and they lie nowhere."""
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
+        # A stamp from before the newest would make the decaying energies grow instead.
+        self._state.scalars[ERROR_ENERGY] = 0.0
+        self._state.scalars[FORCE_ENERGY] = 0.0
+        self._previous_ns = 0
 
     def update(
         self,

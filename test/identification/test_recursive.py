@@ -1,0 +1,203 @@
+"""The estimator: laws that hold whatever the data."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import TABLE_4
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import RecursiveSettings
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+MILLISECOND = 1_000_000
+
+
+def uniform(count: int, seed: int = 7) -> FloatArray:
+    return np.random.default_rng(seed).uniform(size=count)
+
+
+def fed(
+    pulses: PulseTrain, forces: ForceTrace, settings: RecursiveSettings = TABLE_4
+) -> tuple[RecursiveEstimator, FloatArray]:
+    estimator = RecursiveEstimator(settings, seed=1)
+    estimator.add_pulses(pulses.onset_ns, pulses.intensity)
+    usable = np.ones(len(forces), dtype=np.bool_)
+    return estimator, estimator.update(forces.stamp_ns, forces.force, usable)
+
+
+def state_bytes(estimator: RecursiveEstimator) -> bytes:
+    return b''.join(array.tobytes() for array in estimator._state)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.sets(st.integers(1, 1499), max_size=20))
+def test_blocks_change_no_bit(record, cuts: set[int]) -> None:
+    pulses, forces = record(uniform(30))
+    whole, prediction = fed(pulses, forces)
+    cut = RecursiveEstimator(TABLE_4, seed=1)
+    parts = []
+    edges = [0, *sorted(cuts), 1500]
+    for start, stop in zip(edges, edges[1:], strict=False):
+        first, last = np.searchsorted(pulses.onset_ns, forces.stamp_ns[[start, stop - 1]])
+        first = 0 if start == 0 else np.searchsorted(pulses.onset_ns, forces.stamp_ns[start - 1])
+        cut.add_pulses(pulses.onset_ns[first:last], pulses.intensity[first:last])
+        part = slice(start, stop)
+        usable = np.ones(stop - start, dtype=np.bool_)
+        parts.append(cut.update(forces.stamp_ns[part], forces.force[part], usable))
+    assert np.concatenate(parts).tobytes() == prediction.tobytes()
+    assert state_bytes(cut) == state_bytes(whole)
+
+
+def test_scaling_the_force_moves_the_linear_parameters_alone(record) -> None:
+    pulses, forces = record(uniform(60))
+    one, prediction = fed(pulses, forces)
+    # a power of two is exact, so that every bit can be asked for
+    scaled = ForceTrace(forces.stamp_ns, 8.0 * forces.force)
+    eight, louder = fed(pulses, scaled, replace(TABLE_4, force_scale=8.0))
+    first, second = one.estimate(0, {}), eight.estimate(0, {})
+    np.testing.assert_array_equal(second.nonlinear, first.nonlinear)
+    np.testing.assert_array_equal(second.linear, 8.0 * first.linear)
+    np.testing.assert_array_equal(louder, 8.0 * prediction)
+    assert second.damping == first.damping
+    assert second.output_error == first.output_error
+
+
+def test_a_prediction_knows_nothing_of_its_own_or_later_samples(record) -> None:
+    pulses, forces = record(uniform(30))
+    _, expected = fed(pulses, forces)
+    changed = forces.force.copy()
+    changed[800:] = 99.0
+    _, prediction = fed(pulses, ForceTrace(forces.stamp_ns, changed))
+    np.testing.assert_array_equal(prediction[:801], expected[:801])
+    assert prediction[801] != expected[801]
+
+
+def test_a_pulse_acts_only_after_its_onset(record) -> None:
+    pulses, forces = record(uniform(30))
+    _, expected = fed(pulses, forces)
+    pulses.intensity[16] = 0.123
+    _, prediction = fed(pulses, forces)
+    np.testing.assert_array_equal(prediction[:801], expected[:801])
+    assert not np.array_equal(prediction[801:], expected[801:])
+
+
+def test_a_minute_of_silence_changes_nothing(record) -> None:
+    pulses, forces = record(uniform(40))
+    estimator, _ = fed(pulses, forces)
+    tail = forces.stamp_ns[-1] + MILLISECOND * np.arange(1, 351)
+    estimator.update(tail, np.zeros(350), np.zeros(350, dtype=np.bool_))
+    before = state_bytes(estimator)
+    silence = tail[-1] + MILLISECOND * np.arange(1, 60_001)
+    prediction = estimator.update(silence, np.zeros(60_000), np.ones(60_000, dtype=np.bool_))
+    np.testing.assert_array_equal(prediction, 0.0)
+    energies = slice(2, 4)
+    after = [array.copy() for array in estimator._state]
+    assert b''.join(array.tobytes() for array in after[:5]) == before[: -5 * 8]
+    # but for the output error, which decays to that of the silence
+    assert (after[5][energies] < 1e-20).all()
+
+
+def test_a_minute_of_zero_pulses_winds_nothing_up() -> None:
+    pulses = PulseTrain.regular(np.zeros(1200), 20.0)
+    stamps = MILLISECOND * np.arange(60_000, dtype=np.int64)
+    estimator, _ = fed(pulses, ForceTrace(stamps, np.zeros(60_000)))
+    assert estimator.estimate(0, {}).samples == 0
+    fresh = RecursiveEstimator(TABLE_4, seed=1)
+    assert state_bytes(estimator) == state_bytes(fresh)
+
+
+def test_a_minute_below_the_threshold_keeps_the_covariance_positive(record) -> None:
+    intensity = np.concatenate((0.1 * uniform(1200), uniform(200, 8)))
+    pulses, forces = record(intensity)
+    noise = np.random.default_rng(1).normal(0.0, 0.05, len(forces))
+    force = forces.force + noise
+    low = slice(0, 60_000)
+    estimator = RecursiveEstimator(TABLE_4, seed=1)
+    estimator.add_pulses(pulses.onset_ns, pulses.intensity)
+    estimator.update(forces.stamp_ns[low], force[low], np.ones(60_000, dtype=np.bool_))
+    # the pause of forgetting is checked before a sample, which adds one percent at most
+    assert estimator._state.covariance.max() < 1.02e10
+    high = slice(60_000, None)
+    prediction = estimator.update(
+        forces.stamp_ns[high], force[high], np.ones(10_000, dtype=np.bool_)
+    )
+    assert np.linalg.eigvalsh(estimator._state.covariance).min() > 0.0
+    rest = slice(5_000, None)
+    error = np.linalg.norm(force[high][rest] - prediction[rest]) / np.linalg.norm(
+        force[high][rest]
+    )
+    # noise of 0.05 N in some 3.5 N, and what it does to eight parameters that forget in 0.1 s
+    assert error < 0.03
+
+
+@pytest.mark.parametrize('others', [0.8, 0.0])
+def test_one_intensity_gives_no_curve(record, others: float) -> None:
+    intensity = np.full(40, 0.8)
+    intensity[::4] = others
+    pulses, forces = record(intensity)
+    estimator, _ = fed(pulses, forces)
+    found = estimator.estimate(0, {})
+    assert not found.curve_known
+    assert len(found.curve_force) == 0
+    assert found.response_force.max() > 0.0
+
+
+def test_a_jump_back_leaves_the_output_error_finite(record) -> None:
+    pulses, forces = record(uniform(40), start_ns=3_600_000_000_000)
+    estimator, _ = fed(pulses, forces)
+    estimator.forget_pulses()
+    pulses, forces = record(uniform(40))
+    estimator.add_pulses(pulses.onset_ns, pulses.intensity)
+    estimator.update(forces.stamp_ns, forces.force, np.ones(len(forces), dtype=np.bool_))
+    found = estimator.estimate(0, {})
+    assert math.isfinite(found.output_error)
+    # half of the memory of the first second has seen it learn
+    assert 0.0 < found.output_error < 0.1
+
+
+def test_what_is_not_usable_is_predicted_only(record) -> None:
+    pulses, forces = record(uniform(40))
+    estimator = RecursiveEstimator(TABLE_4, seed=1)
+    estimator.add_pulses(pulses.onset_ns, pulses.intensity)
+    before = state_bytes(estimator)
+    estimator.update(forces.stamp_ns, forces.force, np.zeros(len(forces), dtype=np.bool_))
+    assert state_bytes(estimator) == before
+
+
+def test_old_pulses_are_dropped(record) -> None:
+    pulses, forces = record(uniform(200))
+    estimator, _ = fed(pulses, forces)
+    # 350 ms at 20 Hz
+    assert len(estimator._onset_ns) <= 8
+    assert estimator.estimate(0, {}).pulses == 200
+
+
+def test_a_burst_finds_room() -> None:
+    pulses = PulseTrain.regular(uniform(300), 1000.0)
+    stamps = MILLISECOND * np.arange(400, dtype=np.int64) + 500_000
+    estimator, prediction = fed(pulses, ForceTrace(stamps, np.ones(400)))
+    assert np.isfinite(prediction).all()
+    assert len(estimator._workspace.basis) >= 300
+
+
+def test_the_seed_decides_the_first_hessian() -> None:
+    first, same, other = (RecursiveEstimator(TABLE_4, seed)._state.hessian for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, same)
+    assert not np.array_equal(first, other)
+    np.testing.assert_array_equal(first, first.T)
+    assert first.min() > 0.0
+    assert first.max() < 1e-4
+
+
+@pytest.mark.parametrize('rate_hz', [0.0, -1.0, math.nan, math.inf])
+def test_impossible_rates_are_refused(rate_hz: float) -> None:
+    with pytest.raises(IdentificationError, match='expected a repetition rate above 0 Hz'):
+        RecursiveEstimator(rate_hz=rate_hz)
