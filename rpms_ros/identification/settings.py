@@ -32,10 +32,15 @@ class RecruitmentBounds:
     def __post_init__(self) -> None:
         for name in ('u_thr', 'u_sat', 'alpha_sat'):
             low, high = getattr(self, name)
-            if not low < high:
+            if not -math.inf < low < high < math.inf:
                 raise IdentificationError(f'expected bounds of {name} in order, got {low}, {high}')
         if not self.separation > 0:
             raise IdentificationError(f'expected a separation above 0, got {self.separation}')
+        if not self.u_thr[1] + self.separation <= self.u_sat[1]:
+            raise IdentificationError(
+                'expected room for the separation between the highest u_thr and the highest '
+                f'u_sat, got {self.u_thr[1]}, {self.u_sat[1]} and {self.separation}'
+            )
 
     def hold(self, parameters: RecruitmentParameters) -> bool:
         """Return whether the parameters lie within the bounds."""
@@ -128,6 +133,8 @@ class RecursiveSettings:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise IdentificationError(f'expected {name} above 0, got {value}')
+        if not (math.isfinite(self.start.alpha_thr) and self.start.alpha_thr > 0):
+            raise IdentificationError(f'expected alpha_thr above 0, got {self.start.alpha_thr}')
         if not self.bounds.hold(self.start):
             raise IdentificationError(
                 f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
