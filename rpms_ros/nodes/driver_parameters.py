@@ -38,7 +38,7 @@ class DriverParameters(NodeParameters):
         50.0, 'Hard bound on the repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0
     )
     lateness_limit: float = parameter(
-        0.005, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
+        0.01, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
     )
     executor_timeout: float = parameter(
         0.5, 'Longest silence of the executor while armed.', unit='s', minimum=0.1, maximum=10.0

@@ -154,6 +154,10 @@ class StimulatorDriver(LifecycleNode):
         except RpmsError as error:
             self._on_refused(str(error))
             return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            # rclpy goes to on_error without a word
+            self._on_refused(f'expected a transition without an error, got {error!r}')
+            raise
         self._note = ''
         return TransitionCallbackReturn.SUCCESS
 

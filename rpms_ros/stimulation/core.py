@@ -105,6 +105,7 @@ class StimulatorCore(Guard):
         self.delivered = 0
         self.dropped = 0
         self._firing_since_ns: int | None = None
+        self._hold_ns = 0
 
     def check_start(self, schedule: Schedule) -> None:
         """Raise what `start` would raise."""
@@ -142,7 +143,9 @@ class StimulatorCore(Guard):
     def due_ns(self) -> int | None:
         """Return when there is something to do [ns], None if nothing is running."""
         with self._lock:
-            return self.run.due_ns if self.run and self.state is State.RUNNING else None
+            if self.run is None or self.state is not State.RUNNING:
+                return None
+            return max(self.run.due_ns, self._hold_ns)
 
     def fire_next(self) -> Fired | None:
         """Fire the next pulse if it is due and everything allows it, or end the schedule."""
@@ -245,7 +248,8 @@ class StimulatorCore(Guard):
         if refusal is None and self._permit:
             return self._booked(run, now)
         if refusal is not None and refusal.limit in TIMING_LIMITS:
-            self._drop(run, refusal.limit)
+            # the pulse before was late: this one waits for its interval, if it then is not late
+            self._hold_ns = self.gate.earliest_ns(run.intensity)
         elif refusal is not None:
             self.count(refusal.limit)
             self.cancel(f'{refusal.limit}: {refusal.reason}')
@@ -282,6 +286,7 @@ class StimulatorCore(Guard):
                 self.fail('lost', 'expected a pulse from the device, got none')
             return pulse
         self.delivered += 1
+        self.gate.correct(delivery.time_ns)
         if self.run is not None:
             self.run.delivered += 1
         self.lateness.add(delivery.time_ns - pulse.due_ns)

@@ -116,6 +116,18 @@ class PulseGate:
         self.session_pulses += 1
         self.session_energy_j += energy
 
+    def correct(self, time_ns: int) -> None:
+        """Move the last pulse to when the device gave it [ns], if that was later than booked."""
+        if self._last_ns is not None and time_ns > self._last_ns:
+            self._last_ns = time_ns
+            self._counted_ns = max(self._counted_ns, time_ns)
+
+    def earliest_ns(self, intensity: float) -> int:
+        """Return when the rate limits let a pulse of this intensity come [ns]; 0 for at once."""
+        if self._last_ns is None:
+            return 0
+        return max(self._last_ns + 1, self._earliest_ns(intensity)[0] - self._tolerance_ns)
+
     def trial(self) -> 'PulseGate':
         """Return a gate with the same memory that tolerates no jitter: plans have none."""
         other = copy(self)
@@ -172,9 +184,9 @@ class PulseGate:
     def _by_interval(self, time_ns: int, intensity: float) -> Refusal | None:
         if self._last_ns is None:
             return None
-        earliest, rate = self._earliest_ns(intensity)
-        if time_ns >= earliest - self._tolerance_ns and time_ns > self._last_ns:
+        if time_ns >= self.earliest_ns(intensity):
             return None
+        rate = self._earliest_ns(intensity)[1]
         gap = (time_ns - self._last_ns) / NANOSECONDS_PER_SECOND
         strongest = max(intensity, self._last_intensity)
         which = 'maximum_rate_hz' if rate == self.limits.maximum_rate_hz else 'rate_limits_hz'

@@ -21,7 +21,8 @@ class DriverSettings:
     lateness_limit_s : float
         A pulse later than this is dropped, not sent [s].
     response_limit_s : float
-        Longest time from a command to the pulse; more is a fault [s].
+        Longest time from a command to the pulse; more is a fault [s].  Without real-time priority
+        the operating system alone may hold a thread up for tens of milliseconds.
     stuck_limit_s : float
         Longest time that a command may hang before the device is silenced [s].
     intensity_tolerance : float
@@ -43,8 +44,8 @@ class DriverSettings:
     """
 
     lead_s: float = bounded(_SECONDS, 0.05)
-    lateness_limit_s: float = bounded(Bound(0.0, 0.1, 's', above=True), 5e-3)
-    response_limit_s: float = bounded(_SECONDS, 20e-3)
+    lateness_limit_s: float = bounded(Bound(0.0, 0.1, 's', above=True), 10e-3)
+    response_limit_s: float = bounded(_SECONDS, 0.1)
     stuck_limit_s: float = bounded(_SECONDS, 0.2)
     intensity_tolerance: float = bounded(Bound(0.0, 1.0), 0.02)
     executor_timeout_s: float = bounded(_SECONDS, 0.5)

@@ -1,5 +1,7 @@
 """The driver as a node: silent until told to run, a goal from begin to end, stops."""
 
+import os
+
 import pytest
 from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import State
@@ -14,6 +16,7 @@ from rpms_msgs.msg import Pulse
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
 SHORT = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]'
@@ -26,7 +29,7 @@ class Laboratory:
     def __init__(self, graph, **parameters):
         self.graph = graph
         # a machine under load may stall for longer than the default allows
-        patient = {'require_heartbeat': False, 'executor_timeout': 5.0}
+        patient = {'require_heartbeat': False, 'executor_timeout': 5.0, 'lateness_limit': 0.1}
         self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
         self.other = graph.add(lambda **options: Node('other', **options))
         self.pulses, self.commanded, self.statuses, self.feedback = [], [], [], []
@@ -178,7 +181,13 @@ def test_shutdown_of_the_context_stops_the_pulses(graph):
 
 def test_autostart_waits_for_its_listeners(graph):
     driver = graph.add(
-        StimulatorDriver, require_heartbeat=False, autostart=True, duration=0.2, rate=50.0
+        StimulatorDriver,
+        require_heartbeat=False,
+        executor_timeout=5.0,
+        lateness_limit=0.1,
+        autostart=True,
+        duration=0.2,
+        rate=50.0,
     )
     graph.wait_for(lambda: driver.count_publishers(topics.PULSES) == 1)
     assert driver.core.state.name == 'UNCONFIGURED'
@@ -194,6 +203,13 @@ def test_autostart_waits_for_its_listeners(graph):
     [
         ({'low': 0.5, 'high': 0.2}, 'expected low <= high, got 0.5 and 0.2'),
         ({'device': 'oracle'}, 'device: expected one of'),
+        (
+            {'device': 'serial', 'require_heartbeat': False},
+            'expected require_heartbeat with a real',
+        ),
+        ({'device': 'serial', 'autostart': True}, 'expected no autostart with a real device'),
+        ({'device': 'serial'}, "expected the profile of a real device, got 'simulated'"),
+        ({'profile': 'oracle'}, "expected a device of rapid2-240v, simulated .* got 'oracle'"),
         ({'maximum_intensity': 1.5}, 'maximum_intensity: expected 0.0 to 1.0, got 1.5'),
         ({'maximum_rate': 10}, 'maximum_rate: expected double, got integer 10'),
         (
@@ -212,3 +228,50 @@ def test_life_cycle_is_seen_from_outside(graph):
     assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
     lab.activate()
     assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_ACTIVE
+
+
+def test_error_in_a_transition_ends_in_the_safe_state(graph):
+    lab = Laboratory(graph)
+    lab.driver.core.configure = lambda: 1 / 0
+    assert not lab.change(Transition.TRANSITION_CONFIGURE)
+    graph.wait_for(lambda: 'expected a transition without an error, got Zero' in lab.reason)
+    assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
+    del lab.driver.core.configure
+    lab.activate()
+    assert lab.driver.core.device.armed
+
+    def fails_once():
+        del lab.driver.core.disarm
+        raise ZeroDivisionError
+
+    lab.driver.core.disarm = fails_once
+    assert not lab.change(Transition.TRANSITION_DEACTIVATE)
+    assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
+    assert not lab.driver.core.device.armed
+
+
+def test_device_that_is_not_there_is_refused(graph, tmp_path):
+    port = str(tmp_path / 'ttyUSB9')
+    lab = Laboratory(
+        graph, device='serial', port=port, profile='rapid2-240v', require_heartbeat=True
+    )
+    assert not lab.change(Transition.TRANSITION_CONFIGURE)
+    graph.wait_for(lambda: 'expected a serial port, got' in lab.reason)
+    assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
+
+
+def test_realtime_priority_is_asked_for_every_thread(monkeypatch):
+    asked = []
+    monkeypatch.setattr('os.sched_setscheduler', lambda *call: asked.append(call))
+    assert ask_for_realtime(20) == ''
+    assert os.getpid() in {thread for thread, *_ in asked}
+    assert {policy for _, policy, _ in asked} == {os.SCHED_FIFO}
+    assert {parameters.sched_priority for *_, parameters in asked} == {20}
+
+
+def test_realtime_priority_that_is_not_granted_is_said(monkeypatch):
+    def refuse(*call):
+        raise PermissionError(f'not for {call[0]}')
+
+    monkeypatch.setattr('os.sched_setscheduler', refuse)
+    assert ask_for_realtime(20).startswith('expected the right to real-time priority 20, got')

@@ -33,7 +33,7 @@ class Clock:
 
 
 class NotingDevice(SimulatedDevice):
-    """Notes when it was told to fire, and whether it is called while it must not be."""
+    """Notes when it fired what it was told to, and that it is armed whenever it is told."""
 
     def __init__(self, clock, **options):
         super().__init__(clock=clock, wait=clock.wait, **options)
@@ -42,8 +42,9 @@ class NotingDevice(SimulatedDevice):
 
     def fire(self, intensity, width_s):
         assert self.armed
-        self.commands.append((self.clock.now, intensity))
-        return super().fire(intensity, width_s)
+        given = super().fire(intensity, width_s)
+        self.commands.append((given.time_ns if given else self.clock.now, intensity))
+        return given
 
 
 class Driver:

@@ -77,6 +77,7 @@ FAULTS = (
     SimulatedFaults(silent_loss=0.5),
     SimulatedFaults(extra_intensity=0.1),
     SimulatedFaults(slow_s=0.03),
+    SimulatedFaults(slow_s=0.15),
     SimulatedFaults(stuck_s=0.3),
     SimulatedFaults(heating_per_pulse=5.0),
     SimulatedFaults(vanish_after=3),
