@@ -22,7 +22,7 @@ setup(
     maintainer_email='rpms-ros@users.noreply.github.com',
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', '**/*.yaml', '**/*.xml', '**/*.msg']},
+    package_data={NAME: ['py.typed', '**/*.yaml', '**/*.xml', '**/*.msg', '**/*.css', '**/*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

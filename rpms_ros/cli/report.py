@@ -1,0 +1,152 @@
+"""``rpms report``: a recording as one page that can be read, printed and sent."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rpms_ros.cli.identify import add_estimator_options
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import progress
+from rpms_ros.cli.options import read
+from rpms_ros.errors import ReportError
+
+if TYPE_CHECKING:
+    from rpms_ros.report.session import SessionAnalysis
+
+_DESCRIPTION = """\
+Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
+impulse response, parameter paths, force with zoom, residual analysis, held-out fit, faults,
+schedule and energy, session facts, and the fields of the rPMS reporting checklist.
+"""
+_EXAMPLES = """\
+  rpms report bags/sample --out report.html
+  rpms report session --files figures            PNG, SVG and JSON files beside the page
+  rpms report session --json | jq .held_out      one JSON object on stdout
+  rpms report session --device rapid2-240v --state 'coil_type=round' --state age=34
+"""
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers, 'report', run, 'a recording as one page', _DESCRIPTION, _EXAMPLES
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
+    parser.add_argument(
+        '--out',
+        type=Path,
+        default=Path('report.html'),
+        metavar='FILE',
+        help='page to write (default: report.html)',
+    )
+    parser.add_argument(
+        '--files', type=Path, metavar='DIR', help='folder for the figures and report.json'
+    )
+    parser.add_argument(
+        '--json', action='store_true', help='also print what the page holds as one JSON object'
+    )
+    parser.add_argument('--title', help='headline (default: name of the recording)')
+    parser.add_argument(
+        '--held-out',
+        type=float,
+        default=0.2,
+        metavar='SHARE',
+        help='share of the time at the end that is predicted, not learnt from (default: 0.2)',
+    )
+    parser.add_argument(
+        '--device', metavar='NAME', help='stimulator, by name or YAML file, for energy in J'
+    )
+    parser.add_argument(
+        '--state',
+        action='append',
+        default=[],
+        metavar='ITEM=TEXT',
+        help='an item of the reporting checklist that the recording does not know',
+    )
+    add_reading_options(parser)
+    add_estimator_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the report; return 1 if something was wrong with the recording itself."""
+    from rpms_ros.report.session import as_document
+    from rpms_ros.report.session import as_page
+    from rpms_ros.report.session import write_figures
+
+    analysis = _analysis(arguments)
+    document = as_document(analysis)
+    _write(arguments.out, as_page(analysis, document))
+    if arguments.files:
+        write_figures(arguments.files, analysis)
+        _write(arguments.files / 'report.json', json.dumps(document, allow_nan=False, indent=1))
+    if arguments.json:
+        print(json.dumps(document, allow_nan=False))
+    else:
+        print(f'{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB')
+    for remark in document['remarks']:
+        print(f'rpms: warning: {remark}', file=sys.stderr)
+    return 1 if analysis.recording.facts.faults else 0
+
+
+def stated_items(texts: list[str]) -> dict[str, str]:
+    """Return what was stated as ``item=text``.
+
+    Raises
+    ------
+    ReportError
+        If one of the texts has no ``=``.
+    """
+    items = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        if not equals:
+            raise ReportError(f'expected --state ITEM=TEXT, got {text!r}')
+        items[name.strip()] = value
+    return items
+
+
+def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
+    from rpms_ros.cli.identified import IdentificationOptions
+    from rpms_ros.cli.identified import as_document
+    from rpms_ros.cli.identified import identified
+    from rpms_ros.identification.catalogue import estimator_by_name
+    from rpms_ros.report.recorded import recorded_words
+    from rpms_ros.report.session import analyse
+    from rpms_ros.report.session.analysis import ReportSettings
+    from rpms_ros.stimulation.profile import load_profile
+
+    settings = ReportSettings(
+        held_out_share=arguments.held_out,
+        device=load_profile(arguments.device) if arguments.device else None,
+        stated=stated_items(arguments.state),
+    )
+    options = IdentificationOptions(
+        arguments.estimator, arguments.preset, arguments.rate_hz, arguments.seed
+    )
+    recording = read(arguments.bag, arguments)
+    samples = len(recording.forces)
+    with progress('identifying', 2 * samples, 'samples', arguments.quiet) as advance:
+        session = identified(recording, options, advance)
+        return analyse(
+            arguments.title or arguments.bag.resolve().name,
+            recording,
+            recorded_words(arguments.bag),
+            session,
+            as_document(recording, session),
+            lambda: estimator_by_name(
+                options.estimator, options.preset, options.seed, options.rate_hz
+            ),
+            settings,
+            advance,
+        )
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise ReportError(f'expected to write {path}, got {error}') from error

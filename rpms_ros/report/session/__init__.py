@@ -1,0 +1,17 @@
+"""The report of one session: what a recording says, how well, and on a page that can be sent."""
+
+from rpms_ros.report.session.analysis import SessionAnalysis
+from rpms_ros.report.session.analysis import analyse
+from rpms_ros.report.session.document import as_document
+from rpms_ros.report.session.figures import FIGURES
+from rpms_ros.report.session.figures import write_figures
+from rpms_ros.report.session.page import as_page
+
+__all__ = [
+    'FIGURES',
+    'SessionAnalysis',
+    'analyse',
+    'as_document',
+    'as_page',
+    'write_figures',
+]

@@ -1,0 +1,195 @@
+"""Everything that a report shows of one session, computed before anything is drawn."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.errors import ReportError
+from rpms_ros.identification import Estimator
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification import identify
+from rpms_ros.pulses import BoolArray
+from rpms_ros.recording import Recording
+from rpms_ros.report.recorded import RecordedWords
+from rpms_ros.report.session.checklist import ChecklistEntry
+from rpms_ros.report.session.checklist import checklist_of
+from rpms_ros.report.session.excitation import DeviceLoad
+from rpms_ros.report.session.excitation import Excitation
+from rpms_ros.report.session.excitation import excitation_of_pulses
+from rpms_ros.report.session.excitation import load_of
+from rpms_ros.report.session.held_out import HELD_OUT_SHARE
+from rpms_ros.report.session.held_out import FrozenFrom
+from rpms_ros.report.session.held_out import HeldOutFit
+from rpms_ros.report.session.held_out import boundary
+from rpms_ros.report.session.held_out import held_out_fit
+from rpms_ros.report.session.residuals import ResidualAnalysis
+from rpms_ros.report.session.residuals import analyse_residuals
+from rpms_ros.stimulation.profile import Profile
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """What a report is made with.
+
+    Attributes
+    ----------
+    held_out_share : float
+        Share of the time at the end that is predicted and not learnt from.
+    residual_share : float
+        Share of the time at the end whose a-priori residuals are analysed.
+    device : Profile or None
+        Device for the energy; None leaves it in units of a pulse at full intensity.
+    stated : mapping of str to str or None
+        Items of the checklist that a person states.
+    """
+
+    held_out_share: float = HELD_OUT_SHARE
+    residual_share: float = 0.2
+    device: Profile | None = None
+    stated: Mapping[str, str] | None = None
+
+
+@dataclass(frozen=True)
+class SessionAnalysis:
+    """What a report shows.
+
+    Attributes
+    ----------
+    title : str
+        Name of the session.
+    recording : Recording
+        Where it comes from.
+    result : dict
+        What `rpms identify --json` says of it.
+    session : IdentifiedSession
+        Estimates and traces.
+    excitation : Excitation
+        Schedule and energy.
+    load : DeviceLoad or None
+        Energy on a device, if one was named.
+    words : RecordedWords
+        What nodes said in the recording.
+    residuals : ResidualAnalysis or None
+        None where they cannot be analysed.
+    held_out : HeldOutFit or None
+        None where nothing could be held out.
+    checklist : list of ChecklistEntry
+        Items of the reporting checklist.
+    settings : ReportSettings
+        What it was made with.
+    remarks : tuple of str
+        Why something is missing.
+    """
+
+    title: str
+    recording: Recording
+    result: dict[str, Any]
+    session: IdentifiedSession
+    excitation: Excitation
+    load: DeviceLoad | None
+    words: RecordedWords
+    residuals: ResidualAnalysis | None
+    held_out: HeldOutFit | None
+    checklist: list[ChecklistEntry]
+    settings: ReportSettings
+    remarks: tuple[str, ...]
+
+
+def analyse(
+    title: str,
+    recording: Recording,
+    words: RecordedWords,
+    session: IdentifiedSession,
+    result: dict[str, Any],
+    build_estimator: Callable[[], Estimator],
+    settings: ReportSettings | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> SessionAnalysis:
+    """Return everything that a report shows.
+
+    Parameters
+    ----------
+    title : str
+        Name of the session.
+    recording, words : Recording, RecordedWords
+        What was recorded.
+    session, result : IdentifiedSession, dict
+        What was identified, and the same as one document.
+    build_estimator : callable
+        Makes a fresh estimator for the held-out fit, like that of the session.
+    settings : ReportSettings, optional
+        What the report is made with.
+    progress : callable, optional
+        Is told how many samples of the held-out fit were taken since the last call.
+
+    Raises
+    ------
+    ReportError
+        If a share is not between 0 and 1, or an item is stated that the checklist has not.
+    """
+    settings = settings or ReportSettings()
+    excitation = excitation_of_pulses(recording.pulses, int(session.stamp_ns[0]))
+    checklist = checklist_of(excitation, recording.facts.custom, settings.stated)
+    remarks: list[str] = []
+    try:
+        residuals = _residuals(session, recording, settings)
+    except ReportError as error:
+        residuals = None
+        remarks.append(f'no residual analysis: {error}')
+    first_ns = boundary(session.stamp_ns, settings.held_out_share)
+    held_out = _held_out(recording, build_estimator, first_ns, progress)
+    if held_out is None:
+        remarks.append('no held-out fit: expected a force that changes in the held-out part')
+    if words.unreadable:
+        remarks.append(f'{words.unreadable} messages of nodes could not be decoded')
+    return SessionAnalysis(
+        title,
+        recording,
+        result,
+        session,
+        excitation,
+        load_of(excitation, settings.device) if settings.device else None,
+        words,
+        residuals,
+        held_out,
+        checklist,
+        settings,
+        tuple(remarks),
+    )
+
+
+def last_part(session: IdentifiedSession, share: float) -> BoolArray:
+    """Return which samples (samples,) were learnt from in the last `share` of the time."""
+    span = int(session.stamp_ns[-1] - session.stamp_ns[0])
+    chosen: BoolArray = session.usable & (
+        session.stamp_ns >= session.stamp_ns[-1] - round(share * span)
+    )
+    return chosen
+
+
+def _residuals(
+    session: IdentifiedSession, recording: Recording, settings: ReportSettings
+) -> ResidualAnalysis:
+    if not 0.0 < settings.residual_share <= 1.0:
+        raise ReportError(
+            f'expected a share of residuals above 0 and up to 1, got {settings.residual_share}'
+        )
+    kept = last_part(session, settings.residual_share)
+    residual = (session.force - session.prediction)[kept]
+    return analyse_residuals(session.stamp_ns[kept], residual, recording.pulses)
+
+
+def _held_out(
+    recording: Recording,
+    build_estimator: Callable[[], Estimator],
+    first_ns: int,
+    progress: Callable[[int], object] | None,
+) -> HeldOutFit | None:
+    frozen = FrozenFrom(build_estimator(), first_ns)
+    session = identify(frozen, recording.pulses, recording.forces, progress=progress)
+    if not np.any(session.stamp_ns < first_ns):
+        return None
+    return held_out_fit(session, first_ns)

@@ -1,0 +1,105 @@
+"""The figures of a report: black, grey and line styles, so that a copy loses nothing."""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rpms_ros.errors import ReportError
+from rpms_ros.report.session.analysis import SessionAnalysis
+from rpms_ros.report.session.panels import draw_force
+from rpms_ros.report.session.panels import draw_held_out
+from rpms_ros.report.session.panels import draw_parameters
+from rpms_ros.report.session.panels import draw_recruitment
+from rpms_ros.report.session.panels import draw_residuals
+from rpms_ros.report.session.panels import draw_response
+from rpms_ros.report.session.panels import draw_schedule
+
+Draw = Callable[[list[Axes], SessionAnalysis], None]
+
+_HALF, _FULL = (5.4, 3.5), (11.0, 4.4)
+FIGURES: dict[str, tuple[Draw, tuple[float, float], tuple[int, int]]] = {
+    'recruitment': (draw_recruitment, _HALF, (1, 1)),
+    'response': (draw_response, _HALF, (1, 1)),
+    'parameters': (draw_parameters, _FULL, (2, 1)),
+    'force': (draw_force, _FULL, (2, 1)),
+    'residuals': (draw_residuals, (11.0, 3.4), (1, 2)),
+    'held_out': (draw_held_out, _FULL, (2, 1)),
+    'schedule': (draw_schedule, _FULL, (2, 1)),
+}
+"""How each figure is drawn, its size [inch] and its rows and columns, by name."""
+
+_STYLE: dict[Any, Any] = {
+    'font.size': 9.5,
+    'font.family': ['DejaVu Sans'],
+    'axes.titlesize': 10.5,
+    'axes.titleweight': 'bold',
+    'axes.titlelocation': 'left',
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+    'axes.linewidth': 0.7,
+    'grid.color': '#d8d8d8',
+    'grid.linewidth': 0.6,
+    'axes.grid': True,
+    'axes.axisbelow': True,
+    'legend.frameon': False,
+    'legend.fontsize': 9.0,
+    # Text stays text: it can be searched, copied and read aloud.
+    'svg.fonttype': 'none',
+    'path.simplify': True,
+}
+
+
+def draw(name: str, analysis: SessionAnalysis) -> Figure:
+    """Return one of `FIGURES`, drawn."""
+    painter, size, (rows, columns) = FIGURES[name]
+    figure = Figure(figsize=size, layout='constrained', dpi=150)
+    axes = figure.subplots(rows, columns, sharex=rows > 1, squeeze=False)
+    painter(list(axes.flat), analysis)
+    for place in figure.axes:
+        if place.get_legend_handles_labels()[0]:
+            place.legend(loc='best')
+    return figure
+
+
+def as_svg(name: str, analysis: SessionAnalysis) -> str:
+    """Return a figure as an SVG element, the same for the same session."""
+    text = StringIO()
+    with style(name):
+        draw(name, analysis).savefig(text, format='svg', metadata={'Date': None, 'Creator': None})
+    return text.getvalue()
+
+
+def write_figures(folder: Path, analysis: SessionAnalysis) -> list[Path]:
+    """Write all figures as PNG and SVG files; return their paths.
+
+    Raises
+    ------
+    ReportError
+        If they cannot be written.
+    """
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in FIGURES:
+            with style(name):
+                figure = draw(name, analysis)
+                for ending in ('png', 'svg'):
+                    written.append(folder / f'{name}.{ending}')
+                    figure.savefig(written[-1])
+    except OSError as error:
+        raise ReportError(f'expected to write figures into {folder}, got {error}') from error
+    return written
+
+
+@contextmanager
+def style(name: str) -> Iterator[None]:
+    """Draw in the style of the report; `name` keeps the ids of figures on one page apart."""
+    with mpl.rc_context({**_STYLE, 'svg.hashsalt': name}):
+        yield

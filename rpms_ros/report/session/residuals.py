@@ -1,0 +1,206 @@
+"""What the model leaves unexplained: whether it is white, and whether it knows the input.
+
+A residual (measured minus predicted) that is correlated with itself holds dynamics or drift that
+the model lacks; one that is correlated with the pulses holds muscle that the model lacks.
+
+The sample autocorrelation at lag k is r(k) = sum_i e_i e_(i+k) / sum_i e_i^2, its cumulated test
+Q = N (N + 2) sum_(k=1..K) r(k)^2 / (N - k) (Ljung and Box, Biometrika 65, 1978), which is
+chi-square with K degrees of freedom if the residual is white.  The cross-correlation c(k) of the
+input with the residual k samples later has, if the two are independent, the variance
+sum_l r_ee(l) r_uu(l) / N (Bartlett's formula; Box and Jenkins, Time Series Analysis, Ch. 11):
+a band made for white residuals would call every periodic input correlated.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import irfft
+from scipy.fft import next_fast_len
+from scipy.fft import rfft
+from scipy.special import chdtrc
+
+from rpms_ros.errors import ReportError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+
+# Two-sided quantile of the normal distribution at 95 %.
+BAND_95 = 1.959963984540054
+LONGEST_LAG = 0.4
+"""How far the correlations are shown [s]: longer than a pulse acts."""
+_EARLIEST_LAG = 0.1
+_FEWEST_SAMPLES = 50
+
+
+@dataclass(frozen=True)
+class ResidualAnalysis:
+    """Residuals of a span of a session.
+
+    Attributes
+    ----------
+    samples : int
+        Residuals that were looked at.
+    sample_period : float
+        Median time between two samples [s].
+    root_mean_square, mean : float
+        Of the residuals [N].
+    lag : ndarray (lags,)
+        Lags of the autocorrelation [s], from 0.
+    autocorrelation : ndarray (lags,)
+        r(k); 1 at lag 0.
+    autocorrelation_band : float
+        95 % band if the residual is white.
+    outside : float
+        Share of the lags above 0 whose autocorrelation lies outside the band; 0.05 if white.
+    ljung_box, ljung_box_lags, ljung_box_p : float, int, float
+        Test of whiteness: statistic, lags, probability of a larger one if white.
+    cross_lag : ndarray (cross lags,)
+        Time from a pulse to the residual [s]; negative lags are before the pulse.
+    cross_correlation : ndarray (cross lags,)
+        c(k); empty if the span holds no pulse or pulses of one intensity at every sample.
+    cross_band : float
+        95 % band if residual and input are independent.
+    cross_outside : float
+        Share of the lags from 0 on that lie outside it.
+    """
+
+    samples: int
+    sample_period: float
+    root_mean_square: float
+    mean: float
+    lag: FloatArray
+    autocorrelation: FloatArray
+    autocorrelation_band: float
+    outside: float
+    ljung_box: float
+    ljung_box_lags: int
+    ljung_box_p: float
+    cross_lag: FloatArray
+    cross_correlation: FloatArray
+    cross_band: float
+    cross_outside: float
+
+
+def analyse_residuals(
+    stamp_ns: IntArray, residual: FloatArray, pulses: PulseTrain
+) -> ResidualAnalysis:
+    """Return the correlations of a residual with itself and with the pulses.
+
+    Parameters
+    ----------
+    stamp_ns : ndarray of int64 (samples,)
+        Ascending times [ns]; lags are counted in samples, so they should be regular.
+    residual : ndarray (samples,)
+        Measured minus predicted [N].
+    pulses : PulseTrain
+        Pulses of the session, in any order.
+
+    Raises
+    ------
+    ReportError
+        If there are fewer than 50 samples, their stamps do not ascend, or the residual never
+        changes.
+    """
+    count = len(residual)
+    if count < _FEWEST_SAMPLES:
+        raise ReportError(f'expected at least {_FEWEST_SAMPLES} residuals, got {count}')
+    if np.any(np.diff(stamp_ns) <= 0):
+        raise ReportError('expected residuals with ascending stamps, got a clock that jumped')
+    if np.ptp(residual) == 0.0:
+        raise ReportError(f'expected residuals that differ, got {residual[0]} only')
+    period = float(np.median(np.diff(stamp_ns))) / NANOSECONDS_PER_SECOND
+    longest = min(round(LONGEST_LAG / period), count // 4)
+    centred = residual - residual.mean()
+    auto = correlation(centred, centred, 0, longest)
+    band = BAND_95 / np.sqrt(count)
+    statistic, p_value = ljung_box(auto[1:], count)
+    early = min(round(_EARLIEST_LAG / period), longest)
+    excitation = excitation_of(stamp_ns, pulses)
+    cross, cross_band = _cross(excitation, centred, auto, early, longest)
+    causal = cross[early:]
+    return ResidualAnalysis(
+        samples=count,
+        sample_period=period,
+        root_mean_square=float(np.sqrt(np.mean(residual**2))),
+        mean=float(residual.mean()),
+        lag=_lags(0, longest, period),
+        autocorrelation=auto,
+        autocorrelation_band=float(band),
+        outside=float(np.mean(np.abs(auto[1:]) > band)),
+        ljung_box=statistic,
+        ljung_box_lags=longest,
+        ljung_box_p=p_value,
+        cross_lag=_lags(early, longest, period) if len(cross) else np.empty(0),
+        cross_correlation=cross,
+        cross_band=cross_band,
+        cross_outside=float(np.mean(np.abs(causal) > cross_band)) if len(causal) else 0.0,
+    )
+
+
+def ljung_box(autocorrelation: FloatArray, count: int) -> tuple[float, float]:
+    """Return Ljung and Box's Q and the probability of a larger one if white.
+
+    Parameters
+    ----------
+    autocorrelation : ndarray (lags,)
+        r(1), r(2), ...
+    count : int
+        Samples that they come from.
+    """
+    lags = np.arange(1, len(autocorrelation) + 1)
+    statistic = float(count * (count + 2) * np.sum(autocorrelation**2 / (count - lags)))
+    return statistic, float(chdtrc(len(lags), statistic))
+
+
+def correlation(first: FloatArray, second: FloatArray, before: int, after: int) -> FloatArray:
+    """Return sum_i first_i second_(i+k) / (|first| |second|) for k = -before..after.
+
+    Parameters
+    ----------
+    first, second : ndarray (samples,)
+        Of zero mean, neither of them zero everywhere.
+    before, after : int
+        Lags on either side, fewer than samples.
+
+    Returns
+    -------
+    ndarray (before + after + 1,)
+    """
+    length = next_fast_len(len(first) + max(before, after), real=True)
+    product = irfft(np.conj(rfft(first, length)) * rfft(second, length), length)
+    scale = float(np.linalg.norm(first) * np.linalg.norm(second))
+    chosen: FloatArray = product[np.arange(-before, after + 1)] / scale
+    return chosen
+
+
+def excitation_of(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
+    """Return the intensity of the pulses since the sample before (samples,) [1].
+
+    A pulse counts for the first sample at or after its onset; those outside the span do not.
+    """
+    index = np.searchsorted(stamp_ns, pulses.onset_ns, side='left')
+    inside = (index < len(stamp_ns)) & (pulses.onset_ns >= stamp_ns[0])
+    inside &= np.isfinite(pulses.intensity)
+    return np.bincount(
+        index[inside], weights=pulses.intensity[inside], minlength=len(stamp_ns)
+    ).astype(np.float64)
+
+
+def _lags(before: int, after: int, period: float) -> FloatArray:
+    return np.arange(-before, after + 1, dtype=np.float64) * period
+
+
+def _cross(
+    excitation: FloatArray, centred: FloatArray, auto: FloatArray, early: int, longest: int
+) -> tuple[FloatArray, float]:
+    """Return c(k), k = -early..longest, and its band."""
+    if np.ptp(excitation) == 0.0:
+        return np.empty(0), 0.0
+    excitation = excitation - excitation.mean()
+    cross = correlation(excitation, centred, early, longest)
+    own = correlation(excitation, excitation, 0, longest)
+    # Both autocorrelations are even; lags beyond the longest are taken as nothing.
+    variance = (1.0 + 2.0 * float(auto[1:] @ own[1:])) / len(centred)
+    # An estimate of a variance may come out below that of white noise over few samples.
+    return cross, float(BAND_95 * np.sqrt(max(variance, 1.0 / len(centred))))
