@@ -27,6 +27,7 @@ from rpms_ros.recording.records import Records
 
 # Start and end time, size and checksum of the content, before the name of the compression.
 _CHUNK_HEAD = 28
+_LONGEST_HEAD = 4096
 _Schema = tuple[str, str, str]
 
 
@@ -91,7 +92,9 @@ class McapFile:
 
     def _unpacked(self, start: int, end: int) -> ByteArray | None:
         """Return the content of a chunk, or None where it must not be used."""
-        head = Content(self._data[start : min(end, start + 4096)].tobytes())
+        # Read, not mapped: a mapped page costs more than its copy, and stays in memory.
+        record = np.fromfile(self._path, np.uint8, end - start, offset=start)
+        head = Content(record[:_LONGEST_HEAD].tobytes())
         head.position = 16
         size, checksum, compression = head.number('Q'), head.number('I'), head.text()
         packed_size = head.number('Q')
@@ -100,8 +103,7 @@ class McapFile:
             raise RecordingError(
                 f'expected a compression of {kinds} in {self._path.name}, got {compression!r}'
             )
-        begin = start + head.position
-        packed = self._data[begin : min(end, begin + packed_size)]
+        packed = record[head.position : head.position + packed_size]
         content = (
             np.frombuffer(unpacked(packed.tobytes(), compression), np.uint8)
             if compression

@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing
-from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import cast
 
@@ -20,8 +20,8 @@ from rpms_ros.recording.records import Records
 MAGIC = b'SQLite format 3\0'
 JOURNALS = ('-journal', '-wal')
 _BATCH = 2_000
-_MESSAGES = 'SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? ORDER BY id LIMIT ?'
-_Row = tuple[int, int, int, bytes]
+_MESSAGES = 'SELECT topic_id, timestamp, data FROM messages ORDER BY id'
+_Row = tuple[int, int, bytes]
 
 
 class SqliteFile:
@@ -106,7 +106,7 @@ class SqliteFile:
             )
 
     def _block(self, rows: list[_Row]) -> Iterator[tuple[Channel, Records]]:
-        _, numbers, times, messages = zip(*rows, strict=True)
+        numbers, times, messages = zip(*rows, strict=True)
         number = np.array(numbers, np.int64)
         records = Records.of(messages, np.array(times, np.int64))
         for value in np.unique(number).tolist():
@@ -159,24 +159,15 @@ def _channels(connection: apsw.Connection) -> dict[int, Channel]:
 
 def _batches(connection: apsw.Connection) -> Iterator[list[_Row]]:
     """Yield rows; of a damaged file, those before the damage."""
-    last = -1
+    cursor = cast(Iterator[_Row], connection.execute(_MESSAGES))
     while True:
-        cursor = connection.execute(_MESSAGES, (last, _BATCH))
+        rows: list[_Row] = []
         try:
-            rows = cast(list[_Row], cursor.fetchall())
+            rows.extend(islice(cursor, _BATCH))
         except apsw.Error:
-            yield from _singly(connection, last)
+            if rows:
+                yield rows
             raise
         if not rows:
             return
-        yield rows
-        last = rows[-1][0]
-
-
-def _singly(connection: apsw.Connection, last: int) -> Iterator[list[_Row]]:
-    """Yield the rows of a batch that fails, up to where it fails."""
-    rows: list[_Row] = []
-    with suppress(apsw.Error):
-        rows.extend(connection.execute(_MESSAGES, (last, _BATCH)))
-    if rows:
         yield rows
