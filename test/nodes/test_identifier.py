@@ -174,6 +174,24 @@ def test_a_lost_pulse_shows_in_the_sequence(graph) -> None:
     assert np.isfinite(last.linear).all()
 
 
+def test_a_jump_of_the_clock_is_counted_and_learning_goes_on(graph) -> None:
+    bench = Bench(graph)
+    for start_ns in (START_NS, START_NS - 3600 * 10**9):
+        pulses, forces = recording(start_ns=start_ns)
+        bench.send_pulses(pulses)
+        bench.send_forces(forces)
+        graph.wait_for(
+            lambda since=start_ns: any(
+                since + 1_699 * MILLISECOND <= one.stamp_ns < since + 10**10
+                for one in bench.estimates
+            )
+        )
+    last = bench.estimates[-1]
+    assert last.faults['clock_jump'] == 1
+    assert last.samples > 3000
+    assert np.isfinite(last.linear).all()
+
+
 @pytest.mark.parametrize('accepted', [True, False])
 def test_a_best_effort_sensor_is_heard_if_that_is_accepted(
     graph, capfd: pytest.CaptureFixture[str], accepted: bool
