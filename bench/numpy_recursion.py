@@ -74,8 +74,7 @@ class NumpyRecursion:
         step = self._step(derivative * residual)
         candidate = self._bounded(self.theta[:3] + step)
 
-        change = derivative @ step
-        predicted = change * (residual - 0.5 * change)
+        predicted = derivative @ step * residual - 0.5 * step @ self.hessian @ step
         before = (force - phi @ self.linear) / scale
         after = (force - self._recruitment(candidate, intensity)[0] @ basis @ self.linear) / scale
         self._judge(candidate, 0.5 * (before**2 - after**2), predicted)

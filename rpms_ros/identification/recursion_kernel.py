@@ -21,8 +21,7 @@ a-posteriori residuals, elimination of w from the joint Gauss-Newton equations g
 
 (Kaufman's variable projection, kept recursively).  ``R = H + delta I`` then makes the step
 ``theta <- theta + R^-1 gradient``, held within bounds.  The gain ratio (28) compares what the
-step does to this sample's a-posteriori residual ``c e`` with what the quadratic model says of the
-same sample: with ``s = psi~^T step``, ``r_p = s (c e - s / 2)``.  Both sides are one sample's.
+step does to this sample's residual with what the quadratic model predicted.
 
 Residuals are measured minus predicted.
 """
@@ -215,10 +214,14 @@ def _bounded(theta: FloatArray, constants: RecursionConstants, work: Workspace) 
 
 
 @numba.njit(cache=True)
-def _predicted_reduction(step: FloatArray, derivative: FloatArray, error: float) -> float:
-    """Return what the quadratic model (24) promises of the step at this sample."""
-    change = dot(step, derivative)
-    return change * (error - 0.5 * change)
+def _predicted_reduction(
+    hessian: FloatArray, step: FloatArray, derivative: FloatArray, error: float
+) -> float:
+    """Return what the quadratic model (24) promises of the step."""
+    total = 0.0
+    for row in range(NONLINEAR):
+        total += step[row] * (derivative[row] * error - 0.5 * dot(hessian[row], step))
+    return total
 
 
 @numba.njit(cache=True)
@@ -267,7 +270,7 @@ def _learn(
             hessian[row, column] = constants.forgetting * hessian[row, column] + outer
     _damped_step(state, constants, work, scaled_error)
     _bounded(state.theta, constants, work)
-    predicted = _predicted_reduction(work.step, derivative, scaled_error)
+    predicted = _predicted_reduction(hessian, work.step, derivative, scaled_error)
     before = (force - dot(regressor, linear)) / scale
     regress(intensity, first, last, work.candidate, work.basis, work.raw)
     mix(constants.mixing, work.raw, regressor)
