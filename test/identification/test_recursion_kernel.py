@@ -86,7 +86,7 @@ def test_the_derivative_is_that_of_central_differences() -> None:
         step = np.zeros(4)
         step[place] = 1e-5
         expected = (output(theta + step) - output(theta - step)) / 2e-5
-        # rounding: 1e-15 / 1e-5
+        # what epsilon becomes when it is divided by the step of 1e-5
         assert derivative[place] == pytest.approx(expected, rel=1e-7, abs=1e-8)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ def test_blocks_change_no_bit(record, cuts: set[int]) -> None:
     cut = RecursiveEstimator(TABLE_4, seed=1)
     parts = []
     edges = [0, *sorted(cuts), 1500]
-    for start, stop in zip(edges, edges[1:], strict=False):
+    for start, stop in pairwise(edges):
         first, last = np.searchsorted(pulses.onset_ns, forces.stamp_ns[[start, stop - 1]])
         first = 0 if start == 0 else np.searchsorted(pulses.onset_ns, forces.stamp_ns[start - 1])
         cut.add_pulses(pulses.onset_ns[first:last], pulses.intensity[first:last])
