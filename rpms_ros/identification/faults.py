@@ -2,6 +2,7 @@
 
 FORCE_NOT_FINITE = 'force_not_finite'
 FORCE_STAMP_NOT_AFTER_LAST = 'force_stamp_not_after_last'
+FORCE_STAMP_ALONE = 'force_stamp_alone'
 FORCE_GAP = 'force_gap'
 CLOCK_JUMP = 'clock_jump'
 PULSE_INTENSITY_INVALID = 'pulse_intensity_invalid'
@@ -15,6 +16,7 @@ SAMPLES_EXCLUDED = 'samples_excluded'
 MEANING = {
     FORCE_NOT_FINITE: 'force samples that were NaN or infinite, dropped',
     FORCE_STAMP_NOT_AFTER_LAST: 'force samples stamped like or before their predecessor, dropped',
+    FORCE_STAMP_ALONE: 'force samples stamped far from those before and after them, dropped',
     FORCE_GAP: 'gaps in the force longer than allowed; learning waits for one memory after it',
     CLOCK_JUMP: 'jumps of the stamps back in time; pulses that still acted are forgotten',
     PULSE_INTENSITY_INVALID: 'pulses whose intensity was not within 0..1; treated as lost',
@@ -41,5 +43,5 @@ class FaultCounter:
             self._counts[name] = self._counts.get(name, 0) + count
 
     def counts(self) -> dict[str, int]:
-        """Return the counts so far, in the order in which the kinds first came."""
-        return dict(self._counts)
+        """Return the counts so far, in the order of `MEANING`: no order of arrival shows in it."""
+        return {name: self._counts[name] for name in MEANING if name in self._counts}

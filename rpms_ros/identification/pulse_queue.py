@@ -5,6 +5,8 @@ settled pulses are compared with their predecessors, so the answer depends on st
 sequence numbers alone, not on the order or the moment of arrival.
 """
 
+from collections import deque
+
 import numpy as np
 
 from rpms_ros.identification import faults
@@ -16,6 +18,8 @@ from rpms_ros.pulses import PulseTrain
 
 SEQUENCE_PERIOD = 2**32
 _LONG_AGO = -(2**63)
+_MANY_ARRIVALS = 1000
+_KEPT_REJECTED = 100
 
 
 class PulseQueue:
@@ -41,6 +45,7 @@ class PulseQueue:
         self._last_onset_ns: int | None = None
         self._last_sequence = 0
         self._unknown: list[tuple[int, int]] = []
+        self._rejected: deque[tuple[int, PulseTrain]] = deque(maxlen=_KEPT_REJECTED)
 
     def add(self, pulses: PulseTrain) -> None:
         """Add pulses, in any order."""
@@ -49,8 +54,13 @@ class PulseQueue:
         late = pulses.onset_ns <= self._settled_ns
         for onset in pulses.onset_ns[late]:
             self._reject_late(int(onset))
+        if late.any():
+            self._rejected.append((self._settled_ns, pulses[late]))
         if not late.all():
             self._arrived.append(pulses[~late])
+        if len(self._arrived) > _MANY_ARRIVALS:
+            # No force comes: one array instead of many small ones.
+            self._merge_arrived()
 
     def settle(self, until_ns: int) -> tuple[IntArray, FloatArray]:
         """Return the pulses with onsets up to `until_ns`, ascending, that can be used.
@@ -63,9 +73,7 @@ class PulseQueue:
             Shares of the maximum, 0..1.
         """
         self._settled_ns = max(self._settled_ns, until_ns)
-        if self._arrived:
-            self._ordered = _merge([self._ordered, *self._arrived])
-            self._arrived = []
+        self._merge_arrived()
         due = int(np.searchsorted(self._ordered.onset_ns, until_ns, side='right'))
         train, self._ordered = self._ordered[:due], self._ordered[due:]
         kept = np.array([self._accept(train, index) for index in range(due)], dtype=np.bool_)
@@ -86,12 +94,23 @@ class PulseQueue:
         self._unknown.append((start_ns, end_ns))
 
     def restart(self) -> None:
-        """Forget everything but the sequence: the clock has jumped."""
-        self._arrived = []
+        """Forget everything but the sequence: the clock has jumped.
+
+        Pulses that came too late just now may have been the first ones of the new time line,
+        faster than its first force sample.
+        """
+        recent_ns = self._settled_ns - 2 * self._look_ahead_ns - self._memory_ns
+        self._arrived = [train for since_ns, train in self._rejected if since_ns >= recent_ns]
+        self._rejected.clear()
         self._ordered = PulseTrain.of([])
         self._unknown = []
         self._settled_ns = _LONG_AGO
         self._last_onset_ns = None
+
+    def _merge_arrived(self) -> None:
+        if self._arrived:
+            self._ordered = _merge([self._ordered, *self._arrived])
+            self._arrived = []
 
     def _reject_late(self, onset_ns: int) -> None:
         self._counter.add(faults.PULSE_LATE)

@@ -1,6 +1,7 @@
 """Identification of a whole recording with the estimator that also runs on line."""
 
 from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.stream import IdentificationStream
 from rpms_ros.identification.stream import StreamSettings
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
@@ -49,8 +51,9 @@ class IdentifiedSession:
 
         Not a number if there is no force at all in it.
         """
-        span = int(self.stamp_ns[-1] - self.stamp_ns[0])
-        kept = (self.stamp_ns >= self.stamp_ns[-1] - round(share * span)) & self.usable
+        # A clock that jumps back takes nothing off the time that has passed.
+        elapsed = np.concatenate(([0], np.cumsum(np.maximum(np.diff(self.stamp_ns), 0))))
+        kept = (elapsed >= elapsed[-1] - round(share * int(elapsed[-1]))) & self.usable
         energy = float(np.linalg.norm(self.force[kept]))
         if energy == 0.0:
             return float('nan')
@@ -89,14 +92,16 @@ def identify(
     """
     blocks: list[tuple[IntArray, FloatArray, FloatArray, BoolArray]] = []
     stream = IdentificationStream(estimator, settings, lambda *block: blocks.append(block))
-    stream.add_pulses(pulses)
     estimates: list[Estimate] = []
-    for start in range(0, len(forces), BLOCK):
-        part = slice(start, start + BLOCK)
-        stream.add_forces(ForceTrace(forces.stamp_ns[part], forces.force[part]))
-        estimates += stream.advance()
-        if progress is not None:
-            progress(min(BLOCK, len(forces) - start))
+    for train, start, stop in _time_lines(pulses, forces, stream.settings.longest_gap):
+        for first in range(start, stop, BLOCK):
+            part = slice(first, min(first + BLOCK, stop))
+            stream.add_forces(ForceTrace(forces.stamp_ns[part], forces.force[part]))
+            if first == start:
+                stream.add_pulses(train)
+            estimates += stream.advance()
+            if progress is not None:
+                progress(part.stop - part.start)
     estimates += stream.finish()
     if not blocks:
         raise IdentificationError(
@@ -106,3 +111,37 @@ def identify(
         np.concatenate(column) for column in zip(*blocks, strict=True)
     )
     return IdentifiedSession(estimates, stamp, force, prediction, usable)
+
+
+def _time_lines(
+    pulses: PulseTrain, forces: ForceTrace, longest_gap: float
+) -> Iterator[tuple[PulseTrain, int, int]]:
+    """Yield the pulses and the range of samples of every time line of a clock that jumps back.
+
+    Pulses and samples are recorded apart, so the n-th jump of the one is that of the other.
+    Pulses that are left over go with the last samples.
+    """
+    gap_ns = round(longest_gap * NANOSECONDS_PER_SECOND)
+    starts = _line_starts(forces.stamp_ns, gap_ns)
+    onsets = _line_starts(pulses.onset_ns, gap_ns)
+    ends = [*starts[1:], len(forces)]
+    for place, (start, stop) in enumerate(zip(starts, ends, strict=True)):
+        first = onsets[place] if place < len(onsets) else len(pulses)
+        last = onsets[place + 1] if place + 1 < min(len(onsets), len(starts)) else len(pulses)
+        yield pulses[first:last], start, stop
+
+
+def _line_starts(stamp_ns: IntArray, gap_ns: int) -> list[int]:
+    """Return where stamps (n,) go back by more than a gap and stay there, after a leading 0."""
+    back = np.flatnonzero(np.diff(stamp_ns) < -gap_ns) + 1
+    starts = [0]
+    for place in back:
+        # The stamps of a time line go on from its first one; one wrong stamp is no time line.
+        before, here = int(stamp_ns[place - 1]), int(stamp_ns[place])
+        after = int(stamp_ns[place + 1]) if place + 1 < len(stamp_ns) else here
+        jumped_ahead = place > 1 and before - int(stamp_ns[place - 2]) > gap_ns >= (
+            abs(here - int(stamp_ns[place - 2]))
+        )
+        if after < before - gap_ns and not jumped_ahead:
+            starts.append(int(place))
+    return starts

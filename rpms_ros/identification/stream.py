@@ -6,6 +6,7 @@ and sequence numbers alone, so a replay of a recording gives the on-line estimat
 however it is cut into blocks.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -25,6 +26,7 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 
 _LONG_AGO = -(2**63)
+_FAR_AHEAD = 2**63 - 1
 Trace = Callable[[IntArray, FloatArray, FloatArray, BoolArray], None]
 
 
@@ -51,12 +53,12 @@ class StreamSettings:
     longest_gap: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.look_ahead <= self.hold_back:
+        if not 0 <= self.look_ahead <= self.hold_back < math.inf:
             raise IdentificationError(
                 'expected 0 <= look_ahead <= hold_back, got '
                 f'{self.look_ahead} and {self.hold_back}'
             )
-        if not (self.estimate_period > 0 and self.longest_gap > 0):
+        if not (0 < self.estimate_period < math.inf and 0 < self.longest_gap < math.inf):
             raise IdentificationError(
                 'expected an estimate period and a longest gap above 0 s, got '
                 f'{self.estimate_period} and {self.longest_gap}'
@@ -102,12 +104,18 @@ class IdentificationStream:
         self._cell: int | None = None
         self._finished: list[Estimate] = []
         self._last_ns = 0
-        self._postponed: list[tuple[int, str]] = []
+        self._postponed: dict[tuple[int, str], int] = {}
+        self._alone: tuple[int, float] | None = None
 
     @property
     def fault_counts(self) -> dict[str, int]:
-        """What went wrong so far, by name."""
-        return self._counter.counts()
+        """What went wrong so far, by name, in samples that are still held back too."""
+        counter = FaultCounter()
+        for name, count in self._counter.counts().items():
+            counter.add(name, count)
+        for (_, name), count in self._postponed.items():
+            counter.add(name, count)
+        return counter.counts()
 
     def count_fault(self, name: str, count: int = 1) -> None:
         """Count faults that were found before the data came here."""
@@ -142,11 +150,10 @@ class IdentificationStream:
 
     def finish(self) -> list[Estimate]:
         """Process everything that is held back; return the estimates, the last one included."""
+        self._drop_alone()
         if self._newest_ns is not None:
             self._release(self._newest_ns)
-        for _, name in self._postponed:
-            self._counter.add(name)
-        self._postponed = []
+        self._count_postponed(_FAR_AHEAD)
         if self._newest_ns is not None:
             self._finished.append(self.estimate())
         finished, self._finished = self._finished, []
@@ -154,12 +161,13 @@ class IdentificationStream:
 
     def estimate(self) -> Estimate:
         """Return what is known after the newest sample that was processed."""
-        return self.estimator.estimate(self._last_ns, self.fault_counts)
+        return self.estimator.estimate(self._last_ns, self._counter.counts())
 
     def _postpone(self, name: str) -> None:
         """Count a fault when the samples up to here are processed, whenever that is."""
         after_ns = self._newest_ns if self._newest_ns is not None else _LONG_AGO
-        self._postponed.append((after_ns, name))
+        key = (after_ns, name)
+        self._postponed[key] = self._postponed.get(key, 0) + 1
 
     def _take(self, stamps: IntArray, values: FloatArray) -> None:
         """Take finite samples (samples,), irregular stamps among them."""
@@ -170,15 +178,14 @@ class IdentificationStream:
     def _take_run(self, stamps: IntArray, values: FloatArray, start: int) -> int:
         """Take samples from `start` on up to the next irregular one; return where it is."""
         if self._newest_ns is not None:
-            step = int(stamps[start]) - self._newest_ns
+            stamp_ns = int(stamps[start])
+            step = stamp_ns - self._newest_ns
             if -self._gap_ns <= step <= 0:
                 self._postpone(faults.FORCE_STAMP_NOT_AFTER_LAST)
                 return start + 1
-            if step < 0:
-                self._jump_back(int(stamps[start]))
-            elif step > self._gap_ns:
-                self._postpone(faults.FORCE_GAP)
-                self._queue.exclude(self._newest_ns, int(stamps[start]) + self._memory_ns)
+            if abs(step) > self._gap_ns and not self._follow_alone(stamp_ns, values[start]):
+                return start + 1
+            self._drop_alone()
         steps = np.diff(stamps[start:])
         irregular = np.flatnonzero((steps <= 0) | (steps > self._gap_ns))
         end = start + 1 + int(irregular[0]) if len(irregular) else len(stamps)
@@ -186,10 +193,37 @@ class IdentificationStream:
         self._newest_ns = int(stamps[end - 1])
         return end
 
+    def _follow_alone(self, stamp_ns: int, value: float) -> bool:
+        """Believe a stamp far from its predecessor when a second one follows it.
+
+        One wrong stamp would look like two jumps of the clock.  Returns whether `stamp_ns`
+        confirms the sample that is waiting alone; otherwise it waits in its place.
+        """
+        if self._alone is None or not 0 < stamp_ns - self._alone[0] <= self._gap_ns:
+            self._drop_alone()
+            self._alone = (stamp_ns, float(value))
+            return False
+        (first_ns, first), self._alone = self._alone, None
+        assert self._newest_ns is not None
+        if first_ns < self._newest_ns:
+            self._jump_back(first_ns)
+        else:
+            self._postpone(faults.FORCE_GAP)
+            self._queue.exclude(self._newest_ns, first_ns + self._memory_ns)
+        self._waiting.append((np.array([first_ns]), np.array([first])))
+        self._newest_ns = first_ns
+        return True
+
+    def _drop_alone(self) -> None:
+        if self._alone is not None:
+            self._postpone(faults.FORCE_STAMP_ALONE)
+            self._alone = None
+
     def _jump_back(self, stamp_ns: int) -> None:
         """Start a new time line: what is held back belongs to the old one."""
         assert self._newest_ns is not None
         self._release(self._newest_ns)
+        self._count_postponed(_FAR_AHEAD)
         self._counter.add(faults.CLOCK_JUMP)
         self._queue.restart()
         self.estimator.forget_pulses()
@@ -216,6 +250,9 @@ class IdentificationStream:
     def _cross_into(self, cell: int) -> None:
         """Make an estimate when the stamps enter a new cell of the estimate grid."""
         if self._cell is not None and cell != self._cell:
+            # Faults after the last sample of the old cell, whether or not they have come by now
+            # with it in one block.
+            self._count_postponed(self._last_ns)
             self._finished.append(self.estimate())
         self._cell = cell
 
@@ -231,8 +268,5 @@ class IdentificationStream:
             self._trace(stamps, values, prediction, usable)
 
     def _count_postponed(self, until_ns: int) -> None:
-        due = [name for after_ns, name in self._postponed if after_ns <= until_ns]
-        if due:
-            self._postponed = [fault for fault in self._postponed if fault[0] > until_ns]
-        for name in due:
-            self._counter.add(name)
+        for key in [key for key in self._postponed if key[0] <= until_ns]:
+            self._counter.add(key[1], self._postponed.pop(key))

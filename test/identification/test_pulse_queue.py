@@ -1,0 +1,132 @@
+"""The order of pulses and what their sequence numbers show."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.identification.faults import FaultCounter
+from rpms_ros.identification.pulse_queue import PulseQueue
+from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import PulseTrain
+
+MEMORY, LOOK_AHEAD = 350, 100
+
+
+class Queue:
+    """A queue with milliseconds as nanoseconds, and its counter."""
+
+    def __init__(self) -> None:
+        self.counter = FaultCounter()
+        self.queue = PulseQueue(MEMORY, LOOK_AHEAD, self.counter)
+
+    def add(self, *pulses: tuple[int, float, int]) -> None:
+        self.queue.add(PulseTrain.of([Pulse(*pulse) for pulse in pulses]))
+
+    def onsets(self, until: int) -> list[int]:
+        return self.queue.settle(until)[0].tolist()
+
+    def unknown(self, *stamps: int) -> list[bool]:
+        return self.queue.unknown(np.array(stamps, dtype=np.int64)).tolist()
+
+
+@given(st.permutations(range(12)), st.integers(1, 5))
+def test_the_order_of_arrival_does_not_matter(order: list[int], size: int) -> None:
+    queue = Queue()
+    for start in range(0, 12, size):
+        queue.add(*((50 * index, index / 12, index) for index in order[start : start + size]))
+    onset, intensity = queue.queue.settle(1000)
+    assert onset.tolist() == list(range(0, 600, 50))
+    assert intensity.tolist() == [index / 12 for index in range(12)]
+    assert queue.counter.counts() == {}
+
+
+def test_only_what_is_due_is_given() -> None:
+    queue = Queue()
+    queue.add((0, 0.5, 0), (50, 0.5, 1), (100, 0.5, 2))
+    assert queue.onsets(50) == [0, 50]
+    assert queue.onsets(99) == []
+    assert queue.onsets(100) == [100]
+
+
+def test_a_lost_pulse_excludes_what_it_could_touch() -> None:
+    queue = Queue()
+    queue.add((0, 0.5, 0), (150, 0.5, 3))
+    assert queue.onsets(200) == [0, 150]
+    assert queue.counter.counts() == {'pulse_lost': 2}
+    # the gap begins later than the look-ahead allows to know: 150 - 100
+    assert queue.unknown(0, 50, 51, 150, 500, 501) == [False, False, True, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ('sequences', 'counts'),
+    [
+        ([2**32 - 2, 2**32 - 1, 0, 1], {}),
+        ([2**32 - 1, 1], {'pulse_lost': 1}),
+        ([7, 8, 0, 1], {'pulse_sequence_restart': 1}),
+        ([0, 0, 0], {'pulse_sequence_stuck': 2}),
+    ],
+)
+def test_what_sequences_show(sequences: list[int], counts: dict[str, int]) -> None:
+    queue = Queue()
+    queue.add(*((50 * place, 0.5, sequence) for place, sequence in enumerate(sequences)))
+    assert len(queue.onsets(1000)) == len(sequences)
+    assert queue.counter.counts() == counts
+
+
+def test_the_second_of_a_pair_is_dropped() -> None:
+    queue = Queue()
+    queue.add((0, 0.5, 0), (50, 0.5, 1))
+    queue.add((50, 0.5, 1), (100, 0.5, 2))
+    assert queue.onsets(200) == [0, 50, 100]
+    assert queue.counter.counts() == {'pulse_duplicate': 1}
+
+
+@pytest.mark.parametrize('intensity', [-1e-9, 1.0000001, math.nan, math.inf])
+def test_an_impossible_intensity_counts_as_lost(intensity: float) -> None:
+    queue = Queue()
+    queue.add((0, 0.5, 0), (50, intensity, 1), (100, 0.0, 2), (150, 1.0, 3))
+    assert queue.onsets(200) == [0, 100, 150]
+    assert queue.counter.counts() == {'pulse_intensity_invalid': 1}
+    assert queue.unknown(50, 51, 400, 401) == [False, True, True, False]
+
+
+def test_a_late_pulse_is_refused_and_excludes_its_samples() -> None:
+    queue = Queue()
+    queue.add((0, 0.5, 0))
+    queue.onsets(200)
+    queue.add((200, 0.5, 1), (201, 0.5, 2))
+    assert queue.onsets(300) == [201]
+    assert queue.counter.counts() == {'pulse_late': 1, 'pulse_lost': 1}
+    assert queue.unknown(550, 551, 552) == [True, True, False]
+
+
+def test_pulses_that_outran_a_jump_of_the_clock_are_kept() -> None:
+    queue = Queue()
+    queue.add((10_000, 0.5, 0))
+    queue.onsets(10_100)
+    queue.add((30, 0.5, 1))
+    queue.queue.restart()
+    assert queue.onsets(100) == [30]
+
+
+def test_old_late_pulses_do_not_come_back_with_a_jump() -> None:
+    queue = Queue()
+    queue.onsets(10_000)
+    queue.add((30, 0.5, 1))
+    queue.onsets(20_000)
+    queue.queue.restart()
+    assert queue.onsets(100) == []
+
+
+@settings(max_examples=20)
+@given(st.integers(1500, 4000))
+def test_pulses_without_force_do_not_pile_up_as_single_messages(count: int) -> None:
+    queue = Queue()
+    for index in range(count):
+        queue.add((50 * index, 0.5, index))
+    assert len(queue.queue._arrived) <= 1000
+    assert len(queue.onsets(50 * count)) == count

@@ -1,0 +1,75 @@
+"""Identification of recordings."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import identify
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+SECOND = 1_000_000_000
+
+
+def joined(first: ForceTrace, second: ForceTrace) -> ForceTrace:
+    return ForceTrace(
+        np.concatenate((first.stamp_ns, second.stamp_ns)),
+        np.concatenate((first.force, second.force)),
+    )
+
+
+def test_a_recording_gives_estimates_and_traces(record) -> None:
+    pulses, forces = record(np.random.default_rng(7).uniform(size=240))
+    taken: list[int] = []
+    session = identify(RecursiveEstimator(), pulses, forces, progress=taken.append)
+    assert sum(taken) == len(forces) == len(session.prediction)
+    assert session.usable.all()
+    assert session.last is session.estimates[-1]
+    assert session.last.samples == 11_999
+    kept = slice(-2400, None)
+    expected = np.linalg.norm((session.force - session.prediction)[kept])
+    expected /= np.linalg.norm(session.force[kept])
+    assert session.relative_output_error() == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize('back', [2, 3600])
+def test_pulses_after_a_jump_back_are_used(record, back: int) -> None:
+    first_pulses, first = record(np.random.default_rng(7).uniform(size=240), 5000 * SECOND)
+    start_ns = (5012 - back) * SECOND
+    later_pulses, later = record(np.random.default_rng(8).uniform(size=240), start_ns)
+    pulses = PulseTrain.joined([first_pulses, later_pulses])
+    session = identify(RecursiveEstimator(), pulses, joined(first, later))
+    assert session.last.faults == {'clock_jump': 1, 'samples_excluded': 351}
+    assert session.last.pulses == 480
+    # some 4 N; a pulse that is missing leaves 1 N
+    assert np.abs(session.force - session.prediction)[-8000:].max() < 0.2
+    assert session.relative_output_error() < 0.02
+
+
+@pytest.mark.parametrize('wrong_ns', [0, 9000 * SECOND])
+def test_one_wrong_stamp_does_not_cost_the_rest(record, wrong_ns: int) -> None:
+    pulses, forces = record(np.random.default_rng(7).uniform(size=240), 5000 * SECOND)
+    forces.stamp_ns[6000] = wrong_ns
+    session = identify(RecursiveEstimator(), pulses, forces)
+    assert session.last.faults == {'force_stamp_alone': 1}
+    assert session.last.pulses == 240
+    assert np.abs(session.force - session.prediction)[-5000:].max() < 0.2
+
+
+@pytest.mark.parametrize(
+    'force', [np.empty(0), np.full(3, math.nan)], ids=['empty', 'not a number']
+)
+def test_nothing_to_learn_from_is_refused(force: np.ndarray) -> None:
+    forces = ForceTrace(np.arange(len(force)), force)
+    with pytest.raises(IdentificationError, match='expected at least one finite force sample'):
+        identify(RecursiveEstimator(), PulseTrain.of([]), forces)
+
+
+def test_no_force_has_no_relative_error() -> None:
+    zero = np.zeros(10)
+    session = IdentifiedSession([], np.arange(10), zero, zero, np.ones(10, dtype=np.bool_))
+    assert math.isnan(session.relative_output_error())
