@@ -1,0 +1,162 @@
+"""``rpms replay``: a recording through the real nodes, and whether they say the same again."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+from typing import Any
+
+import yaml
+
+from rpms_ros.cli.identify import add_estimator_options
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import progress
+from rpms_ros.cli.options import read
+from rpms_ros.errors import NodeError
+
+if TYPE_CHECKING:
+    from rpms_ros.nodes.replay import Replay
+    from rpms_ros.report.agreement import Agreement
+
+_DESCRIPTION = """\
+Plays pulses and force of a recording over DDS into the real identifier node, as fast as it keeps
+up or at a factor of the recorded speed, and compares what it says with the estimates in the
+recording, if there are any, and with `rpms identify`: they have to agree in every bit.
+Needs rclpy, in a domain of its own on this machine.
+"""
+_EXAMPLES = """\
+  rpms replay session                      as fast as the node keeps up
+  rpms replay session --factor 1           as fast as it was recorded
+  rpms replay session --preset table_5 --parameters identifier.yaml
+Exit code 1 if estimates differ or are missing.
+"""
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers,
+        'replay',
+        run,
+        'a recording through the real nodes',
+        _DESCRIPTION,
+        _EXAMPLES,
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
+    parser.add_argument(
+        '--factor',
+        type=float,
+        default=0.0,
+        metavar='F',
+        help='seconds of the recording a second (default: 0, as fast as the node keeps up)',
+    )
+    parser.add_argument(
+        '--parameters',
+        type=Path,
+        metavar='FILE',
+        help='parameter file of the identifier; goes before the options of the estimator',
+    )
+    parser.add_argument('--json', action='store_true', help='one JSON object on stdout')
+    add_reading_options(parser)
+    add_estimator_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Replay the recording; return 1 if estimates differ or are missing."""
+    from rpms_ros.nodes.replay import replay
+    from rpms_ros.nodes.replayer import ReplaySettings
+    from rpms_ros.report.agreement import compare
+    from rpms_ros.report.recorded import recorded_words
+
+    settings = ReplaySettings(arguments.factor)
+    parameters = identifier_parameters(arguments)
+    recording = read(arguments.bag, arguments)
+    recorded = recorded_words(arguments.bag).estimates
+    total = len(recording.pulses) + len(recording.forces)
+    with progress('replaying', total, 'messages', arguments.quiet) as advance:
+        done = replay(recording, parameters, settings, advance)
+    off_line = compare(done.expected, done.estimates)
+    again = compare(recorded, done.estimates) if recorded else None
+    document = as_document(done, off_line, again)
+    if arguments.json:
+        print(json.dumps(document, allow_nan=False))
+    else:
+        print(f'{arguments.bag}\n{_as_text(document)}')
+    exact = off_line.exact and (again is None or again.exact)
+    return 0 if exact else 1
+
+
+def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters of the identifier.
+
+    Raises
+    ------
+    NodeError
+        If the parameter file holds none of an identifier.
+    """
+    parameters = {
+        'estimator': arguments.estimator,
+        'preset': arguments.preset,
+        'seed': arguments.seed,
+        'repetition_rate': arguments.rate_hz,
+    }
+    if arguments.parameters is None:
+        return parameters
+    try:
+        content = yaml.safe_load(arguments.parameters.read_text(encoding='utf-8'))
+        nodes = list(content.values())
+        return {**parameters, **nodes[0]['ros__parameters']}
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise NodeError(
+            f'expected a parameter file, got {arguments.parameters}: {error}'
+        ) from error
+    except (AttributeError, TypeError, KeyError, IndexError) as error:
+        raise NodeError(
+            f'expected ros__parameters of an identifier in {arguments.parameters}, got none'
+        ) from error
+
+
+def as_document(
+    done: 'Replay', off_line: 'Agreement', recorded: 'Agreement | None'
+) -> dict[str, Any]:
+    """Return what came of it as JSON takes it; times in s."""
+    return {
+        'messages': done.messages,
+        'estimates': len(done.estimates),
+        'recorded_s': done.recorded_s,
+        'elapsed_s': done.elapsed_s,
+        'factor': done.factor,
+        'off_line': _agreement(off_line),
+        'recorded': None if recorded is None else _agreement(recorded),
+    }
+
+
+def _agreement(agreement: 'Agreement') -> dict[str, Any]:
+    return {
+        'exact': agreement.exact,
+        'compared': agreement.compared,
+        'missing': agreement.missing,
+        'differing': dict(agreement.differing),
+    }
+
+
+def _as_text(document: dict[str, Any]) -> str:
+    recorded = document['recorded']
+    speed = f'{document["recorded_s"]:.3f} s in {document["elapsed_s"]:.3f} s'
+    rows = (
+        f'sent       {document["messages"]} messages, {speed}, factor {document["factor"]:.3g}',
+        f'recorded   {_verdict(recorded) if recorded else "no estimates in the recording"}',
+        f'off line   {_verdict(document["off_line"])}',
+    )
+    return '\n'.join(f'  {row}' for row in rows)
+
+
+def _verdict(agreement: dict[str, Any]) -> str:
+    if agreement['exact']:
+        return f'all {agreement["compared"]} estimates, bit for bit'
+    fields = ', '.join(f'{name} {count}' for name, count in agreement['differing'].items())
+    return (
+        f'DIFFERS: {agreement["missing"]} estimates missing, {agreement["compared"]} compared, '
+        f'differing fields {fields or "none"}'
+    )

@@ -1,0 +1,165 @@
+"""Node that plays a recording: `pulses` and `force` out, at a factor or as fast as they are used.
+
+As fast as they are used means: never further ahead of the newest estimate than the queues of the
+identifier hold, so that nothing is lost however fast this machine is.  What is sent is the
+recording in the order in which it was received, in the same bytes as a driver and a sensor send.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+
+from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import Pulse
+from rpms_ros import messages
+from rpms_ros.errors import NodeError
+from rpms_ros.identification import Estimate
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import IntArray
+from rpms_ros.recording import Recording
+from rpms_ros.recording.encoding import encode_forces
+from rpms_ros.recording.encoding import encode_pulses
+
+# Messages that may be under way: fewer than the queues of the identifier hold.
+WINDOW = 2000
+# Without an estimate for so long, everything that was sent has been used: none is due from it [s].
+PATIENCE = 0.5
+_AXIS = np.array(messages.AXES['z'])
+_COIL = 'coil'
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """How a recording is played.
+
+    Attributes
+    ----------
+    factor : float
+        Seconds of the recording a second; 0 for as fast as they are used.
+    window : int
+        Messages that may be ahead of the newest estimate.
+    """
+
+    factor: float = 0.0
+    window: int = WINDOW
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.factor) and self.factor >= 0.0):
+            raise NodeError(f'expected a factor of 0 or above, got {self.factor}')
+        if not 1 <= self.window <= WINDOW:
+            raise NodeError(f'expected a window of 1 to {WINDOW} messages, got {self.window}')
+
+
+class Replayer(Node):
+    """Plays a recording and keeps the estimates that come back.
+
+    Parameters
+    ----------
+    recording : Recording
+        What is played; force goes along the z axis, whichever it was measured along.
+    settings : ReplaySettings, optional
+        How.
+    **options
+        Go to `rclpy.node.Node`.
+    """
+
+    def __init__(
+        self, recording: Recording, settings: ReplaySettings | None = None, **options: Any
+    ) -> None:
+        super().__init__('replayer', **options)
+        self.settings = settings or ReplaySettings()
+        self.estimates: list[Estimate] = []
+        self.sent = 0
+        pulses, forces = recording.pulses, recording.forces
+        self._is_pulse, self._index, self._due_ns = _order(recording)
+        self._pulse_bytes = encode_pulses(pulses, _COIL)
+        self._force_bytes = encode_forces(forces, _AXIS)
+        self._force_stamp_ns = np.maximum.accumulate(forces.stamp_ns)
+        # how many messages have gone out with each force sample and before it
+        self._sent_with_force = np.flatnonzero(~self._is_pulse) + 1
+        self._used = 0
+        self._started: float | None = None
+        self._heard = time.monotonic()
+        self._pulses = self.create_publisher(Pulse, topics.PULSES, qos.PULSES)
+        self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
+        self.create_subscription(MuscleEstimate, topics.ESTIMATE, self._on_estimate, qos.ESTIMATE)
+
+    def __len__(self) -> int:
+        """Return how many messages there are to send."""
+        return len(self._index)
+
+    @property
+    def ready(self) -> bool:
+        """Whether somebody hears pulses and force and answers with estimates."""
+        return (
+            self._pulses.get_subscription_count() > 0
+            and self._force.get_subscription_count() > 0
+            and self.count_publishers(self.resolve_topic_name(topics.ESTIMATE)) > 0
+        )
+
+    @property
+    def silence(self) -> float:
+        """Time since the last estimate came or the last message went [s]."""
+        return time.monotonic() - self._heard
+
+    def step(self, most: int = 200) -> int:
+        """Send what may go now, at most `most` messages; return how many went."""
+        until = min(self._allowed(), self.sent + most)
+        for place in range(self.sent, until):
+            self._send(place)
+        went = until - self.sent
+        if went:
+            self._heard = time.monotonic()
+        self.sent = until
+        return went
+
+    def _allowed(self) -> int:
+        if self.settings.factor > 0.0:
+            return self._due()
+        if self.silence > PATIENCE:
+            self._used = self.sent
+        return min(len(self), self._used + self.settings.window)
+
+    def _due(self) -> int:
+        """Return how many messages are due by the clock."""
+        now = time.monotonic()
+        if self._started is None:
+            self._started = now
+        elapsed = (now - self._started) * self.settings.factor * NANOSECONDS_PER_SECOND
+        return int(np.searchsorted(self._due_ns, elapsed, side='right'))
+
+    def _send(self, place: int) -> None:
+        index = int(self._index[place])
+        if self._is_pulse[place]:
+            self._pulses.publish(self._pulse_bytes.message(index))
+        else:
+            self._force.publish(self._force_bytes.message(index))
+
+    def _on_estimate(self, message: MuscleEstimate) -> None:
+        estimate = messages.estimate_of(message)
+        self.estimates.append(estimate)
+        self._heard = time.monotonic()
+        used = int(np.searchsorted(self._force_stamp_ns, estimate.stamp_ns, side='right'))
+        if used:
+            self._used = max(self._used, int(self._sent_with_force[used - 1]))
+
+
+def _order(recording: Recording) -> tuple[BoolArray, IntArray, IntArray]:
+    """Return kind, index and time after the first [ns] of all messages (messages,), as received.
+
+    A pulse goes before a sample that was received at the same time.
+    """
+    received = np.concatenate([recording.pulse_received_ns, recording.force_received_ns])
+    counts = len(recording.pulses), len(recording.forces)
+    is_pulse = np.repeat([True, False], counts)
+    index = np.concatenate([np.arange(count, dtype=np.int64) for count in counts])
+    order = np.argsort(received, kind='stable')
+    due = received[order] - received.min()
+    return is_pulse[order], index[order], due
