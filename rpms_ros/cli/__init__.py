@@ -8,7 +8,16 @@ from importlib import import_module
 
 from rpms_ros.errors import RpmsError
 
-COMMANDS = ('demo', 'simulate', 'info', 'identify', 'import_csv', 'protocol', 'check')
+COMMANDS = (
+    'demo',
+    'simulate',
+    'info',
+    'identify',
+    'analyze',
+    'import_csv',
+    'protocol',
+    'check',
+)
 """Modules of this package, in the order of the help."""
 
 SUCCESS, INCOMPLETE, FAILURE, INTERRUPTED = 0, 1, 2, 130
@@ -19,6 +28,7 @@ Identify a muscle that is stimulated by repetitive magnetic or electrical pulses
   rpms simulate --out session            a recording of a simulated session
   rpms info session                      what a recording holds
   rpms identify session --out results    what the recording says about the muscle
+  rpms analyze session --out results     latency, twitch, summation, recruitment
   rpms import trial.csv --out trial --time 'Time [s]' --force 'Force [N]' --pulse Gate
 """
 _EPILOG = """\

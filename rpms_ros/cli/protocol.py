@@ -40,6 +40,35 @@ def _paper_sinusoid(arguments: argparse.Namespace) -> 'Schedule':
     return paper_sinusoid(**_given(arguments, 'duration_s', 'rate_hz'))
 
 
+def _twitches(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation.analysis_protocols import twitches
+
+    return twitches(**_given(arguments, 'seed'))
+
+
+def _trains(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation.analysis_protocols import trains
+
+    return trains(**_rates(arguments), **_given(arguments, 'duration_s'))
+
+
+def _recruitment(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation.analysis_protocols import recruitment
+
+    return recruitment(**_rates(arguments))
+
+
+def _muscle(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation.analysis_protocols import muscle
+
+    return muscle(**_given(arguments, 'seed'))
+
+
+def _rates(arguments: argparse.Namespace) -> dict[str, Any]:
+    rate = arguments.rate_hz
+    return {} if rate is None else {'rates_hz': (rate,)}
+
+
 def _given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
     values = {name: getattr(arguments, name) for name in names}
     return {name: value for name, value in values.items() if value is not None}
@@ -52,6 +81,12 @@ PROTOCOLS: dict[str, Protocol] = {
     'paper-sinusoid': Protocol(
         'sinusoidal intensity of period 9 s, 0 to 100 %% at 20 Hz for 90 s', _paper_sinusoid
     ),
+    'twitches': Protocol('single pulses at six intensities, a second apart, shuffled', _twitches),
+    'trains': Protocol('trains of 1.5 s at 5 to 35 Hz, single pulses before them', _trains),
+    'recruitment': Protocol(
+        'staircases of 21 intensities at six rates from 15 to 35 Hz', _recruitment
+    ),
+    'muscle': Protocol('twitches, trains and recruitment, for `rpms analyze`', _muscle),
 }
 """Every protocol by name; another one is another entry."""
 

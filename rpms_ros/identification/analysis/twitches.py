@@ -68,6 +68,8 @@ class TwitchAnalysis:
         By the zero crossing, as in the paper (Table 1).
     rejected : mapping of str to int
         Twitches that did not qualify, by reason.
+    example : Response
+        The strongest twitch.
     """
 
     fits: TwitchFits
@@ -78,6 +80,7 @@ class TwitchAnalysis:
     latency: LatencyTable
     crossing_latency: LatencyTable
     rejected: Mapping[str, int]
+    example: Response
 
     @property
     def relative_peak(self) -> FloatArray:
@@ -157,6 +160,7 @@ def _summary(
             rejected,
         ),
         rejected=rejected,
+        example=responses[int(np.argmax(fits.column(PEAK, choice.order)))],
     )
 
 

@@ -1,0 +1,165 @@
+"""``rpms analyze``: latency, twitch, summation and recruitment out of recordings."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import progress
+from rpms_ros.cli.options import read
+from rpms_ros.errors import ReportError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+if TYPE_CHECKING:
+    from rpms_ros.identification.analysis import MuscleAnalysis
+
+Session = tuple[PulseTrain, ForceTrace]
+_PAUSE_NS = 10 * NANOSECONDS_PER_SECOND
+_DESCRIPTION = """\
+Characterises a muscle: latency, twitch and its order from single pulses, summation and history
+from trains, the recruitment field from staircases. Finds out what the recording holds, does what
+can be done with it, and says what cannot and why. Several recordings are shown side by side.
+"""
+_EXAMPLES = """\
+  rpms protocol muscle --out muscle.yaml
+  rpms simulate --out session --schedule muscle.yaml --subject rpms --noise 0.04 --artifact 4
+  rpms analyze session
+  rpms analyze session --out results            result.json and figures
+  rpms analyze session --json | jq .twitches.order.order
+  rpms analyze magnetic electrical              two recordings, side by side
+  rpms analyze --together trial_1 trial_2       parts of one session, analysed as one
+"""
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers,
+        'analyze',
+        run,
+        'latency, twitch, summation and recruitment out of a recording',
+        _DESCRIPTION,
+        _EXAMPLES,
+    )
+    parser.add_argument(
+        'bags', type=Path, nargs='+', metavar='BAG', help='folder or file of a recording'
+    )
+    parser.add_argument(
+        '--json',
+        action='store_true',
+        help='one JSON object on stdout and nothing else there; a list for several recordings',
+    )
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
+    parser.add_argument(
+        '--unknown-intensity',
+        action='store_true',
+        help='the intensities in the recording mean nothing, as after importing a gate',
+    )
+    parser.add_argument(
+        '--together',
+        action='store_true',
+        help='the recordings are parts of one session: put them one after another in time',
+    )
+    add_reading_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Analyse the recordings; return 1 if one of them was faulty or told nothing."""
+    from rpms_ros.report.analysis_document import analysis_document
+    from rpms_ros.report.analysis_text import analysis_text
+
+    recordings = [read(bag, arguments) for bag in arguments.bags]
+    names = [bag.name for bag in arguments.bags]
+    sessions = [(recording.pulses, recording.forces) for recording in recordings]
+    if arguments.together:
+        sessions, names = [_joined(sessions)], [f'{names[0]} to {names[-1]}']
+    analyses = [_analyzed(pulses, forces, arguments) for pulses, forces in sessions]
+    documents = [analysis_document(analysis) for analysis in analyses]
+    if arguments.json:
+        print(json.dumps(documents if len(documents) > 1 else documents[0], allow_nan=False))
+    else:
+        print(analysis_text(analyses, names))
+    for name, analysis in zip(names, analyses, strict=True):
+        for finding in analysis.findings:
+            print(f'rpms: {name}: {finding}', file=sys.stderr)
+    if arguments.out:
+        _write(arguments.out, names, analyses)
+    nothing = any(not _told(analysis) for analysis in analyses)
+    faulty = any(recording.facts.faults for recording in recordings)
+    return 1 if faulty or nothing else 0
+
+
+def _joined(sessions: Sequence[Session]) -> Session:
+    """Return sessions one after another, a pause between them, as one."""
+    import numpy as np
+
+    moved = []
+    start = 0
+    for pulses, forces in sessions:
+        stamps = np.concatenate((forces.stamp_ns, pulses.onset_ns))
+        shift = start - int(stamps.min(initial=start))
+        moved.append(
+            (
+                replace(pulses, onset_ns=pulses.onset_ns + shift),
+                replace(forces, stamp_ns=forces.stamp_ns + shift),
+            )
+        )
+        start = int(stamps.max(initial=start)) + shift + _PAUSE_NS
+    trains, traces = zip(*moved, strict=True)
+    joined = {
+        name: np.concatenate([getattr(train, name) for train in trains])
+        for name in ('onset_ns', 'intensity', 'sequence', 'width')
+    }
+    force = ForceTrace(
+        np.concatenate([trace.stamp_ns for trace in traces]),
+        np.concatenate([trace.force for trace in traces]),
+    )
+    return PulseTrain(**joined), force
+
+
+def _analyzed(
+    pulses: PulseTrain, forces: ForceTrace, arguments: argparse.Namespace
+) -> 'MuscleAnalysis':
+    import numpy as np
+
+    from rpms_ros.identification.analysis import analyze
+
+    if arguments.unknown_intensity:
+        pulses = replace(pulses, intensity=np.full(len(pulses), np.nan))
+    done_of: dict[str, int] = {}
+    with progress('analysing', None, 'responses', arguments.quiet) as advance:
+
+        def tell(label: str, done: int, total: int) -> None:
+            del total
+            advance(done - done_of.get(label, 0))
+            done_of[label] = done
+
+        return analyze(pulses, forces, progress=tell)
+
+
+def _told(analysis: 'MuscleAnalysis') -> bool:
+    return bool(analysis.twitches or analysis.summation or analysis.recruitment)
+
+
+def _write(folder: Path, names: Sequence[str], analyses: Sequence['MuscleAnalysis']) -> None:
+    from rpms_ros.report.analysis_document import analysis_document
+    from rpms_ros.report.analysis_figures import draw_analysis
+
+    for index, (name, analysis) in enumerate(zip(names, analyses, strict=True)):
+        place = folder / f'{index + 1}-{name}' if len(names) > 1 else folder
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            text = json.dumps(analysis_document(analysis), allow_nan=False, indent=2)
+            (place / 'result.json').write_text(f'{text}\n', encoding='utf-8')
+        except OSError as error:
+            raise ReportError(f'expected a folder to write to, got {place}: {error}') from error
+        drawn = draw_analysis(place, analysis, name)
+        written = ', '.join(['result.json', *(path.name for path in drawn)])
+        print(f'{place}: {written}', file=sys.stderr)

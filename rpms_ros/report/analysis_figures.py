@@ -1,0 +1,285 @@
+"""Figures of a muscle analysis, after Figs. 5 to 10 of the paper.
+
+Lines differ in dashes and points in shape, so that nothing is lost in black and white.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from rpms_ros.errors import ReportError
+from rpms_ros.identification.analysis import FieldAnalysis
+from rpms_ros.identification.analysis import MuscleAnalysis
+from rpms_ros.identification.analysis import SummationAnalysis
+from rpms_ros.identification.analysis import TwitchAnalysis
+from rpms_ros.identification.analysis.latency import LatencyTable
+from rpms_ros.identification.analysis.summation import TrainAnalysis
+from rpms_ros.identification.analysis.twitch_fits import CONSTANT
+from rpms_ros.identification.analysis.twitch_fits import PEAK
+from rpms_ros.muscle import twitch
+
+MEASURED = '#8a8a8a'
+COLOURS = ('#0b4f7d', '#c65d00', '#3f7f2c', '#7b4fa3', '#a8234a', '#5f5f5f')
+MARKERS = ('o', 's', '^', 'D', 'v', 'P')
+DASHES = ('-', '--', ':', '-.', (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
+MOST_TRAINS = 6
+
+
+def draw_analysis(folder: Path, analysis: MuscleAnalysis, title: str = '') -> tuple[Path, ...]:
+    """Write a figure of everything that was found; return the files.
+
+    Parameters
+    ----------
+    folder : Path
+        Existing folder.
+    analysis : MuscleAnalysis
+        What is drawn.
+    title : str
+        Name of the recording.
+
+    Raises
+    ------
+    ReportError
+        If a file cannot be written.
+    """
+    drawn = []
+    if analysis.twitches:
+        drawn.append(_save(folder / 'twitches.png', draw_twitches(analysis.twitches, title)))
+    if analysis.summation:
+        drawn.append(_save(folder / 'trains.png', draw_trains(analysis.summation, title)))
+    if analysis.recruitment:
+        drawn.append(_save(folder / 'recruitment.png', draw_field(analysis.recruitment, title)))
+    return tuple(drawn)
+
+
+def draw_twitches(found: TwitchAnalysis, title: str = '') -> Figure:
+    """Return latency and T_a by intensity, and E_min by peak (Tables 1 and 2, Fig. 5)."""
+    figure = _figure(10.0, 7.0, title)
+    (example, error), (latency, constant) = figure.subplots(2, 2)
+    _draw_example(example, found)
+    _draw_latency(latency, found.latency, 0)
+    _draw_latency(latency, found.crossing_latency, 1)
+    latency.set(xlabel='intensity [%]', ylabel='latency $T_l$ [ms]')
+    latency.legend(fontsize=8)
+    values = 1e3 * found.fits.column(CONSTANT, found.choice.order)
+    percent = 100 * np.nan_to_num(found.fits.intensity, nan=1.0)
+    constant.plot(percent, values, MARKERS[0], color=COLOURS[0], mfc='none', ms=4)
+    constant.axhline(1e3 * found.shared.time_constant, color='black', lw=1)
+    constant.set(
+        xlabel='intensity [%]', ylabel=f'$T_a$ at order {found.choice.order} [ms]; line: shared'
+    )
+    for index, order in enumerate(found.fits.orders):
+        error.semilogy(
+            100 * found.fits.column(PEAK, order) / _top_peak(found),
+            found.fits.least_error(order),
+            MARKERS[index],
+            color=COLOURS[index],
+            mfc='none',
+            ms=4,
+            label=f'order {order}',
+        )
+    error.set(xlabel=r'$F_\max / F_{\max,100\%}$ [%]', ylabel=r'$E_\min$ (Eq. 3)')
+    error.legend(fontsize=8)
+    return figure
+
+
+def _draw_example(axes: Axes, found: TwitchAnalysis) -> None:
+    """Draw the strongest twitch with what each order makes of it."""
+    response = found.example
+    index = int(np.argmax(found.fits.column(PEAK, found.choice.order)))
+    lag, force = response.lag, np.where(response.usable, response.force, np.nan)
+    axes.plot(1e3 * lag, force, color=MEASURED, lw=2.5, label='measured, artifact left out')
+    for place, order in enumerate(found.fits.orders):
+        onset, constant, peak, base = found.fits.table[index, place, :4]
+        axes.plot(
+            1e3 * lag,
+            base + peak * twitch(lag - onset, constant, order),
+            ls=DASHES[place],
+            color=COLOURS[place],
+            lw=1.2,
+            label=f'order {order}',
+        )
+    axes.set(xlabel='time after the pulse [ms]', ylabel='force [N]')
+    axes.legend(fontsize=8)
+
+
+def _top_peak(found: TwitchAnalysis) -> float:
+    peak = found.fits.column(PEAK, found.choice.order)
+    return float(np.median(peak / found.relative_peak))
+
+
+def _draw_latency(axes: Axes, table: LatencyTable, index: int) -> None:
+    if not table.rows:
+        return
+    percent = np.array([100 * np.nan_to_num(row.intensity, nan=1.0) for row in table.rows])
+    axes.errorbar(
+        # side by side, so that neither hides the other
+        percent + (index - 0.5) * 1.2,
+        [1e3 * row.mean for row in table.rows],
+        [1e3 * np.nan_to_num(row.spread) for row in table.rows],
+        fmt=MARKERS[index],
+        ls='none',
+        color=COLOURS[index],
+        mfc='white',
+        capsize=3,
+        label=f'{table.method}, from {table.reference}',
+    )
+
+
+def draw_trains(found: SummationAnalysis, title: str = '') -> Figure:
+    """Return trains with their explanations, and the gains of their pulses (Figs. 6 to 8)."""
+    picked = _picked(found)
+    columns = min(3, len(picked))
+    rows = -(-len(picked) // columns)
+    figure = _figure(3.9 * columns + 4.0, 2.9 * rows + 0.6, title)
+    grid = figure.add_gridspec(rows, columns + 1, width_ratios=[1.0] * columns + [1.1])
+    for index, train in enumerate(picked):
+        axes = figure.add_subplot(grid[index // columns, index % columns])
+        _draw_train(axes, train)
+        if index == 0:
+            axes.legend(fontsize=7)
+    gains = figure.add_subplot(grid[:, columns])
+    for index, train in enumerate(picked):
+        values = train.gains.gains / max(train.equal.gains[0], 1e-300)
+        gains.plot(
+            np.arange(1, len(values) + 1),
+            values,
+            ls=DASHES[index],
+            marker=MARKERS[index],
+            color=COLOURS[index],
+            mfc='white',
+            ms=4,
+            lw=1,
+            label=_name(train),
+        )
+    gains.axhline(1.0, color='black', lw=0.6)
+    gains.set(xlabel='pulse', ylabel='gain, equal pulses = 1')
+    gains.legend(fontsize=7)
+    return figure
+
+
+def _picked(found: SummationAnalysis) -> list[TrainAnalysis]:
+    """Return at most six trains, evenly chosen over pulses and rates."""
+    ordered = sorted(found.trains, key=lambda train: (len(train.response.onset), train.rate_hz))
+    count = min(MOST_TRAINS, len(ordered))
+    places = np.unique(np.linspace(0, len(ordered) - 1, count).round().astype(np.int64))
+    return [ordered[place] for place in places]
+
+
+def _draw_train(axes: Axes, train: TrainAnalysis) -> None:
+    response = train.response
+    force = np.where(response.usable, response.force, np.nan)
+    axes.plot(response.lag, force, color=MEASURED, lw=2.5, label='measured')
+    explained = [('equal pulses', train.equal), ('a gain a pulse', train.gains)]
+    if train.law is not None:
+        explained.append(('history law', train.law))
+    for index, (name, fit) in enumerate(explained):
+        axes.plot(
+            response.lag,
+            fit.modelled,
+            ls=('--', ':', '-')[index],
+            lw=(1.3, 1.6, 0.9)[index],
+            color=('black', COLOURS[1], COLOURS[0])[index],
+            label=name,
+        )
+    axes.plot(
+        response.onset, np.full(len(response.onset), axes.get_ylim()[0]), '|', color='black', ms=6
+    )
+    fits = ' / '.join(f'{fit.fit:.1f}' for _, fit in explained)
+    unseen = ', law unseen' if train.held_out else ''
+    axes.set_title(f'{_name(train)}{unseen}: {fits} %', fontsize=8)
+    # twelve time constants after its onset a twitch of order 3 or 4 is over
+    end = response.onset[-1] + train.equal.latency + 12.0 * train.equal.time_constant
+    axes.set_xlim(response.lag[0], min(end, response.lag[-1]))
+    axes.set(xlabel='time [s]', ylabel='force [N]')
+
+
+def _name(train: TrainAnalysis) -> str:
+    return f'{len(train.response.onset)} pulses, {train.rate_hz:.3g} Hz'
+
+
+def draw_field(found: FieldAnalysis, title: str = '') -> Figure:
+    """Return steady force by intensity at each rate, and by rate (Figs. 9 and 10)."""
+    figure = _figure(11.0, 4.2, title)
+    by_intensity, by_rate, shape = figure.subplots(1, 3)
+    rates = np.array([point.rate_hz for point in found.points])
+    levels = np.array([point.intensity for point in found.points])
+    force = np.array([point.force for point in found.points])
+    scale = found.maximum_force.value
+    shown = _spread_out(_frequent(np.round(rates, 1)))
+    u = np.linspace(0.0, 1.0, 101)
+    _draw_family(
+        by_intensity, shown, np.round(rates, 1), 100 * levels, force / scale,
+        lambda rate: (100 * u, found.recruitment(u, rate)), '{:g} Hz',
+    )  # fmt: skip
+    by_intensity.set(xlabel='intensity [%]', ylabel=r'$\rho$, 1 at 100 % and 20 Hz')
+    f = np.linspace(rates.min(), rates.max(), 101)
+    chosen = _spread_out(_frequent(np.round(levels, 3)))
+    _draw_family(
+        by_rate, chosen, np.round(levels, 3), rates, force / scale,
+        lambda level: (f, found.recruitment(level, f)), '{:.0%}',
+    )  # fmt: skip
+    by_rate.set(xlabel='repetition rate [Hz]', ylabel=r'$\rho$')
+    zero, full = found.recruitment.by_intensity(np.array([0.0, 1.0]))
+    shape.plot(100 * u, (found.recruitment.by_intensity(u) - zero) / (full - zero), color='black',
+               lw=1.2, label=r'$\rho_u$, Eq. (9)')  # fmt: skip
+    shape.plot(100 * found.monotone_intensity, found.monotone_share, 'o', mfc='white', ms=4,
+               color=COLOURS[1], label='monotone regression')  # fmt: skip
+    shape.set(xlabel='intensity [%]', ylabel=r'$\rho_u$')
+    shape.set_title(
+        f'interval +-{found.worst_interval:.2%}, shape {found.shape_difference:.2%}', fontsize=9
+    )
+    shape.legend(fontsize=8)
+    return figure
+
+
+def _frequent(values: np.ndarray) -> np.ndarray:
+    """Return the values that come three times or more, or all if none does."""
+    distinct, count = np.unique(values, return_counts=True)
+    return np.asarray(distinct[count >= min(3, count.max())])
+
+
+def _spread_out(values: np.ndarray) -> list[float]:
+    """Return at most as many values as there are kinds of line, evenly chosen."""
+    count = min(len(DASHES), len(values))
+    places = np.unique(np.linspace(0, len(values) - 1, count).round().astype(np.int64))
+    return [float(values[place]) for place in places]
+
+
+def _draw_family(
+    axes: Axes,
+    members: list[float],
+    member_of: np.ndarray,
+    abscissa: np.ndarray,
+    ordinate: np.ndarray,
+    curve: Callable[[float], tuple[np.ndarray, np.ndarray]],
+    label: str,
+) -> None:
+    """Draw points with the curve through them, one kind of line a member."""
+    for index, member in enumerate(members):
+        mine = member_of == member
+        axes.plot(abscissa[mine], ordinate[mine], MARKERS[index], color=COLOURS[index],
+                  mfc='white', ms=4)  # fmt: skip
+        axes.plot(*curve(member), ls=DASHES[index], color=COLOURS[index], lw=1.1,
+                  label=label.format(member))  # fmt: skip
+    axes.legend(fontsize=7)
+
+
+def _figure(width: float, height: float, title: str) -> Figure:
+    figure = Figure(figsize=(width, height), layout='constrained', dpi=130)
+    FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def _save(path: Path, figure: Figure) -> Path:
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise ReportError(f'expected a figure file to write, got {path}: {error}') from error
+    return path

@@ -1,0 +1,132 @@
+"""rpms analyze and the protocols for it."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpms_ros.cli import main
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import write_recording
+
+Rpms = Callable[..., tuple[int, str, str]]
+
+
+def simulate(folder: Path, subject: str, seed: int) -> Path:
+    """Return a recording of the protocol of twitches."""
+    schedule, path = folder / 'twitches.yaml', folder / f'{subject}-{seed}'
+    assert main(['protocol', 'twitches', '--out', str(schedule)]) == 0
+    options = ['--subject', subject, '--noise', '0.02', '--artifact', '2', '--seed', str(seed)]
+    command = ['simulate', '--quiet', '--out', str(path), '--schedule', str(schedule)]
+    assert main([*command, *options]) == 0
+    return path
+
+
+@pytest.fixture(scope='module')
+def magnetic(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulate(tmp_path_factory.mktemp('magnetic'), 'rpms', 1)
+
+
+@pytest.fixture(scope='module')
+def electrical(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulate(tmp_path_factory.mktemp('electrical'), 'fes', 1)
+
+
+def test_json_is_one_object_and_nothing_else(rpms: Rpms, magnetic: Path) -> None:
+    code, out, _ = rpms('analyze', magnetic, '--json')
+    assert code == 0
+    assert out.count('\n') == 1
+    document = json.loads(out)
+    assert document['contents'] == {'single pulse': 60}
+    # T_a of Table 2
+    assert document['twitches']['time_constant'] == pytest.approx(38.44e-3, rel=0.02)
+    assert document['twitches']['latency']['mean'] == pytest.approx(9.45e-3, abs=0.5e-3)
+
+
+def test_both_ways_of_stimulation_stand_side_by_side(
+    rpms: Rpms, magnetic: Path, electrical: Path
+) -> None:
+    code, out, err = rpms('analyze', magnetic, electrical)
+    assert code == 0
+    header, *lines = out.splitlines()
+    assert header.split() == ['rpms-1', 'fes-1']
+    (latency,) = [line for line in lines if line.startswith('latency ')]
+    # the latencies of Table 1, magnetic and electrical
+    means = [float(text) for text in re.findall(r'([0-9.]+) \+-', latency)]
+    assert means == pytest.approx([9.45, 24.4], abs=0.5)
+    assert 'rpms: fes-1: there is no steady force' in err
+
+
+def test_figures_and_json_are_written(rpms: Rpms, magnetic: Path, tmp_path: Path) -> None:
+    code, _, err = rpms('analyze', magnetic, '--out', tmp_path / 'results')
+    assert code == 0
+    names = sorted(path.name for path in (tmp_path / 'results').iterdir())
+    assert names == ['result.json', 'twitches.png']
+    assert 'result.json, twitches.png' in err
+
+
+def test_several_recordings_get_a_folder_each(
+    rpms: Rpms, magnetic: Path, electrical: Path, tmp_path: Path
+) -> None:
+    assert rpms('analyze', magnetic, electrical, '--out', tmp_path)[0] == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['1-rpms-1', '2-fes-1']
+
+
+def test_parts_of_a_session_are_analysed_as_one(rpms: Rpms, magnetic: Path) -> None:
+    code, out, _ = rpms('analyze', '--together', magnetic, magnetic, '--json')
+    assert code == 0
+    document = json.loads(out)
+    assert document['twitches']['count'] == 120
+    # the sample rate does not change between the parts
+    assert not any('sample rate' in line for line in document['findings'])
+
+
+def test_intensities_that_mean_nothing_are_not_used(rpms: Rpms, magnetic: Path) -> None:
+    _, out, err = rpms('analyze', '--unknown-intensity', magnetic, '--json')
+    assert json.loads(out)['twitches']['latency']['rows'][0]['intensity'] is None
+    assert 'the intensity of 60 of 60 pulses is not recorded' in err
+
+
+def test_a_recording_that_tells_nothing_is_told_apart(
+    rpms: Rpms, magnetic: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(magnetic)
+    random = np.random.default_rng(0).uniform(0.0, 1.0, 100)
+    modulated = PulseTrain.regular(random, 20.0, int(recording.forces.stamp_ns[2000]))
+    write_recording(tmp_path / 'modulated', modulated, recording.forces)
+    code, out, err = rpms('analyze', tmp_path / 'modulated')
+    assert code == 1
+    assert '1 modulated train' in out
+    assert '`rpms identify` explains those' in err
+
+
+def test_no_pulses_are_an_error(rpms: Rpms, magnetic: Path, tmp_path: Path) -> None:
+    forces = read_recording(magnetic).forces
+    write_recording(tmp_path / 'silent', PulseTrain.of([]), forces)
+    code, _, err = rpms('analyze', tmp_path / 'silent')
+    assert code == 2
+    assert 'expected messages on topic /pulses' in err
+
+
+def test_no_recording_is_an_error(rpms: Rpms, tmp_path: Path) -> None:
+    code, out, err = rpms('analyze', tmp_path / 'missing')
+    assert (code, out) == (2, '')
+    assert err.startswith('rpms: error: expected')
+
+
+@pytest.mark.parametrize('name', ['twitches', 'trains', 'recruitment', 'muscle'])
+def test_protocols_are_written(rpms: Rpms, name: str, tmp_path: Path) -> None:
+    code, out, _ = rpms('protocol', name, '--out', tmp_path / f'{name}.yaml')
+    assert code == 0
+    assert 'pulses in' in out
+    assert (tmp_path / f'{name}.yaml').read_text().startswith(f'name: {name}')
+
+
+def test_a_protocol_takes_another_rate(rpms: Rpms, tmp_path: Path) -> None:
+    code, out, _ = rpms('protocol', 'recruitment', '--rate', 20, '--out', tmp_path / 'r.yaml')
+    assert code == 0
+    assert 'at most 20 Hz' in out

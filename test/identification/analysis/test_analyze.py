@@ -1,0 +1,261 @@
+"""The whole analysis, where the truth is known; and what it says when something is wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.analysis import AnalysisSettings
+from rpms_ros.identification.analysis import analyze
+from rpms_ros.identification.analysis.simulated import SensorShares
+from rpms_ros.identification.analysis.simulated import simulated_force
+from rpms_ros.identification.analysis.twitch_fits import CONSTANT
+from rpms_ros.identification.analysis.twitch_fits import ONSET
+from rpms_ros.muscle import average_subject
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.stimulation.analysis_protocols import recruitment
+from rpms_ros.stimulation.analysis_protocols import trains
+from rpms_ros.stimulation.analysis_protocols import twitches
+
+SUBJECT = average_subject()
+
+
+def singles(count=12, interval=1.0, start=1.0):
+    random = np.random.default_rng(7)
+    seconds = start + interval * np.arange(count) + random.uniform(0, 1e-3, count)
+    onset = np.rint(1e9 * seconds).astype(np.int64)
+    intensity = np.resize([0.7, 0.85, 1.0], count)
+    return PulseTrain(onset, intensity, np.arange(count), np.full(count, 1e-4))
+
+
+def force_of(pulses, shares=None, **options):
+    duration = float(pulses.onset_ns[-1]) / 1e9 + 1.5
+    return simulated_force(SUBJECT, pulses, duration, shares, **options)
+
+
+@pytest.fixture(scope='module')
+def twitch_session():
+    pulses = singles()
+    return pulses, force_of(pulses)
+
+
+def test_twitches_tell_latency_time_constant_and_order(twitch_session):
+    found = analyze(*twitch_session)
+    assert found.contents == {'single pulse': 12}
+    assert found.twitches.choice.order == 3
+    onset = found.twitches.fits.column(ONSET, 3) - SUBJECT.latency
+    # what is asked of a twitch at 1 % noise
+    assert onset.std() < 1e-3
+    assert abs(onset.mean()) < 0.5e-3
+    constant = found.twitches.fits.column(CONSTANT, 3)
+    assert np.abs(constant / SUBJECT.time_constant - 1).max() < 0.02
+    assert abs(found.twitches.shared.latency - SUBJECT.latency) < 1e-4
+    assert found.summation is None
+    assert found.recruitment is None
+
+
+def test_trains_tell_gains_and_a_law():
+    schedule = trains(rates_hz=(15.0, 30.0), duration_s=1.2, rest_s=2.0)
+    pulses = schedule.pulses()
+    found = analyze(pulses, simulated_force(SUBJECT, pulses, schedule.length_s))
+    summation = found.summation
+    assert len(summation.trains) == 4
+    assert summation.mean_fit('gains') > 97.0
+    assert summation.law is not None
+    fast = next(train for train in summation.trains if 29 < train.rate_hz < 31)
+    # at 30 Hz a pulse counts less than a single one (Eq. 11): rho_f(f) / f falls
+    assert fast.gains.gains[0] > 1.1 * fast.equal.gains[0]
+
+
+def test_a_staircase_tells_the_recruitment_field():
+    schedule = recruitment(
+        rates_hz=(15.0, 25.0, 35.0), levels=tuple(np.linspace(0, 1, 9).round(3)), rest_s=1.0
+    )
+    pulses = schedule.pulses()
+    shares = SensorShares(drift=0.1)
+    found = analyze(pulses, simulated_force(SUBJECT, pulses, schedule.length_s, shares))
+    assert found.contents == {'staircase': 3}
+    u, f = np.meshgrid(np.linspace(0, 1, 51), [15.0, 20.0, 25.0, 35.0])
+    true = SUBJECT.steady_force(u, f)
+    field = found.recruitment
+    error = np.abs(field.recruitment(u, f) * field.maximum_force.value - true).max() / true.max()
+    assert error < 0.02
+
+
+def test_progress_is_told(twitch_session):
+    seen = []
+    analyze(*twitch_session, progress=lambda *step: seen.append(step))
+    assert seen[-1] == ('twitches', 12, 12)
+
+
+def sentence(found, part):
+    (line,) = [line for line in found.findings if part in line]
+    return line
+
+
+def test_no_pulses():
+    found = analyze(PulseTrain.of([]), force_of(singles(2)))
+    assert sentence(found, 'there are no pulses: nothing can be told')
+    assert found.contents == {}
+    assert found.samples > 0
+
+
+def test_no_artifact():
+    pulses = singles()
+    found = analyze(pulses, force_of(pulses, SensorShares(artifact=0.0)))
+    assert sentence(found, 'no stimulation artifact')
+    assert found.twitches.crossing_latency.reference == 'stamp'
+    assert len(found.twitches.fits) == 12
+
+
+def test_one_twitch_only():
+    pulses = singles(1)
+    found = analyze(pulses, force_of(pulses))
+    assert sentence(found, 'one twitch only: no spread can be given')
+    assert np.isnan(found.twitches.time_constant_spread)
+    assert found.twitches.time_constant == pytest.approx(SUBJECT.time_constant, rel=0.02)
+
+
+def test_a_saturated_sensor_leaves_the_weaker_twitches():
+    pulses = singles()
+    clean_force = force_of(pulses, SensorShares(artifact=0.0))
+    limit = 0.9 * clean_force.force.max()
+    found = analyze(pulses, ForceTrace(clean_force.stamp_ns, np.minimum(clean_force.force, limit)))
+    assert sentence(found, 'the sensor is saturated')
+    assert found.twitches.rejected['sensor saturated'] == 4
+    assert len(found.twitches.fits) == 8
+
+
+def test_twitches_that_run_into_the_next_are_left_out():
+    quick = singles(2, interval=0.42)
+    slow = singles(6, start=3.0)
+    pulses = joined(quick, slow)
+    subject = replace(SUBJECT, time_constant=60e-3)
+    force = simulated_force(subject, pulses, 10.0)
+    found = analyze(pulses, force)
+    assert sentence(found, '2 responses run into each other, the first at 1.00 s')
+    assert found.twitches.rejected['not died away when the next begins'] == 1
+    assert found.twitches.rejected['begins while the one before lasts'] == 1
+    assert len(found.twitches.fits) == 6
+
+
+def test_trains_that_overlap_are_said_and_the_rest_is_analysed():
+    train = PulseTrain.regular(np.ones(10), 50.0, start_ns=1_000_000_000)
+    again = replace(train, onset_ns=train.onset_ns + 450_000_000)
+    pulses = joined(joined(train, again), singles(6, start=5.0))
+    found = analyze(pulses, force_of(pulses))
+    assert sentence(found, 'begin before the train before has died away')
+    assert len(found.twitches.fits) == 6
+
+
+def test_an_intensity_that_is_not_recorded():
+    pulses = singles()
+    unknown = replace(pulses, intensity=np.full(12, np.nan))
+    found = analyze(unknown, force_of(pulses))
+    assert sentence(found, 'the intensity of 12 of 12 pulses is not recorded')
+    assert len(found.twitches.fits) == 12
+    assert np.isnan(found.twitches.latency.rows[0].intensity)
+
+
+def test_levels_of_unknown_intensity_tell_no_recruitment():
+    pulses = PulseTrain.regular(np.ones(40), 20.0, start_ns=1_000_000_000)
+    unknown = replace(pulses, intensity=np.full(40, np.nan))
+    found = analyze(unknown, force_of(pulses))
+    assert '1 x intensity not recorded' in sentence(found, 'give no steady force')
+    assert found.summation.mean_fit('equal') > 95
+
+
+def test_a_sample_rate_that_changes():
+    pulses = singles()
+    fast = force_of(pulses, sample_rate_hz=2000.0)
+    kept = np.concatenate((np.arange(12_000), np.arange(12_000, len(fast), 2)))
+    found = analyze(pulses, ForceTrace(fast.stamp_ns[kept], fast.force[kept]))
+    assert sentence(found, 'the sample rate changes from 2000 to 1000 Hz at 6.0 s')
+    assert len(found.twitches.fits) == 12
+    assert found.twitches.time_constant == pytest.approx(SUBJECT.time_constant, rel=0.01)
+
+
+def test_force_that_is_missing_costs_only_its_twitch():
+    pulses = singles()
+    force = force_of(pulses)
+    gap = (force.stamp_ns > 5_100_000_000) & (force.stamp_ns < 5_200_000_000)
+    found = analyze(pulses, ForceTrace(force.stamp_ns[~gap], force.force[~gap]))
+    assert found.twitches.rejected == {'force samples missing': 1}
+    assert len(found.twitches.fits) == 11
+
+
+def test_pulses_outside_the_force_are_left_out():
+    pulses = singles()
+    force = force_of(pulses)
+    part = force.stamp_ns < 6_600_000_000
+    found = analyze(pulses, ForceTrace(force.stamp_ns[part], force.force[part]))
+    assert sentence(found, '6 of 12 pulses lie outside the span of the force')
+    assert len(found.twitches.fits) == 6
+
+
+def test_a_recording_that_ends_within_a_twitch():
+    pulses = singles()
+    force = force_of(pulses)
+    part = force.stamp_ns < 12_100_000_000
+    found = analyze(pulses, ForceTrace(force.stamp_ns[part], force.force[part]))
+    assert found.twitches.rejected == {'recording ends within the response': 1}
+
+
+def test_pulses_without_an_answer():
+    pulses = singles()
+    silent = replace(pulses, intensity=np.zeros(12))
+    found = analyze(pulses, force_of(silent))
+    assert '12 x peak below 8 x noise' in sentence(
+        found, 'no response to a single pulse qualifies'
+    )
+    assert found.twitches is None
+
+
+def test_clocks_that_differ_are_put_right():
+    pulses = singles()
+    early = replace(pulses, onset_ns=pulses.onset_ns - 7_000_000)
+    found = analyze(early, force_of(pulses))
+    assert sentence(found, 'the clocks of sensor and stimulator differ by')
+    # half a sample remains unknown
+    assert found.twitches.shared.latency == pytest.approx(SUBJECT.latency, abs=0.5e-3)
+
+
+def test_modulated_trains_are_sent_elsewhere():
+    random = np.random.default_rng(0).uniform(0, 1, 60)
+    pulses = PulseTrain.regular(random, 20.0, start_ns=1_000_000_000)
+    assert sentence(analyze(pulses, force_of(pulses)), '`rpms identify` explains those')
+
+
+def test_order_of_samples_and_pulses_does_not_matter(twitch_session):
+    pulses, force = twitch_session
+    turned = PulseTrain(*(getattr(pulses, name)[::-1] for name in
+                          ('onset_ns', 'intensity', 'sequence', 'width')))  # fmt: skip
+    back = analyze(turned, ForceTrace(force.stamp_ns[::-1], force.force[::-1]))
+    assert back.twitches.shared == analyze(pulses, force).twitches.shared
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'message'),
+    [
+        ('orders', (1,), r'expected orders of at least 2, got \(1,\)'),
+        ('rest', 0.0, r'expected a rest above 0 s, got 0\.0'),
+        ('blanking', -1.0, r'expected a blanking of at least 0, got -1\.0'),
+    ],
+)
+def test_settings_that_cannot_be(name, value, message):
+    with pytest.raises(IdentificationError, match=message):
+        AnalysisSettings(**{name: value})
+
+
+def test_protocol_of_twitches_is_analysed_whole():
+    schedule = twitches(intensities=(0.6, 1.0), repetitions=2)
+    pulses = schedule.pulses()
+    found = analyze(pulses, simulated_force(SUBJECT, pulses, schedule.length_s))
+    assert [row.count for row in found.twitches.latency.rows] == [2, 2]
+
+
+def joined(one, other):
+    return PulseTrain(*(np.concatenate((getattr(one, name), getattr(other, name))) for name in
+                        ('onset_ns', 'intensity', 'sequence', 'width')))  # fmt: skip

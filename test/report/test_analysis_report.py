@@ -1,0 +1,89 @@
+"""Document, table and figures of a muscle analysis."""
+
+import json
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import ReportError
+from rpms_ros.identification.analysis import analyze
+from rpms_ros.identification.analysis.simulated import simulated_force
+from rpms_ros.muscle import average_subject
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.report.analysis_document import analysis_document
+from rpms_ros.report.analysis_document import as_plain
+from rpms_ros.report.analysis_figures import draw_analysis
+from rpms_ros.report.analysis_text import analysis_text
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation.analysis_protocols import recruitment
+from rpms_ros.stimulation.analysis_protocols import trains
+from rpms_ros.stimulation.analysis_protocols import twitches
+
+
+@pytest.fixture(scope='module')
+def whole():
+    """Return the analysis of everything in small."""
+    parts = (
+        twitches(intensities=(0.7, 1.0), repetitions=2),
+        trains(rates_hz=(20.0,), duration_s=0.6, rest_s=1.5),
+        recruitment(rates_hz=(15.0, 25.0, 35.0), levels=(0.0, 0.25, 0.5, 0.75, 1.0), rest_s=1.5),
+    )
+    schedule = Schedule(tuple(segment for part in parts for segment in part.segments))
+    pulses = schedule.pulses()
+    return analyze(pulses, simulated_force(average_subject(), pulses, schedule.length_s))
+
+
+@pytest.fixture(scope='module')
+def empty():
+    pulses = PulseTrain.of([])
+    return analyze(pulses, simulated_force(average_subject(), pulses, 2.0))
+
+
+def test_the_document_is_json_without_nan(whole):
+    document = json.loads(json.dumps(analysis_document(whole), allow_nan=False))
+    assert document['twitches']['order']['order'] == 3
+    assert document['twitches']['latency']['rows'][0]['count'] == 2
+    assert document['summation']['law'].keys() == {
+        'half_level', 'cooperation', 'facilitation', 'facilitation_decay', 'series_lag',
+    }  # fmt: skip
+    assert document['recruitment']['parameters']['threshold']['low'] < 0.5
+    assert len(document['steady']) >= 15
+
+
+def test_a_recording_without_pulses_has_a_document(empty):
+    document = analysis_document(empty)
+    assert document['twitches'] is None
+    assert document['clocks'] is None
+    assert 'no pulses' in document['findings'][0]
+
+
+def test_plain_values_are_what_json_holds():
+    given = {'a': np.array([1.0, np.nan]), 2: (np.float64(3.0), None), 'c': float('inf')}
+    assert as_plain(given) == {'a': [1.0, None], '2': [3.0, None], 'c': None}
+
+
+def test_the_table_has_a_column_a_recording(whole, empty):
+    lines = analysis_text([whole, empty], ['full', 'none']).splitlines()
+    assert lines[0].split() == ['full', 'none']
+    rows = {line[:26].strip(): line for line in lines}
+    assert '7 single pulses' in rows['recording']
+    assert rows['recording'].endswith('no pulses')
+    assert rows['T_a'].endswith('-')
+    assert rows['threshold'].split()[1].startswith('48')
+
+
+def test_every_part_has_its_figure(whole, tmp_path):
+    drawn = draw_analysis(tmp_path, whole, 'session')
+    assert [path.name for path in drawn] == ['twitches.png', 'trains.png', 'recruitment.png']
+    for path in drawn:
+        assert path.read_bytes().startswith(b'\x89PNG')
+
+
+def test_nothing_found_draws_nothing(empty, tmp_path):
+    assert draw_analysis(tmp_path, empty) == ()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_not_there_is_said(whole, tmp_path):
+    with pytest.raises(ReportError, match='expected a figure file to write'):
+        draw_analysis(tmp_path / 'missing', whole)
