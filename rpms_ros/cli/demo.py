@@ -23,7 +23,10 @@ identified is held against what is true of the muscle, and the recording is iden
 off line: the estimates must be the same in every bit.
 """
 EPILOG = """\
-example: rpms demo --duration 30 --schedule sinusoid --noise 0.05
+examples:
+  rpms demo --duration 30 --schedule sinusoid
+  rpms demo --subject rpms --noise 0.05 --estimator horizon
+
 exit code: 0 if no sample was lost and the replay is exact, 1 otherwise, 2 if it could not run.
 """
 RATE = 20.0
@@ -65,6 +68,13 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     parser.add_argument(
         '--seed', type=int, default=1, metavar='K', help='of pulses, noise and random subject'
+    )
+    parser.add_argument(
+        '--estimator',
+        choices=('recursive', 'horizon'),
+        default='recursive',
+        help="the paper's recursion, or exact variable projection over a moving horizon, which "
+        'bears noise and latency (default: recursive)',
     )
     parser.add_argument(
         '--preset',
@@ -124,7 +134,7 @@ def laboratory_settings(arguments: argparse.Namespace) -> 'LaboratorySettings':
             'duration': arguments.duration,
             'seed': arguments.seed,
         },
-        identifier={'preset': arguments.preset},
+        identifier={'estimator': arguments.estimator, 'preset': arguments.preset},
     )
 
 
@@ -195,14 +205,15 @@ def _report(laboratory: 'Laboratory', subject: 'Subject', settings: 'LaboratoryS
 
     path = laboratory.folder / RECORDING
     recording = read_recording(path)
-    preset = settings.identifier['preset']
+    estimator, preset = settings.identifier['estimator'], settings.identifier['preset']
     # what `rpms identify` does, on what the identifier heard
-    session = identified(recording, IdentificationOptions(preset=preset))
+    session = identified(recording, IdentificationOptions(estimator, preset))
     print(truth_table(session, subject))
     figure = laboratory.folder / 'demo.png'
     draw_session(figure, session, recording.pulses, subject, _title(settings))
     print(f'  figure     {figure}')
-    print(f'  recording  {path}  (rpms identify {path} --preset {preset})')
+    print(f'  recording  {path}')
+    print(f'  off line   rpms identify {path} --estimator {estimator} --preset {preset}')
     faults = dict(laboratory.monitor.estimates[-1].faults)
     lost = laboratory.recorder.counts['force'].missing(FORCE_RATE)
     print(f'  samples    {len(recording.forces)}, lost {lost}; faults {faults or "none"}')
@@ -222,5 +233,6 @@ def _title(settings: 'LaboratorySettings') -> str:
     schedule = driver['schedule'].replace('_', ' ')
     return (
         f'Live session: subject {plant["subject"]}, {schedule} intensities at '
-        f'{driver["rate"]:g} Hz, noise {plant["noise"]:g} N'
+        f'{driver["rate"]:g} Hz, noise {plant["noise"]:g} N, '
+        f'estimator {settings.identifier["estimator"]}'
     )
