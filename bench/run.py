@@ -1,0 +1,35 @@
+"""Run the benchmarks that stand beside this file, all or those named, and print their figures.
+
+`make bench` runs all of them; `make bench ARGS=recursion` one.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+
+def is_benchmark(path: Path) -> bool:
+    """Whether the file runs by itself; the others are read by benchmarks."""
+    return path.name != 'run.py' and "if __name__ == '__main__':" in path.read_text('utf-8')
+
+
+def main(names: list[str]) -> int:
+    known = {path.stem: path for path in sorted(HERE.glob('*.py')) if is_benchmark(path)}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        print(f'expected benchmarks of {", ".join(known)}, got {", ".join(unknown)}')
+        return 2
+    failed = []
+    for name in names or known:
+        print(f'== {name}', flush=True)
+        if subprocess.run([sys.executable, str(known[name])], check=False).returncode:
+            failed.append(name)
+    if failed:
+        print(f'failed: {", ".join(failed)}')
+    return 1 if failed else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1:]))
