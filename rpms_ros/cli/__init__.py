@@ -14,6 +14,8 @@ COMMANDS = (
     'info',
     'identify',
     'analyze',
+    'report',
+    'replay',
     'import_csv',
     'protocol',
     'check',
@@ -29,6 +31,8 @@ Identify a muscle that is stimulated by repetitive magnetic or electrical pulses
   rpms info session                      what a recording holds
   rpms identify session --out results    what the recording says about the muscle
   rpms analyze session --out results     latency, twitch, summation, recruitment
+  rpms report session --out report.html  one page that can be read, printed and sent
+  rpms replay session                    through the real nodes: the same estimates again?
   rpms import trial.csv --out trial --time 'Time [s]' --force 'Force [N]' --pulse Gate
 """
 _EPILOG = """\

@@ -1,0 +1,78 @@
+"""`rpms report`: what it writes and prints, what it refuses."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rpms_ros.report.session import FIGURES
+from rpms_ros.report.session.page import embedded
+
+Rpms = Callable[..., tuple[int, str, str]]
+AsJson = Callable[..., dict[str, Any]]
+
+
+def test_page_json_and_files_say_the_same_as_identify(
+    as_json: AsJson, short_session: Path, tmp_path: Path
+) -> None:
+    page, files = tmp_path / 'new' / 'report.html', tmp_path / 'files'
+    printed = as_json('report', short_session, '--out', page, '--files', files, '--json')
+    assert embedded(page.read_text(), 'report') == printed
+    assert json.loads((files / 'report.json').read_text()) == printed
+    assert printed['result'] == as_json('identify', short_session, '--json')
+    assert {path.name for path in files.iterdir()} == {
+        'report.json',
+        *(f'{name}.{ending}' for name in FIGURES for ending in ('png', 'svg')),
+    }
+    assert printed['title'] == 'short'
+    assert printed['session']['notes']['schedule'] == 'paper-random'
+    assert printed['energy']['device'] is None
+
+
+def test_what_is_stated_goes_into_the_page(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    page = tmp_path / 'report.html'
+    stated = ('--state', 'age=34', '--state', 'coil_specifics=2 T = peak', '--title', 'Leg 7')
+    device = ('--device', 'rapid2-240v', '--held-out', '0.5')
+    code, out, err = rpms('report', short_session, '--out', page, *stated, *device)
+    assert (code, err) == (0, '')
+    assert out.startswith(f'{page}: ')
+    document = embedded(page.read_text(), 'report')
+    items = {item['key']: item['value'] for item in document['checklist']['items']}
+    assert (items['age'], items['coil_specifics']) == ('34', '2 T = peak')
+    assert document['title'] == 'Leg 7'
+    assert document['energy']['device']['energy_j'] > 0
+    assert document['held_out']['held_out_s'] == pytest.approx(5.0, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'expected'),
+    [
+        (['--state', 'age'], "expected --state ITEM=TEXT, got 'age'"),
+        (['--state', 'shoe=43'], 'expected items of the checklist'),
+        (['--held-out', '1'], 'expected to hold out a share between 0 and 1, got 1.0'),
+        (['--device', 'toaster'], "got 'toaster'"),
+        (['--estimator', 'oracle'], 'expected an estimator of'),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(
+    rpms: Rpms, short_session: Path, tmp_path: Path, arguments: list[str], expected: str
+) -> None:
+    page = tmp_path / 'report.html'
+    code, out, err = rpms('report', short_session, '--out', page, *arguments)
+    assert (code, out) == (2, '')
+    assert err.startswith('rpms: error: ')
+    assert expected in err
+    assert err.count('\n') == 1
+    assert not page.exists()
+
+
+def test_a_page_that_cannot_be_written_is_an_error(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    code, _, err = rpms('report', short_session, '--out', tmp_path)
+    assert code == 2
+    assert 'expected to write' in err
