@@ -17,7 +17,7 @@ from driver_graph import spread
 
 RATE_HZ = 50.0
 MARGIN_S = 0.020
-SCHEDULE = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 600.0, intensity: 0.3}]'
+SCHEDULE = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 20.0, intensity: 0.3}]'
 # longer than the bound by far: what has not come by then never comes
 SILENCE_S = 0.3
 NODES = {
@@ -39,19 +39,21 @@ class Trials:
         from std_srvs.srv import Trigger
 
         from rpms_msgs.action import RunSchedule
+        from rpms_msgs.msg import DriverStatus
         from rpms_msgs.msg import Pulse
         from rpms_ros.messages import nanoseconds
         from rpms_ros.nodes import qos
         from rpms_ros.nodes import topics
 
         self.node, self.executor = node, executor
-        self.onsets = []
+        self.onsets, self.reason = [], ''
         node.create_subscription(
             Pulse,
             topics.PULSES,
             lambda message: self.onsets.append(nanoseconds(message.header.stamp)),
             qos.PULSES,
         )
+        node.create_subscription(DriverStatus, topics.DRIVER_STATUS, self.on_status, qos.STATUS)
         self.button = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP)
         self.reset = node.create_client(Trigger, topics.RESET_EMERGENCY_STOP)
         self.changes = node.create_client(ChangeState, 'stimulator_driver/change_state')
@@ -66,8 +68,14 @@ class Trials:
         ):
             self.wait(ready)
 
+    def on_status(self, message):
+        self.reason = message.reason
+
     def wait(self, predicate, timeout_s=30.0):
-        spin_until(self.executor, predicate, timeout_s)
+        try:
+            spin_until(self.executor, predicate, timeout_s)
+        except TimeoutError as error:
+            raise TimeoutError(f'{error}; the driver says: {self.reason}') from error
 
     def done(self, future):
         self.wait(future.done)

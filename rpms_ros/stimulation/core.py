@@ -106,13 +106,17 @@ class StimulatorCore(Guard):
         self.dropped = 0
         self._firing_since_ns: int | None = None
         self._hold_ns = 0
+        self._checked: tuple[Schedule, int] | None = None
 
     def check_start(self, schedule: Schedule) -> None:
         """Raise what `start` would raise."""
         with self._lock:
             after(self.state, Command.START)
             self._refuse_if_open()
-        self._refuse_undeliverable(schedule)
+        # nothing fires while armed, and rest only helps: a check holds until the next pulse
+        if self._checked != (schedule, self.gate.session_pulses):
+            self._refuse_undeliverable(schedule)
+            self._checked = (schedule, self.gate.session_pulses)
 
     def start(self, schedule: Schedule) -> Run:
         """Begin a schedule; its first pulse is due after the lead time.
@@ -143,7 +147,8 @@ class StimulatorCore(Guard):
     def due_ns(self) -> int | None:
         """Return when there is something to do [ns], None if nothing is running."""
         with self._lock:
-            if self.run is None or self.state is not State.RUNNING:
+            # without a permit somebody is about to stop: leave the lock to them
+            if self.run is None or self.state is not State.RUNNING or not self._permit:
                 return None
             return max(self.run.due_ns, self._hold_ns)
 

@@ -9,7 +9,6 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from copy import copy
-from functools import partial
 from typing import NamedTuple
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -84,16 +83,14 @@ class PulseGate:
 
     def refusals(self, time_ns: int, intensity: float, width_s: float) -> Iterator[Refusal]:
         """Yield everything that stands against a pulse, as `refusal` does the first."""
-        checks = (
-            partial(self._by_shape, intensity, width_s),
-            partial(self._by_step, time_ns, intensity),
-            partial(self._by_interval, time_ns, intensity),
-            partial(self._by_train, time_ns),
-            partial(self._by_energy, time_ns, intensity),
-            partial(self._by_session, intensity),
-        )
-        for check in checks:
-            found = check()
+        for found in (
+            self._by_shape(intensity, width_s),
+            self._by_step(time_ns, intensity),
+            self._by_interval(time_ns, intensity),
+            self._by_train(time_ns),
+            self._by_energy(time_ns, intensity),
+            self._by_session(intensity),
+        ):
             if found is not None:
                 yield found
 

@@ -10,6 +10,7 @@ from rpms_ros.stimulation.core import StimulatorCore
 
 # How often a thread looks around when nothing is due.
 _LOOK_S = 0.05
+_YIELD_S = 1e-3
 _JOIN_S = 2.0
 
 
@@ -75,6 +76,9 @@ class PulseThread(_Guarded):
         fired = self.core.fire_next()
         if fired is not None:
             self._publish(fired)
+        else:
+            # nothing could be fired: never spin, others need the lock to change that
+            self._wake.wait(_YIELD_S)
 
 
 class SupervisorThread(_Guarded):

@@ -408,6 +408,17 @@ def test_condition_that_opens_while_disarmed_only_refuses(driver_in):
     driver.core.arm()
 
 
+def test_nothing_is_due_once_the_permit_is_taken_back(driver_in):
+    driver = driver_in(State.RUNNING)
+    assert driver.core.due_ns() is not None
+    # as a stop does before it waits for the lock: a thread that went on asking would keep it
+    driver.core._silence()
+    assert driver.core.due_ns() is None
+    driver.clock.now += 60 * MILLISECOND
+    assert driver.core.fire_next() is None
+    assert driver.device.commands == []
+
+
 def test_stop_keeps_its_first_cause(driver_in):
     driver = driver_in(State.RUNNING)
     driver.core.stop('one', 'first')
