@@ -27,7 +27,7 @@ def run(folder: Path, source: str, *, strict: bool = False) -> subprocess.Comple
 
 SKIP = 'import pytest\ndef test_a(): pass\ndef test_b(): pytest.skip({reason!r})\n'
 SKIP_MODULE = 'import pytest\npytest.skip({reason!r}, allow_module_level=True)\n'
-MISSING = 'RPMS_RECORDINGS: no such folder'
+MISSING = ('RPMS_RECORDINGS: no such folder', 'RPMS_BROWSER: no browser of chromium')
 
 
 @pytest.mark.parametrize('source', [SKIP, SKIP_MODULE], ids=['test', 'module'])
@@ -38,12 +38,14 @@ def test_an_unexpected_skip_fails_the_run(tmp_path: Path, source: str) -> None:
     assert 'do not feel like it' in result.stdout
 
 
-def test_missing_recordings_may_be_skipped(tmp_path: Path) -> None:
-    assert run(tmp_path, SKIP.format(reason=MISSING)).returncode == pytest.ExitCode.OK
+@pytest.mark.parametrize('reason', MISSING)
+def test_what_a_machine_lacks_may_be_skipped(tmp_path: Path, reason: str) -> None:
+    assert run(tmp_path, SKIP.format(reason=reason)).returncode == pytest.ExitCode.OK
 
 
-def test_missing_recordings_fail_a_strict_run(tmp_path: Path) -> None:
-    result = run(tmp_path, SKIP.format(reason=MISSING), strict=True)
+@pytest.mark.parametrize('reason', MISSING)
+def test_what_a_machine_lacks_fails_a_strict_run(tmp_path: Path, reason: str) -> None:
+    result = run(tmp_path, SKIP.format(reason=reason), strict=True)
     assert result.returncode == pytest.ExitCode.TESTS_FAILED
 
 

@@ -1,0 +1,192 @@
+"""The page in a real browser without a window: it draws, zooms, and asks nobody for anything."""
+
+import html
+import json
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from rpms_ros.report.session import FIGURES
+from rpms_ros.report.session import SessionAnalysis
+from rpms_ros.report.session import as_page
+from rpms_ros.report.session import traces
+from rpms_ros.report.session.sections import SECTIONS
+
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome-stable', 'google-chrome', 'chrome')
+FLAGS = (
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--hide-scrollbars',
+    '--force-device-scale-factor=1',
+    '--window-size=1100,1600',
+    '--virtual-time-budget=2000',
+)
+LISTEN = """<script>
+const noted = { errors: [], refused: [] };
+addEventListener('error', (event) => noted.errors.push(event.message));
+addEventListener('securitypolicyviolation', (event) => noted.refused.push(event.blockedURI));
+</script>"""
+# What a person does with the page; `view` is the span of time that the canvas shows.
+PROBE = """<script>
+const canvas = document.getElementById('force-canvas');
+const view = () => canvas.dataset.view.split(' ').map(Number);
+const press = (label) => [...document.querySelectorAll('.tools button')]
+  .find((one) => one.textContent === label || one.getAttribute('aria-label') === label).click();
+const key = (name) => canvas.dispatchEvent(new KeyboardEvent('keydown', { key: name }));
+const pixels = () => {
+  const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+  let black = 0, grey = 0;
+  for (let i = 0; i < data.length; i += 4) {
+    if (data[i + 3] === 255 && data[i] < 110) { black += 1; }
+    if (data[i + 3] === 255 && data[i] > 150 && data[i] < 170) { grey += 1; }
+  }
+  return { black, grey };
+};
+noted.viewer = !document.getElementById('viewer').hidden;
+noted.still = !document.getElementById('still').hidden;
+noted.labels = [...document.querySelectorAll('.tools button')].map((one) => one.textContent);
+noted.all = view();
+noted.shownAll = document.getElementById('shown').textContent;
+press('zoom in'); noted.zoomed = view();
+press('later'); noted.later = view();
+key('0'); noted.reset = view();
+key('+'); key('ArrowLeft'); noted.keys = view();
+key('0');
+const box = canvas.getBoundingClientRect();
+canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: -1000, clientX: box.left + box.width / 2,
+  clientY: box.top + 20, cancelable: true }));
+noted.wheel = view();
+const last = noted.labels.find((label) => label === 'end' || label === 'last 2 s');
+press(last); noted.last = view();
+noted.shownLast = document.getElementById('shown').textContent;
+noted.pixels = pixels();
+noted.resources = performance.getEntriesByType('resource').map((one) => one.name);
+noted.headings = [...document.querySelectorAll('h2')].map((one) => one.innerText);
+noted.figures = [...document.querySelectorAll('figure svg')]
+  .map((one) => one.getBoundingClientRect().width);
+noted.overflow = document.documentElement.scrollWidth - innerWidth;
+noted.report = JSON.parse(document.getElementById('report').textContent).title;
+const element = document.createElement('pre');
+element.id = 'noted';
+element.textContent = JSON.stringify(noted);
+document.body.append(element);
+</script>"""
+
+
+@pytest.fixture(scope='module')
+def browser() -> str:
+    """A browser: the program that RPMS_BROWSER names, or one of the usual names."""
+    names = [os.environ['RPMS_BROWSER']] if os.environ.get('RPMS_BROWSER') else BROWSERS
+    found = next((path for name in names if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip(f'RPMS_BROWSER: no browser of {", ".join(names)} on this machine')
+    return found
+
+
+def opened(browser: str, path: Path, *flags: str) -> str:
+    """Open a page with a fresh profile; return what the browser prints."""
+    done = subprocess.run(
+        [browser, *FLAGS, f'--user-data-dir={path.parent / "profile"}', *flags, path.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=True,
+        stdin=subprocess.DEVNULL,
+    )
+    return done.stdout
+
+
+def probed(browser: str, folder: Path, page: str) -> dict[str, Any]:
+    """Return what the probe notes on a page."""
+    path = folder / 'report.html'
+    page = page.replace('<head>', f'<head>{LISTEN}', 1).replace('</body>', f'{PROBE}</body>')
+    path.write_text(page, encoding='utf-8')
+    found = re.search(
+        r'<pre id="noted">(.*?)</pre>', opened(browser, path, '--dump-dom'), re.DOTALL
+    )
+    assert found, 'the probe did not come to its end'
+    noted = json.loads(html.unescape(found.group(1)))
+    assert isinstance(noted, dict)
+    return noted
+
+
+@pytest.fixture(scope='module')
+def noted(browser: str, tmp_path_factory: pytest.TempPathFactory, page: str) -> dict[str, Any]:
+    return probed(browser, tmp_path_factory.mktemp('browser'), page)
+
+
+def test_nothing_fails_and_nothing_is_fetched(noted: dict[str, Any]) -> None:
+    assert noted['errors'] == []
+    assert noted['refused'] == []
+    assert noted['resources'] == []
+    assert noted['report'] == 'leg & <arm>'
+
+
+def test_all_sections_and_figures_show(noted: dict[str, Any]) -> None:
+    assert noted['headings'] == [heading for _, heading, _ in SECTIONS]
+    # the viewer takes the place of the still figure of the force
+    assert (noted['viewer'], noted['still']) == (True, False)
+    assert sorted(width > 300 for width in noted['figures']) == [False] + [True] * (
+        len(FIGURES) - 1
+    )
+    assert noted['overflow'] <= 0
+
+
+def test_the_force_can_be_zoomed_and_moved(noted: dict[str, Any]) -> None:
+    end = noted['all'][1]
+    # single precision of the times, of some ten seconds
+    assert noted['all'] == pytest.approx([0.0, 9.999], abs=1e-5)
+    assert noted['zoomed'] == pytest.approx([end / 4, 3 * end / 4])
+    assert noted['later'] == pytest.approx([end / 2, end])
+    assert noted['reset'] == noted['all']
+    assert noted['keys'] == pytest.approx([end / 8, 5 * end / 8])
+    assert noted['wheel'][1] - noted['wheel'][0] < end / 2
+    assert noted['last'] == pytest.approx([end - 2.0, end])
+    assert 'every sample' in noted['shownAll']
+
+
+def test_both_lines_are_on_the_canvas(noted: dict[str, Any]) -> None:
+    # a line across some thousand pixels, and one three times as thick behind it
+    assert noted['pixels']['black'] > 500
+    assert noted['pixels']['grey'] > 500
+
+
+def test_a_long_session_shows_its_envelope_until_every_sample_fits(
+    browser: str,
+    tmp_path: Path,
+    analysis: SessionAnalysis,
+    document: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(traces, 'MOST_SAMPLES', 5000)
+    monkeypatch.setattr(traces, 'ENVELOPE_BINS', 500)
+    monkeypatch.setattr(traces, 'WINDOW', 2.0)
+    noted = probed(browser, tmp_path, as_page(analysis, document))
+    assert noted['errors'] == []
+    assert noted['labels'][:4] == ['all', 'start', 'largest residual', 'end']
+    assert noted['shownAll'].endswith('envelope')
+    assert noted['shownLast'].endswith('every sample')
+    assert noted['last'] == pytest.approx([8.0, 9.999], abs=2e-3)
+
+
+def test_the_page_is_painted(browser: str, tmp_path: Path, page: str) -> None:
+    path, picture = tmp_path / 'report.html', tmp_path / 'page.png'
+    path.write_text(page, encoding='utf-8')
+    opened(browser, path, f'--screenshot={picture}')
+    light = imread(picture)[..., :3].min(axis=2)
+    assert light.shape == (1600, 1100)
+    # mostly paper, with letters and lines on it
+    assert np.mean(light > 0.95) > 0.7
+    assert np.mean(light < 0.4) > 0.005
