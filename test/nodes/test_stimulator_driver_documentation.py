@@ -1,0 +1,67 @@
+"""docs/driver.md and config/stimulator_driver.yaml hold what the code says."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from rpms_ros.nodes.driver_parameters import DriverParameters
+from rpms_ros.nodes.parameters import descriptions
+from rpms_ros.nodes.parameters import type_of
+from rpms_ros.stimulation import SEGMENT_KINDS
+from rpms_ros.stimulation import schedule_from_text
+from rpms_ros.stimulation.states import TRANSITIONS
+from rpms_ros.stimulation.states import Command
+from rpms_ros.stimulation.states import State
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / 'docs' / 'driver.md').read_text()
+CONFIG = (ROOT / 'config' / 'stimulator_driver.yaml').read_text()
+COLUMNS = (
+    Command.CONFIGURE,
+    Command.ARM,
+    Command.START,
+    Command.FINISH,
+    Command.DISARM,
+    Command.CLEANUP,
+    Command.FAIL,
+    Command.STOP,
+)
+
+
+@pytest.mark.parametrize('name', descriptions(DriverParameters))
+def test_the_page_holds_every_parameter(name):
+    description = descriptions(DriverParameters)[name]
+    kind = type_of(DriverParameters, name).name.lower().replace('_', ' ')
+    value = f'`{getattr(DriverParameters, name)!r}`'
+    cells = (f'`{name}`', kind, value, description.conditions(), description.doc)
+    assert f'| {" | ".join(cells)} |' in PAGE
+
+
+@pytest.mark.parametrize('state', State)
+def test_the_page_holds_every_transition(state):
+    def cell(command):
+        target = TRANSITIONS.get((state, command))
+        if target is None:
+            return '–'
+        return 'stays' if target is state else f'`{target.name}`'
+
+    assert f'| `{state.name}` | {" | ".join(cell(command) for command in COLUMNS)} |' in PAGE
+
+
+def test_the_schedule_on_the_page_can_be_read():
+    (text,) = re.findall(r'```yaml\n(.*?)```', PAGE, re.DOTALL)
+    assert schedule_from_text(text).totals.duration == pytest.approx(41.0, abs=1e-9)
+
+
+def test_the_page_names_every_kind_of_segment():
+    assert all(f'`{kind}`' in PAGE for kind in SEGMENT_KINDS)
+
+
+def test_the_file_of_parameters_is_complete_and_names_defaults():
+    given = yaml.safe_load(CONFIG)['/**/stimulator_driver']['ros__parameters']
+    assert list(given) == list(descriptions(DriverParameters))
+    changed = {name for name, value in given.items() if getattr(DriverParameters, name) != value}
+    # said so beside it: only a simulated device may do without
+    assert changed == {'require_heartbeat'}
