@@ -41,7 +41,11 @@ setup(
         'scipy>=1.11',
         'tqdm>=4.66',
     ],
-    extras_require={'test': ['hypothesis', 'pytest', 'pytest-timeout']},
+    extras_require={
+        'study': ['pyarrow'],
+        'cluster': ['distributed', 'pyarrow'],
+        'test': ['hypothesis', 'pytest', 'pytest-timeout'],
+    },
     entry_points={
         'console_scripts': [
             'rpms = rpms_ros.cli:main',
