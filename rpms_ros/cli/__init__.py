@@ -13,6 +13,7 @@ COMMANDS = (
     'simulate',
     'info',
     'identify',
+    'study',
     'analyze',
     'report',
     'replay',

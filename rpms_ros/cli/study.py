@@ -1,0 +1,80 @@
+"""``rpms study``: many recordings, one table."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from rpms_ros.cli.identify import add_estimator_options
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import progress
+
+_DESCRIPTION = """\
+Identifies many recordings and writes one table, results.csv and results.parquet, with a row for
+each: what was found, or why it failed.  A study that was interrupted goes on where it stopped;
+what failed is tried again.  The table does not depend on the number of processes.
+"""
+_EXAMPLES = """\
+  rpms study sessions/* --out study
+  rpms study sessions --out study --jobs 8          every recording below the folder
+  rpms study sessions --out study --scheduler tcp://cluster:8786
+exit codes: 0 all well, 1 a recording failed or had faults, 2 not possible
+"""
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers, 'study', run, 'many recordings, one table', _DESCRIPTION, _EXAMPLES
+    )
+    parser.add_argument(
+        'bags', type=Path, nargs='+', metavar='BAG', help='recordings, or folders of recordings'
+    )
+    parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='of the table')
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        '--jobs', type=int, metavar='N', help='processes (default: one a processor)'
+    )
+    where.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='of a Dask cluster, whose workers see the recordings under the same names',
+    )
+    add_reading_options(parser)
+    add_estimator_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Identify what has not been identified yet, and write the table."""
+    from rpms_ros.cli.study_table import StudyTable
+    from rpms_ros.cli.study_table import found_recordings
+    from rpms_ros.cli.study_work import StudyOptions
+    from rpms_ros.cli.study_work import finished
+
+    options = StudyOptions(
+        estimator=arguments.estimator,
+        preset=arguments.preset,
+        rate_hz=arguments.rate_hz,
+        seed=arguments.seed,
+        pulses_topic=arguments.pulses_topic,
+        force_topic=arguments.force_topic,
+        axis=arguments.axis,
+        sign=arguments.sign,
+    )
+    table = StudyTable(arguments.out, found_recordings(arguments.bags), options)
+    waiting = table.waiting()
+    with progress('identifying', len(waiting), 'recordings', arguments.quiet) as advance:
+        try:
+            for path, row in finished(waiting, options, arguments.jobs, arguments.scheduler):
+                table.add(path, row)
+                advance(1)
+        finally:
+            table.write()
+    rows = table.rows()
+    failed = [row for row in rows if row['status'] != 'ok']
+    reasons = [f'{row["recording"]}: {row["reason"]}' for row in failed]
+    for remark in (*table.remarks, *reasons):
+        print(f'rpms: warning: {remark}', file=sys.stderr)
+    done = len(rows) - len(waiting)
+    print(f'{arguments.out}: {len(rows)} recordings, {len(failed)} failed, {done} done before')
+    return 1 if failed or any(row['faults'] != '{}' for row in rows) else 0

@@ -1,0 +1,154 @@
+"""One row of a study a recording, worked out by local processes or a Dask cluster."""
+
+import json
+import os
+from collections.abc import Iterator
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from concurrent.futures import Future
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from rpms_ros.cli.identified import IdentificationOptions
+from rpms_ros.cli.identified import as_document
+from rpms_ros.cli.identified import identified
+from rpms_ros.errors import RecordingError
+from rpms_ros.errors import RpmsError
+from rpms_ros.recording import Topics
+from rpms_ros.recording import read_recording
+
+Row = dict[str, Any]
+_CURVE_SHOWN = (25, 50, 75, 100)
+_PARAMETERS = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')
+
+
+@dataclass(frozen=True)
+class StudyOptions(IdentificationOptions):
+    """How each recording is read and identified.
+
+    Attributes
+    ----------
+    pulses_topic, force_topic : str
+        Names of the topics.
+    axis : str
+        Axis of the force.
+    sign : int
+        1 or -1.
+    """
+
+    pulses_topic: str = 'pulses'
+    force_topic: str = 'force'
+    axis: str = 'z'
+    sign: int = 1
+
+
+def columns() -> dict[str, type]:
+    """Return the names of the columns and the type of their values."""
+    numbers = ['duration_s', 'rate_hz', 'relative_output_error', *_PARAMETERS]
+    numbers += [f'steady_force_{share}' for share in _CURVE_SHOWN]
+    numbers += ['peak_force', 'time_to_peak_s']
+    texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str, 'estimator': str}
+    counts: dict[str, type] = {'samples': int, 'pulses': int}
+    return texts | counts | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
+
+
+def work(path: str, options: StudyOptions) -> Row:
+    """Return the row of one recording; a failure that is the recording's own is a row too."""
+    try:
+        topics = Topics(options.pulses_topic, options.force_topic)
+        recording = read_recording(path, topics, options.axis, options.sign)
+        document = as_document(recording, identified(recording, options))
+    except RpmsError as error:
+        return failure(str(error))
+    return _row(document)
+
+
+def failure(reason: str) -> Row:
+    """Return the row of a recording that could not be identified."""
+    return {'status': 'failed', 'reason': reason, 'faults': '{}'}
+
+
+def _row(document: dict[str, Any]) -> Row:
+    response, curve = document['impulse_response'], document['curve']
+    row: Row = {name: document[name] for name in document if name in columns()}
+    row |= document['recruitment'] or {}
+    if curve:
+        row |= {f'steady_force_{share}': curve['force'][share] for share in _CURVE_SHOWN}
+    peak = max(response['force'])
+    return row | {
+        'status': 'ok',
+        'peak_force': peak,
+        'time_to_peak_s': response['time_s'][response['force'].index(peak)],
+        'faults': json.dumps(document['faults'], sort_keys=True),
+        'notes': '; '.join(document['notes']),
+    }
+
+
+def finished(
+    paths: Sequence[Path], options: StudyOptions, jobs: int | None, scheduler: str | None
+) -> Iterator[tuple[Path, Row]]:
+    """Yield recordings with their rows as they are done, in any order.
+
+    Raises
+    ------
+    RecordingError
+        If there is no process to work or no cluster at the address.
+    """
+    if not paths:
+        return
+    if scheduler:
+        yield from _on_cluster(paths, options, scheduler)
+        return
+    count = len(os.sched_getaffinity(0)) if jobs is None else jobs
+    if count < 1:
+        raise RecordingError(f'expected at least one job, got {jobs}')
+    with _pool(min(count, len(paths))) as pool:
+        futures = {pool.submit(work, str(path), options): path for path in paths}
+        for future in as_completed(futures):
+            yield futures[future], _outcome(future)
+
+
+def _pool(count: int) -> Executor:
+    if count == 1:
+        return ThreadPoolExecutor(1)
+    # A fresh interpreter each: nothing of this process, threads least of all, is copied.
+    return ProcessPoolExecutor(count, get_context('spawn'))
+
+
+def _on_cluster(
+    paths: Sequence[Path], options: StudyOptions, scheduler: str
+) -> Iterator[tuple[Path, Row]]:
+    try:
+        distributed = import_module('distributed')
+    except ModuleNotFoundError as error:
+        raise RecordingError(
+            f'expected the extra rpms_ros[cluster] to be installed, got: {error}'
+        ) from error
+    try:
+        client = distributed.Client(scheduler, timeout='10s')
+    except (OSError, ValueError) as error:
+        raise RecordingError(f'expected a Dask scheduler at {scheduler}, got {error}') from error
+    with client:
+        # Not pure: a cluster must not answer from its memory of an earlier study.
+        names = [str(path.resolve()) for path in paths]
+        futures = dict(
+            zip(client.map(work, names, options=options, pure=False), paths, strict=True)
+        )
+        for future in distributed.as_completed(list(futures)):
+            yield futures[future], _outcome(future)
+
+
+def _outcome(future: 'Future[Row]') -> Row:
+    error = future.exception()
+    if isinstance(error, BrokenProcessPool):
+        return failure('a worker process died, perhaps for want of memory')
+    if error is not None:
+        return failure(f'{type(error).__name__}: {error}')
+    return future.result()

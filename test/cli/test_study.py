@@ -1,0 +1,155 @@
+"""rpms study: one table of many recordings, however it is worked out."""
+
+import csv
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import distributed
+import pytest
+from pyarrow import parquet
+
+from rpms_ros.cli import main
+from rpms_ros.cli.study_table import found_recordings
+from rpms_ros.cli.study_work import columns
+
+Rpms = Callable[..., tuple[int, str, str]]
+COUNT = 4
+
+
+@pytest.fixture(scope='module')
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four recordings of two seconds, one of them without a force, in a folder."""
+    folder = tmp_path_factory.mktemp('study') / 'sessions'
+    for number in range(COUNT):
+        path = folder / f'session_{number}'
+        options = ['--duration', '2', '--seed', str(number), '--quiet']
+        assert main(['simulate', '--out', str(path), *options]) == 0
+    return folder
+
+
+@pytest.fixture(scope='module')
+def expected(sessions: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The table of one process."""
+    folder = tmp_path_factory.mktemp('study') / 'one'
+    assert main(['study', str(sessions), '--out', str(folder), '--jobs', '1', '--quiet']) == 0
+    return (folder / 'results.csv').read_bytes()
+
+
+def table_of(folder: Path) -> list[dict[str, Any]]:
+    with (folder / 'results.csv').open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def test_one_row_a_recording(sessions: Path, expected: bytes) -> None:
+    rows = list(csv.DictReader(expected.decode().splitlines()))
+    assert [row['recording'] for row in rows] == [
+        str(sessions / f'session_{number}') for number in range(COUNT)
+    ]
+    assert list(rows[0]) == list(columns())
+    for row in rows:
+        assert (row['status'], row['samples'], row['pulses']) == ('ok', '2000', '40')
+        assert float(row['u_thr']) < float(row['u_sat'])
+        assert 0 < float(row['steady_force_50']) < float(row['steady_force_100'])
+
+
+def test_table_does_not_depend_on_the_number_of_processes(
+    rpms: Rpms, sessions: Path, expected: bytes, tmp_path: Path
+) -> None:
+    code, out, err = rpms('study', sessions, '--out', tmp_path / 'two', '--jobs', 2)
+    assert (code, err) == (0, '')
+    assert out == f'{tmp_path / "two"}: 4 recordings, 0 failed, 0 done before\n'
+    assert (tmp_path / 'two' / 'results.csv').read_bytes() == expected
+
+
+def test_parquet_holds_the_same(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+    rpms('study', sessions / 'session_0', '--out', tmp_path, '--jobs', 1)
+    (row,) = parquet.read_table(tmp_path / 'results.parquet').to_pylist()
+    (text,) = table_of(tmp_path)
+    assert {name: '' if value is None else str(value) for name, value in row.items()} == text
+    assert isinstance(row['samples'], int)
+    assert isinstance(row['u_thr'], float)
+
+
+def test_failures_are_rows_with_their_reason_and_tried_again(
+    rpms: Rpms, sessions: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'sessions'
+    shutil.copytree(sessions / 'session_0', folder / 'good')
+    shutil.copytree(sessions / 'session_1', folder / 'bad')
+    (folder / 'bad' / 'session_1_0.mcap').write_bytes(b'')
+    missing = tmp_path / 'missing'
+    out = tmp_path / 'table'
+    code, text, err = rpms('study', folder, missing, '--out', out, '--jobs', 1)
+    assert code == 1
+    assert text.endswith('3 recordings, 2 failed, 0 done before\n')
+    assert err.count('rpms: warning: ') == 2
+    bad, good, nothing = table_of(out)
+    assert (bad['status'], good['status'], nothing['status']) == ('failed', 'ok', 'failed')
+    assert bad['reason'].endswith('got an empty file')
+    assert nothing['reason'].endswith('got no such file or folder')
+    shutil.copy(sessions / 'session_1' / 'session_1_0.mcap', folder / 'bad')
+    code, text, _ = rpms('study', folder, '--out', out, '--jobs', 1)
+    assert (code, text) == (0, f'{out}: 2 recordings, 0 failed, 1 done before\n')
+
+
+def test_goes_on_where_it_stopped(
+    rpms: Rpms, sessions: Path, expected: bytes, tmp_path: Path
+) -> None:
+    rpms('study', sessions / 'session_2', '--out', tmp_path, '--jobs', 1)
+    _, text, _ = rpms('study', sessions, '--out', tmp_path, '--jobs', 1)
+    assert text == f'{tmp_path}: 4 recordings, 0 failed, 1 done before\n'
+    assert (tmp_path / 'results.csv').read_bytes() == expected
+    # Other options, or a recording that has changed, are other rows.
+    options = ['--out', tmp_path, '--jobs', 1, '--rate-hz', 10]
+    _, text, _ = rpms('study', sessions / 'session_2', *options)
+    assert text == f'{tmp_path}: 1 recordings, 0 failed, 0 done before\n'
+
+
+def test_interrupted_study_keeps_what_is_done(
+    sessions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rpms_ros.cli import study_work
+
+    def interrupted(paths: Any, options: Any, *_: object) -> Any:
+        yield paths[0], study_work.work(str(paths[0]), options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study_work, 'finished', interrupted)
+    assert main(['study', str(sessions), '--out', str(tmp_path)]) == 130
+    monkeypatch.undo()
+    assert [row['status'] for row in table_of(tmp_path)] == ['ok']
+    assert len(list((tmp_path / 'rows').iterdir())) == 1
+
+
+@pytest.mark.filterwarnings('ignore')
+def test_a_dask_cluster_gives_the_same_table(
+    rpms: Rpms, sessions: Path, expected: bytes, tmp_path: Path
+) -> None:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host='127.0.0.1'
+    ) as cluster:
+        address = cluster.scheduler_address
+        code, _, err = rpms('study', sessions, '--out', tmp_path, '--scheduler', address)
+    assert (code, err) == (0, '')
+    assert (tmp_path / 'results.csv').read_bytes() == expected
+
+
+def test_no_process_to_work(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+    code, _, err = rpms('study', sessions, '--out', tmp_path, '--jobs', 0)
+    assert (code, err) == (2, 'rpms: error: expected at least one job, got 0\n')
+
+
+def test_folder_that_cannot_be_made(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    code, _, err = rpms('study', sessions, '--out', tmp_path / 'file' / 'table')
+    assert code == 2
+    assert err.startswith('rpms: error: expected to write into ')
+
+
+def test_recordings_are_found_once_and_in_order(sessions: Path) -> None:
+    second = sessions / 'session_1'
+    found = found_recordings([second, sessions, second / 'session_1_0.mcap'])
+    names = [path.name for path in found]
+    assert names == ['session_1', 'session_0', 'session_2', 'session_3', 'session_1_0.mcap']
