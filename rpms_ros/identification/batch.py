@@ -76,7 +76,7 @@ class BatchEstimator(ProjectionEstimator):
         self._last_ns = 0
         self._due_ns = 0
         self._interval_ns = _FIRST_FIT_NS
-        self._fitted_samples = -1
+        self._fitted_samples = 0
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Take samples (samples,), ascending; return their a-priori prediction [N].

@@ -100,7 +100,7 @@ class ProjectionSettings:
         Level of the intervals.
     """
 
-    basis: LaguerreBasis = field(default_factory=lambda: LaguerreBasis(6, 38e-3, 8e-3))
+    basis: LaguerreBasis = field(default_factory=lambda: LaguerreBasis(7, 38e-3, 8e-3))
     start: RecruitmentParameters = SIMULATION_START
     prior: RecruitmentPrior = field(default_factory=RecruitmentPrior)
     bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
@@ -110,7 +110,7 @@ class ProjectionSettings:
     knot_spacing: float = 15.0
     horizon: float = 20.0
     step_period: float = 0.05
-    steps: int = 2
+    steps: int = 1
     forgetting: float = 0.02
     confidence: float = 0.95
 

@@ -130,7 +130,7 @@ def coordinate(theta: FloatArray, place: int) -> float:
 
 
 @numba.njit(cache=True)
-def _ridge(fit: Fit) -> float:
+def weak_ridge(fit: Fit) -> float:
     """Return a ridge that keeps w and b solvable and is too weak to be seen otherwise."""
     power = fit.scalars[ENERGY] / max(fit.scalars[SAMPLES], 1.0) + _LEAST_ENERGY
     value: float = 1e-2 * fit.scalars[VARIANCE] / power
@@ -154,7 +154,7 @@ def _linear_matrix(fit: Fit, known: Known) -> FloatArray:
     functions = len(fit.linear)
     count = functions + len(fit.levels)
     matrix = np.empty((count, count))
-    ridge = _ridge(fit)
+    ridge = weak_ridge(fit)
     for row in range(count):
         for column in range(row + 1):
             matrix[row, column] = fit.matrix[PARAMETERS + row, PARAMETERS + column]
@@ -173,7 +173,7 @@ def _known_cost(fit: Fit, known: Known) -> float:
         cost -= 2.0 * known.pull[row] * away[row]
         for column in range(len(away)):
             cost += away[row] * known.information[row, column] * away[column]
-    ridge = _ridge(fit)
+    ridge = weak_ridge(fit)
     for value in fit.linear:
         cost += ridge * value * value
     for value in fit.levels:
@@ -414,6 +414,8 @@ def improve(
     gradient = np.zeros(PARAMETERS)
     scalars = fit.scalars
     fresh = False
+    if scalars[SAMPLES] == 0.0:
+        return
     for _ in range(steps):
         if not fresh:
             gradient_pass(

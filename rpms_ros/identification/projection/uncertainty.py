@@ -16,9 +16,10 @@ from rpms_ros.identification.projection.step import SAMPLES
 from rpms_ros.identification.projection.step import VARIANCE
 from rpms_ros.identification.projection.step import Fit
 from rpms_ros.identification.projection.step import Known
+from rpms_ros.identification.projection.step import weak_ridge
 from rpms_ros.pulses import FloatArray
 
-_SCALE_FLOOR = 1e-12
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,10 @@ def uncertainty(
     variance = float(fit.scalars[VARIANCE])
     prior = np.arange(PARAMETERS)
     matrix[prior, prior] += variance / known.deviation**2
-    scale = np.sqrt(np.maximum(np.diag(matrix), _SCALE_FLOOR * max(matrix.max(), _SCALE_FLOOR)))
-    scaled = matrix / np.outer(scale, scale) + _SCALE_FLOOR * np.eye(len(matrix))
+    linear = np.arange(PARAMETERS, len(matrix))
+    matrix[linear, linear] += weak_ridge(fit)
+    scale = np.sqrt(np.diag(matrix))
+    scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
     inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
     together = max(1.0, float(spread.max(initial=0.0)) / variance)
     inverse = 0.5 * (inverse + inverse.T) * variance

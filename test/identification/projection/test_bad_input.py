@@ -1,0 +1,113 @@
+"""Recordings that tell little or nothing: finite numbers, honest flags, no exception."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rpms_ros.identification.batch import BatchEstimator
+from rpms_ros.identification.estimate import CONVERGED
+from rpms_ros.identification.estimate import NOT_INFORMED
+from rpms_ros.identification.horizon import HorizonEstimator
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.settings import ProjectionSettings
+
+SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
+BOTH = pytest.mark.parametrize('kind', [BatchEstimator, HorizonEstimator])
+
+
+def outcome(kind, take):
+    """Return the estimate after a recording, every number of it finite."""
+    estimator = kind(SETTINGS)
+    prediction = take.feed(estimator, 500)
+    assert np.isfinite(prediction).all()
+    estimate = estimator.estimate(int(take.stamp_ns[-1]), {})
+    for field in dataclasses.fields(estimate):
+        value = getattr(estimate, field.name)
+        if isinstance(value, np.ndarray | float):
+            assert np.isfinite(value).all(), field.name
+    return estimate
+
+
+@BOTH
+def test_constant_intensity_shows_no_curve(kind, record):
+    estimate = outcome(kind, record(6.0, np.full(120, 0.8), noise=0.01))
+    assert not estimate.curve_known
+    assert (estimate.nonlinear_excitation == NOT_INFORMED).all()
+    # Noise of 1 % of the maximum, and the batch predicts by a fit of 3 s before.
+    assert estimate.output_error < 0.1
+
+
+@BOTH
+def test_below_threshold_informs_of_nothing(kind, record):
+    generator = np.random.default_rng(0)
+    take = record(6.0, generator.uniform(0, 0.1, 120), noise=0.0)
+    take.force[:] = 0.01 * generator.standard_normal(len(take.force))
+    estimate = outcome(kind, take)
+    assert (estimate.nonlinear_excitation == NOT_INFORMED).all()
+
+
+@BOTH
+def test_single_pulse(kind, record):
+    estimate = outcome(kind, record(1.0, [1.0], rate_hz=1.0, noise=0.01))
+    assert not estimate.curve_known
+    assert (estimate.nonlinear_excitation == NOT_INFORMED).all()
+
+
+@BOTH
+def test_saturated_force_is_not_believed(kind, record):
+    take = record(8.0, noise=0.002)
+    free = outcome(kind, take)
+    np.clip(take.force, None, 0.4 * take.force.max(), out=take.force)
+    estimate = outcome(kind, take)
+    # The sensor's limit looks like an early saturation; residuals that hang together widen it.
+    half = np.max(estimate.curve_upper - estimate.curve_force) / estimate.curve_force.max()
+    assert half > 3 * np.max(free.curve_upper - free.curve_force) / free.curve_force.max()
+
+
+@BOTH
+def test_no_force_at_all(kind, record):
+    take = record(5.0)
+    take.force[:] = 0.0
+    estimate = outcome(kind, take)
+    assert (estimate.nonlinear_excitation == NOT_INFORMED).all()
+    np.testing.assert_allclose(estimate.curve_force, 0.0, atol=1e-6)
+    assert not len(estimate.physiology)
+
+
+@BOTH
+def test_noise_as_large_as_the_force(kind, record):
+    take = record(8.0, noise=1.0, seed=2)
+    estimate = outcome(kind, take)
+    assert not (estimate.nonlinear_excitation == CONVERGED).any()
+    held = (estimate.curve_lower <= take.curve) & (take.curve <= estimate.curve_upper)
+    assert held.mean() > 0.9
+
+
+@BOTH
+def test_step_of_the_baseline(kind, record):
+    take = record(10.0, noise=0.005)
+    take.force[5_000:] += 0.2 * take.force.max()
+    estimate = outcome(kind, take)
+    # An offset and a slope cannot follow a step: the intervals have to say so.
+    held = (estimate.curve_lower <= take.curve) & (take.curve <= estimate.curve_upper)
+    assert held.mean() > 0.8
+
+
+@BOTH
+def test_nothing_at_all(kind):
+    estimate = kind(SETTINGS).estimate(0, {})
+    assert estimate.samples == 0
+    assert estimate.confidence == 0.0
+    assert not estimate.curve_known
+
+
+@BOTH
+def test_unusable_samples_are_predicted_only(kind, record):
+    take = record(3.0)
+    estimator = kind(SETTINGS)
+    estimator.add_pulses(take.onset_ns, take.intensity)
+    usable = np.zeros(len(take.stamp_ns), dtype=bool)
+    estimator.update(take.stamp_ns, np.full(len(take.stamp_ns), 1e9), usable)
+    assert estimator.estimate(0, {}).samples == 0
+    assert estimator.parameters == SETTINGS.start

@@ -1,0 +1,82 @@
+"""The Laguerre basis: orthonormal, moved exactly, and holding the twitch."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.laguerre import move_generator
+from rpms_ros.identification.projection.normal_equations import move_state
+from rpms_ros.muscle import twitch
+
+
+def test_functions_are_orthonormal():
+    basis = LaguerreBasis(8, 38e-3)
+    step = 0.1e-3
+    values = basis.evaluate(np.arange(step / 2, 2.0, step))
+    # The midpoint rule errs by h^2: (0.1 ms / 38 ms)^2 times a curvature that grows with order.
+    np.testing.assert_allclose(step * values.T @ values, np.eye(8), atol=1e-3)
+
+
+def test_area_is_the_integral():
+    basis = LaguerreBasis(6, 30e-3)
+    step = 0.1e-3
+    integral = step * basis.evaluate(np.arange(step / 2, 2.0, step)).sum(axis=0)
+    np.testing.assert_allclose(integral, basis.area, rtol=1e-3)
+
+
+@given(
+    first=st.floats(0.0, 0.3),
+    second=st.floats(0.0, 0.3),
+    time_constant=st.floats(15e-3, 60e-3),
+)
+def test_states_move_as_the_functions_do(first, second, time_constant):
+    basis = LaguerreBasis(7, time_constant)
+    state = basis.evaluate(first)[0]
+    generator = np.empty(7)
+    move_generator(2.0 / time_constant * second, generator)
+    move_state(generator, state)
+    # Polynomials of order 6 in up to 2 * 0.6 / 0.015 = 80, damped: a few digits are lost.
+    np.testing.assert_allclose(state, basis.evaluate(first + second)[0], atol=1e-9)
+
+
+def test_nothing_before_the_latency():
+    basis = LaguerreBasis(4, 38e-3, 9e-3)
+    values = basis.evaluate([-1.0, 0.0, 8.999e-3, 9.001e-3])
+    assert not values[:3].any()
+    assert values[3].all()
+
+
+@pytest.mark.parametrize('time_constant', [26.7e-3, 38.44e-3, 49.8e-3])
+def test_eight_functions_hold_every_twitch(time_constant):
+    time = np.arange(0.5e-3, 1.0, 1e-3)
+    basis = LaguerreBasis(8, 38e-3)
+    response = twitch(time, time_constant)
+    coefficients = np.linalg.lstsq(basis.evaluate(time), response, rcond=None)[0]
+    error = np.linalg.norm(response - basis.evaluate(time) @ coefficients)
+    # 0.03 % over the range of the paper's subjects
+    assert error < 5e-4 * np.linalg.norm(response)
+
+
+def test_three_functions_hold_the_twitch_of_their_pole():
+    time = np.arange(0.5e-3, 1.0, 1e-3)
+    values = LaguerreBasis(3, 38e-3).evaluate(time)
+    response = twitch(time, 38e-3)
+    coefficients, rest, *_ = np.linalg.lstsq(values, response, rcond=None)
+    assert float(rest[0]) < 1e-20 * len(time)
+    assert np.isfinite(coefficients).all()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ((0, 38e-3, 0.0), 'expected 1 to 16 Laguerre functions, got 0'),
+        ((6, 0.0, 0.0), 'expected a time constant above 0 s, got 0.0'),
+        ((6, 38e-3, -1e-3), 'expected a latency of at least 0 s, got -0.001'),
+    ],
+)
+def test_refuses(arguments, message):
+    with pytest.raises(IdentificationError, match=message):
+        LaguerreBasis(*arguments)
