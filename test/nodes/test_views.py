@@ -1,0 +1,143 @@
+"""Layouts of Foxglove and PlotJuggler: valid, and every topic and field exists in the messages."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import Pulse
+from rpms_ros.muscle.identified_form import PARAMETER_NAMES
+from rpms_ros.nodes import topics
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
+TYPES = {
+    topics.PULSES: Pulse,
+    topics.PULSES_COMMANDED: Pulse,
+    topics.FORCE: WrenchStamped,
+    topics.ESTIMATE: MuscleEstimate,
+    topics.DRIVER_STATUS: DriverStatus,
+}
+NUMBER = re.compile(r'(double|float|u?int\d+)')
+PLOT_STYLES = {'Lines', 'Dots', 'LinesAndDots', 'Sticks', 'Steps'}
+
+
+def kind_of(topic: str, path: list[str]) -> str:
+    """Type of a field, an element of an array by its element."""
+    message: Any = TYPES[topic]()
+    kind = ''
+    for part in path:
+        name, _, rest = part.partition('[')
+        kind = message.get_fields_and_field_types()[name]
+        message = getattr(message, name)
+        if rest:
+            assert kind.startswith('sequence<'), f'{name} is no array'
+            assert re.fullmatch(r'(\d+|:)\]', rest)
+            kind = kind.removeprefix('sequence<').removesuffix('>')
+    return kind
+
+
+def foxglove_number(value: str) -> None:
+    """Assert that a message path of Foxglove leads to a number."""
+    assert value.startswith('/')
+    topic, *fields = value[1:].split('.')
+    assert NUMBER.fullmatch(kind_of(topic, fields)), value
+
+
+def leaves(layout: Any) -> Iterator[str]:
+    """Panels of a layout."""
+    if isinstance(layout, str):
+        yield layout
+        return
+    assert layout['direction'] in ('row', 'column')
+    assert 0 < layout['splitPercentage'] < 100
+    yield from leaves(layout['first'])
+    yield from leaves(layout['second'])
+
+
+@pytest.fixture(scope='module')
+def foxglove() -> dict[str, Any]:
+    document = json.loads((CONFIG / 'foxglove_layout.json').read_text())
+    assert isinstance(document, dict)
+    return document
+
+
+def test_every_panel_of_foxglove_is_placed_once(foxglove: dict[str, Any]) -> None:
+    placed = list(leaves(foxglove['layout']))
+    assert sorted(placed) == sorted(foxglove['configById'])
+    assert {name.partition('!')[0] for name in placed} == {'Plot', 'RawMessages'}
+    assert set(foxglove) == {
+        'configById',
+        'globalVariables',
+        'userNodes',
+        'playbackConfig',
+        'layout',
+    }
+
+
+def test_foxglove_shows_numbers_that_exist(foxglove: dict[str, Any]) -> None:
+    shown = set()
+    for name, panel in foxglove['configById'].items():
+        if name.startswith('RawMessages!'):
+            assert panel['topicPath'].lstrip('/') in TYPES
+            continue
+        assert panel['paths']
+        along = panel.get('xAxisPath')
+        assert (along is not None) == (panel['xAxisVal'] == 'currentCustom')
+        if along:
+            foxglove_number(along['value'])
+        for path in panel['paths']:
+            foxglove_number(path['value'])
+            assert path['timestampMethod'] == 'headerStamp'
+            assert path['enabled']
+            assert path['value'].endswith('[:]') == bool(along)
+            shown.add(re.split(r'[./]', path['value'])[1])
+    assert shown == set(TYPES)
+
+
+@pytest.fixture(scope='module')
+def plotjuggler() -> ET.Element:
+    return ET.parse(CONFIG / 'plotjuggler_layout.xml').getroot()
+
+
+def test_the_tree_of_plotjuggler_is_whole(plotjuggler: ET.Element) -> None:
+    assert plotjuggler.tag == 'root'
+    widgets = plotjuggler.findall('tabbed_widget')
+    assert [widget.get('parent') for widget in widgets] == ['main_window']
+    for splitter in plotjuggler.iter('DockSplitter'):
+        children = list(splitter)
+        assert {child.tag for child in children} <= {'DockSplitter', 'DockArea'}
+        sizes = [float(size) for size in splitter.get('sizes', '').split(';')]
+        assert len(children) == len(sizes) == int(splitter.get('count', ''))
+        # six digits are written
+        assert sum(sizes) == pytest.approx(1.0, abs=1e-5)
+        assert splitter.get('orientation') in ('-', '|')
+    for plot in plotjuggler.iter('plot'):
+        assert plot.get('style') in PLOT_STYLES
+        assert plot.get('mode') == 'TimeSeries'
+        place = plot.find('range')
+        assert place is not None
+        assert float(place.get('left', '')) < float(place.get('right', ''))
+        assert float(place.get('bottom', '')) < float(place.get('top', ''))
+
+
+def test_plotjuggler_shows_numbers_that_exist(plotjuggler: ET.Element) -> None:
+    names = [curve.get('name', '') for curve in plotjuggler.iter('curve')]
+    assert len(set(names)) == len(names)
+    for name in names:
+        _, topic, *fields = name.split('/')
+        assert NUMBER.fullmatch(kind_of(topic, fields)), name
+    assert {name.split('/')[1] for name in names} == set(TYPES)
+
+
+def test_the_parameters_are_labelled_in_their_order(foxglove: dict[str, Any]) -> None:
+    panels = foxglove['configById']
+    paths = panels['Plot!intensities']['paths'] + panels['Plot!slopes']['paths']
+    assert tuple(path['label'] for path in paths) == PARAMETER_NAMES
+    assert [path['value'] for path in paths] == [f'/estimate.nonlinear[{i}]' for i in range(4)]
