@@ -27,7 +27,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', files('launch/*.launch.py')),
-        (f'share/{NAME}/config', files('config/*.yaml')),
+        (f'share/{NAME}/config', files('config/*.yaml') + files('config/*_layout.*')),
     ],
     zip_safe=False,
     # The lower bounds are what Ubuntu 24.04 ships.
