@@ -126,8 +126,11 @@ def fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArra
     starts = np.array([0, len(lag)])
     best = np.inf
     best_theta = np.zeros(3)
+    start = coarse_start(lag, force, starts, float(orders[0]), _STRIDE)
     for index in range(len(orders)):
-        start = coarse_start(lag, force, starts, float(orders[index]), _STRIDE)
+        # the peak, (n - 1) T_a after the onset, stays where it is from one order to the next
+        start[1] += np.log((start[2] - 1.0) / (orders[index] - 1.0))
+        start[2] = orders[index]
         theta, normal, error = shared_fit(lag, force, starts, start, 2)
         parts = linear_parts(lag, force, starts, theta)
         scale = error / max(1, len(lag) - 4)
