@@ -86,7 +86,7 @@ class Driver:
         end = self.clock.now + round(seconds * SECOND)
         while self.clock.now < end:
             due = self.core.due_ns()
-            step = min(end, self.clock.now + 20 * MILLISECOND)
+            step = min(end, self.clock.now + 50 * MILLISECOND)
             if due is not None and due + late_ns <= step:
                 self.clock.now = max(self.clock.now, due + late_ns)
                 self.core.fire_next()

@@ -47,10 +47,10 @@ def random_limits(random):
         maximum_train_pulses=int(random.integers(8, 80)),
         minimum_pause_s=float(random.uniform(0.1, 0.3)),
         pulse_energy_j=float(random.uniform(0.0, 200.0)),
-        continuous_power_w=float(random.uniform(200.0, 5000.0)),
-        energy_window_s=float(random.uniform(0.5, 10.0)),
-        session_pulses=int(random.integers(20, 120)),
-        session_energy_j=float(random.uniform(500.0, 20_000.0)),
+        continuous_power_w=float(np.exp(random.uniform(3.0, 8.5))),
+        energy_window_s=float(random.uniform(0.2, 2.0)),
+        session_pulses=int(random.integers(10, 60)),
+        session_energy_j=float(np.exp(random.uniform(5.0, 9.0))),
         interval_tolerance_s=float(random.uniform(0.0, 3e-3)),
         idle_disarm_s=float(random.uniform(0.3, 5.0)),
     )
@@ -61,12 +61,12 @@ def random_schedule(random):
         rate, length = float(random.uniform(2.0, 40.0)), float(random.uniform(0.05, 0.5))
         low, high = np.sort(random.uniform(0.0, 0.8, 2)).tolist()
         return (
-            Constant(rate, length, intensity=high),
-            UniformRandom(rate, length, low=low, high=high),
-            Ramp(rate, length, start=low, end=high),
-            Doublet(intensity=high, interval_s=1.0 / rate, duration_s=1.0 / rate + length),
-            Pause(length),
-        )[random.integers(5)]
+            lambda: Constant(rate, length, intensity=high),
+            lambda: UniformRandom(rate, length, low=low, high=high),
+            lambda: Ramp(rate, length, start=low, end=high),
+            lambda: Doublet(high, interval_s=1.0 / rate, duration_s=1.0 / rate + length),
+            lambda: Pause(length),
+        )[random.integers(5)]()
 
     segments = tuple(segment() for _ in range(random.integers(1, 4)))
     width = 100e-6 if random.random() < 0.95 else 5e-3
@@ -233,7 +233,7 @@ def test_no_pulse_ever_breaks_a_limit_and_every_refusal_names_one(virtual, batch
         fired += len(driver.device.commands)
     assert refused <= KNOWN
     # the examples are worth something: many pulses, and refusals of many kinds
-    assert fired > 2 * PER_BATCH
+    assert fired > PER_BATCH
     assert len(refused) > 8
 
 
