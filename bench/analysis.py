@@ -78,6 +78,7 @@ def twitches(subjects):
     within = np.mean(np.abs(constant) <= 2)
     say('T_a: standard deviation', f'{constant.std():.3f} %', '', True)
     say('T_a: twitches within 2 %', f'{within:.2%}', '', True)
+    say('T_a: worst twitch', f'{np.abs(constant).max():.2f} %', '', True)
     worst = np.abs(shared).max()
     say('T_a: worst subject, 20 twitches', f'{worst:.2f} %', '<= 2 %', worst <= 2)
 

@@ -135,9 +135,9 @@ def print_table_1(studies_of, printed):
     print('\nTable 1: time delay T_l [ms]')
     line('', *studies_of)
     for part, show in (
-        ('range of subjects', lambda m, s: f'{m.min():.2f}-{m.max():.2f}'),
-        ('mean', lambda m, s: f'{m.mean():.2f}'),
-        ('mean standard deviation', lambda m, s: f'{s.mean():.2f}'),
+        ('range of subjects', lambda means, _: f'{means.min():.2f}-{means.max():.2f}'),
+        ('mean', lambda means, _: f'{means.mean():.2f}'),
+        ('mean standard deviation', lambda _, spreads: f'{spreads.mean():.2f}'),
     ):
         line(part, *('' for _ in studies_of))
         paper = {

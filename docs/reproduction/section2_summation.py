@@ -55,8 +55,11 @@ def main():
                 continue
             mean, ripple = predicted(point.rate_hz, twitches.shared.time_constant, 3)
             measured = point.force / peak
-            print(f'  {point.rate_hz:>4.0f} Hz  {measured:>7.3f} {mean:>7.3f} '
-                  f'{measured / mean:>6.3f}  {point.ripple / peak:>7.3f} {ripple:>7.3f}')  # fmt: skip
+            columns = (
+                f'{point.rate_hz:>4.0f} Hz  {measured:>7.3f} {mean:>7.3f}',
+                f'{measured / mean:>6.3f}  {point.ripple / peak:>7.3f} {ripple:>7.3f}',
+            )
+            print(' ', *columns)
     if arguments.out:
         from rpms_ros.report.analysis_figures import draw_analysis
 
