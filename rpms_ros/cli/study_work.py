@@ -25,6 +25,8 @@ from rpms_ros.recording import Topics
 from rpms_ros.recording import read_recording
 
 Row = dict[str, Any]
+# The processes share the processors already; threads of theirs would only wait for each other.
+_THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 _CURVE_SHOWN = (25, 50, 75, 100)
 _PARAMETERS = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')
 
@@ -118,6 +120,8 @@ def finished(
 def _pool(count: int) -> Executor:
     if count == 1:
         return ThreadPoolExecutor(1)
+    for name in _THREADS:
+        os.environ.setdefault(name, '1')
     # A fresh interpreter each: nothing of this process, threads least of all, is copied.
     return ProcessPoolExecutor(count, get_context('spawn'))
 

@@ -5,23 +5,20 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing
-from itertools import islice
 from pathlib import Path
-from typing import cast
 
 import apsw
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import IntArray
 from rpms_ros.recording.findings import Findings
 from rpms_ros.recording.records import Channel
 from rpms_ros.recording.records import Records
+from rpms_ros.recording.sqlite_batches import batches
 
 MAGIC = b'SQLite format 3\0'
 JOURNALS = ('-journal', '-wal')
-_BATCH = 2_000
-_MESSAGES = 'SELECT topic_id, timestamp, data FROM messages ORDER BY id'
-_Row = tuple[int, int, bytes]
 
 
 class SqliteFile:
@@ -98,17 +95,14 @@ class SqliteFile:
 
     def _messages(self, connection: apsw.Connection) -> Iterator[tuple[Channel, Records]]:
         try:
-            for rows in _batches(connection):
-                yield from self._block(rows)
+            for number, records in batches(connection):
+                yield from self._block(number, records)
         except apsw.Error as error:
             self._findings.add(
                 'truncated_file', f'{self._path.name} cannot be read to its end: {error}'
             )
 
-    def _block(self, rows: list[_Row]) -> Iterator[tuple[Channel, Records]]:
-        numbers, times, messages = zip(*rows, strict=True)
-        number = np.array(numbers, np.int64)
-        records = Records.of(messages, np.array(times, np.int64))
+    def _block(self, number: IntArray, records: Records) -> Iterator[tuple[Channel, Records]]:
         for value in np.unique(number).tolist():
             chosen = number == value
             if value not in self._channels:
@@ -155,19 +149,3 @@ def _channels(connection: apsw.Connection) -> dict[int, Channel]:
         number: Channel(topic, kind, *definitions.get(kind, ('', 'ros2msg')), serialization)
         for number, topic, kind, serialization in connection.execute(query)
     }
-
-
-def _batches(connection: apsw.Connection) -> Iterator[list[_Row]]:
-    """Yield rows; of a damaged file, those before the damage."""
-    cursor = cast(Iterator[_Row], connection.execute(_MESSAGES))
-    while True:
-        rows: list[_Row] = []
-        try:
-            rows.extend(islice(cursor, _BATCH))
-        except apsw.Error:
-            if rows:
-                yield rows
-            raise
-        if not rows:
-            return
-        yield rows

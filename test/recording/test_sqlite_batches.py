@@ -1,0 +1,60 @@
+"""Batches of messages concatenated by SQLite: the same as row by row, whatever the rows are."""
+
+from typing import Any
+
+import apsw
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpms_ros.recording import sqlite_batches
+from rpms_ros.recording.sqlite_batches import batches
+
+ids = st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(0, 20_000))
+rows_by_id = st.dictionaries(
+    ids, st.tuples(st.integers(1, 3), st.integers(0, 2**63 - 1), st.binary(max_size=20))
+)
+
+
+def database(rows: dict[int, tuple[int, int, Any]]) -> apsw.Connection:
+    connection = apsw.Connection(':memory:')
+    connection.execute(
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data)'
+    )
+    connection.executemany(
+        'INSERT INTO messages VALUES (?, ?, ?, ?)', [(key, *row) for key, row in rows.items()]
+    )
+    return connection
+
+
+def read(connection: apsw.Connection) -> list[tuple[int, int, bytes]]:
+    return [
+        (int(topic), int(time_ns), records.message(index))
+        for topics, records in batches(connection)
+        for index, (topic, time_ns) in enumerate(zip(topics, records.time_ns, strict=True))
+    ]
+
+
+@given(rows_by_id)
+def test_rows_come_in_the_order_of_their_ids(rows: dict[int, tuple[int, int, bytes]]) -> None:
+    assert read(database(rows)) == [rows[key] for key in sorted(rows)]
+
+
+def test_large_messages_beside_small_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sqlite_batches, '_LARGEST', 10_000)
+    rows = {key: (1, key, bytes(key % 7)) for key in range(100)}
+    rows[50] = (2, 50, bytes(60_000))
+    assert read(database(rows)) == list(rows.values())
+
+
+@pytest.mark.parametrize('value', ["'Käthe'", 'NULL'])
+def test_what_is_no_data_becomes_an_empty_message(value: str) -> None:
+    connection = database({1: (1, 5, b'abc'), 2: (1, 6, b'')})
+    connection.execute(f'UPDATE messages SET data = {value} WHERE id = 2')
+    assert read(connection) == [(1, 5, b'abc'), (1, 6, b'')]
+
+
+def test_what_is_no_number_belongs_nowhere() -> None:
+    connection = database({1: (1, 5, b'abc'), 2: (1, 6, b'de')})
+    connection.execute('UPDATE messages SET topic_id = NULL, timestamp = NULL WHERE id = 1')
+    assert read(connection) == [(-1, -1, b'abc'), (1, 6, b'de')]
