@@ -183,6 +183,9 @@ class StimulatorDriver(LifecycleNode):
         return response
 
     def _publish(self, fired: Fired) -> None:
+        if not self.context.ok():
+            # the process is about to end, and nobody can be told any more
+            return
         offset_ns = self._clock_offset_ns()
         given = fired.delivery
         asked = Pulse(fired.due_ns + offset_ns, fired.intensity, fired.sequence, fired.width_s)

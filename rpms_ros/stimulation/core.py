@@ -113,7 +113,7 @@ class StimulatorCore(Guard):
         with self._lock:
             after(self.state, Command.START)
             self._refuse_if_open()
-        # nothing fires while armed, and rest only helps: a check holds until the next pulse
+        # asked twice in a row, by a goal and by its start; the gate has the last word anyway
         if self._checked != (schedule, self.gate.session_pulses):
             self._refuse_undeliverable(schedule)
             self._checked = (schedule, self.gate.session_pulses)
@@ -155,8 +155,8 @@ class StimulatorCore(Guard):
     def fire_next(self) -> Fired | None:
         """Fire the next pulse if it is due and everything allows it, or end the schedule."""
         with self._lock:
-            pulse = self._permitted()
-            if pulse is None:
+            pulse, run = self._permitted(), self.run
+            if pulse is None or run is None:
                 return None
             since = self._firing_since_ns = self._clock()
         try:
@@ -168,7 +168,7 @@ class StimulatorCore(Guard):
         finally:
             self._firing_since_ns = None
         with self._lock:
-            fired = self._account(pulse, delivery, since)
+            fired = self._account(run, pulse, delivery, since)
         self._prepare_next()
         return fired
 
@@ -284,7 +284,7 @@ class StimulatorCore(Guard):
         missing = run.cursor - run.delivered
         self.cancel('completed' if run.completed else f'ended with {missing} pulses missing')
 
-    def _account(self, pulse: Fired, delivery: Delivery | None, since: int) -> Fired:
+    def _account(self, run: Run, pulse: Fired, delivery: Delivery | None, since: int) -> Fired:
         """Compare what was delivered with what was commanded."""
         if delivery is None:
             if self.state is State.RUNNING:
@@ -292,8 +292,7 @@ class StimulatorCore(Guard):
             return pulse
         self.delivered += 1
         self.gate.correct(delivery.time_ns)
-        if self.run is not None:
-            self.run.delivered += 1
+        run.delivered += 1
         self.lateness.add(delivery.time_ns - pulse.due_ns)
         off = abs(delivery.intensity - pulse.intensity)
         slow_s = (delivery.time_ns - since) / NANOSECONDS_PER_SECOND

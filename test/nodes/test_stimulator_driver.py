@@ -158,12 +158,12 @@ def test_impossible_transition_does_not_end_the_node(graph):
 
 
 def test_lost_executor_stops_the_pulses(graph, wait_for):
-    lab = Laboratory(graph, executor_timeout=0.5)
+    lab = Laboratory(graph, executor_timeout=1.0)
     lab.activate()
     lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses))
     # nobody spins from here on
-    wait_for(lambda: lab.driver.core.interlocks.latched, timeout=5.0)
+    wait_for(lambda: lab.driver.core.interlocks.latched)
     assert 'executor' in lab.driver.core.reason
     assert lab.driver.core.due_ns() is None
     lab.wait_for_state(DriverStatus.STOPPED)

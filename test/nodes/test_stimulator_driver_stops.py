@@ -231,11 +231,12 @@ def test_undeliverable_schedule_is_refused_with_an_offer(graph):
 
 
 def test_deaf_driver_of_a_blocked_executor_does_not_fire(graph):
-    bench = Bench(graph, executor_timeout=0.1)
+    bench = Bench(graph, executor_timeout=1.0)
     bench.run()
-    end = time.monotonic() + 0.5
-    while time.monotonic() < end:
-        pass
+    # the executor is busy and keeps the interpreter busy with it
+    end = time.monotonic() + 10.0
+    while not bench.core.interlocks.latched and time.monotonic() < end:
+        sum(range(1000))
     assert bench.core.interlocks.latched
     stopped = bench.core.delivered
     bench.wait_for_state(DriverStatus.STOPPED)
