@@ -101,7 +101,8 @@ def test_no_process_is_left_behind(
         # all of them listen by then, or are about to
         wait_for(lambda: (folder / 'recording').exists(), 30.0)
         process.send_signal(stop)
-        _, errors = process.communicate(timeout=30)
+        # a process that is compiling hears the signal afterwards
+        _, errors = process.communicate(timeout=90)
     wait_for(lambda: processes_of(folder) == [], 30.0)
     assert 'Traceback' not in errors
     if stop == signal.SIGINT:

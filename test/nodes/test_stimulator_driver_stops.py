@@ -231,10 +231,11 @@ def test_undeliverable_schedule_is_refused_with_an_offer(graph):
 
 
 def test_deaf_driver_of_a_blocked_executor_does_not_fire(graph):
-    bench = Bench(graph, executor_timeout=1.0)
+    # long enough for a loaded machine to start the schedule in
+    bench = Bench(graph, executor_timeout=3.0)
     bench.run()
     # the executor is busy and keeps the interpreter busy with it
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 30.0
     while not bench.core.interlocks.latched and time.monotonic() < end:
         sum(range(1000))
     assert bench.core.interlocks.latched
