@@ -47,10 +47,6 @@ class Interlocks:
         with self._lock:
             return next(iter(self._latched.values()), '')
 
-    def watches(self, name: str) -> bool:
-        """Return whether ``name`` is a sign of life that has to keep coming."""
-        return name in self._timeouts_ns
-
     def seen(self, name: str, now_ns: int) -> None:
         """Note a sign of life."""
         with self._lock:

@@ -124,10 +124,6 @@ class Limits:
         lasted = span_s * pulses / (pulses - 1) if pulses > 1 else 0.0
         return max(self.minimum_pause_s, energy_j / self.continuous_power_w - lasted)
 
-    def power_w(self, intensity: float, rate_hz: float) -> float:
-        """Return the mean power [W] of pulses of one intensity (share) at a rate [Hz]."""
-        return self.energy_j(intensity) * rate_hz
-
     def highest_intensity(self, rate_hz: float) -> float:
         """Return the highest intensity (share) at which ``rate_hz`` may go on for ever."""
         by_power = 1.0

@@ -17,8 +17,8 @@ class Run:
         Its beginning on the driver's monotonic clock [ns].
     cursor : int
         Index of the next pulse.
-    delivered, dropped, lost : int
-        Pulses that the device gave, that were too late to be sent, and that the device swallowed.
+    delivered, dropped : int
+        Pulses that the device gave, and that were too late to be sent.
     energy_j : float
         Energy of the pulses that were sent [J].
     ended : str
@@ -30,7 +30,6 @@ class Run:
     cursor: int = 0
     delivered: int = 0
     dropped: int = 0
-    lost: int = 0
     energy_j: float = 0.0
     ended: str = ''
 
