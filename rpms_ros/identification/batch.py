@@ -7,7 +7,6 @@ a-priori prediction of every sample, and once more when an estimate is asked for
 """
 
 from collections.abc import Mapping
-from itertools import product
 
 import numpy as np
 
@@ -35,14 +34,16 @@ from rpms_ros.pulses import IntArray
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
 _GROWTH = 2
-# Corners of the physiological range, u_thr, u_sat and alpha_sat, from which fits begin.
-STARTS = tuple(product((0.40, 0.65), (0.80, 1.00), (3.0, 12.0)))
-_SCOUTED_CELLS = 300
+# Later fits that no estimate waits for go on from the one before.
+_LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
+# Alternate corners of the physiological range, u_thr, u_sat and alpha_sat: fits begin there too.
+STARTS = ((0.40, 0.80, 3.0), (0.40, 1.00, 12.0), (0.65, 0.80, 12.0), (0.65, 1.00, 3.0))
+_SCOUTED_CELLS = 200
 _SCOUTING_STEPS = 5
 _SCOUTING_TOLERANCE = 1e-3
 _FINAL_STEPS = 12
 _FINAL_TOLERANCE = 1e-9
-_ROUNDS = 3
+_ROUNDS = 2
 _START_DAMPING = 1e-2
 
 
@@ -85,12 +86,15 @@ class BatchEstimator(ProjectionEstimator):
         """
         prediction = np.empty(len(stamp_ns))
         first = 0
-        if len(stamp_ns) and self._origin_ns is None:
+        if not len(stamp_ns):
+            return prediction
+        if self._origin_ns is None:
             self._origin_ns = int(stamp_ns[0])
             self._due_ns = self._origin_ns + _FIRST_FIT_NS
         while first < len(stamp_ns):
             if stamp_ns[first] >= self._due_ns:
-                self._fit_all()
+                early = self._last_ns - self._origin_ns < _LAST_SCOUTING_NS
+                self._fit_all(scouting=early)
                 while stamp_ns[first] >= self._due_ns:
                     self._interval_ns *= _GROWTH
                     self._due_ns += self._interval_ns
@@ -104,7 +108,7 @@ class BatchEstimator(ProjectionEstimator):
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Fit everything that has come and return what is known."""
-        self._fit_all()
+        self._fit_all(scouting=True)
         return self._snapshot(stamp_ns, faults)
 
     def _make_room(self, span_ns: int) -> None:
@@ -131,7 +135,7 @@ class BatchEstimator(ProjectionEstimator):
             self._reshape(parts + 1)
         self._baseline = Baseline(parts + 1, self._origin_ns, -(-span // parts))
 
-    def _fit_all(self) -> None:
+    def _fit_all(self, scouting: bool) -> None:
         """Fit all samples: a few steps from every start, many from the best."""
         samples = int(self._intake.scalars[LEARNT])
         if self._origin_ns is None or samples == self._fitted_samples:
@@ -143,7 +147,8 @@ class BatchEstimator(ProjectionEstimator):
         fit.scalars[VARIANCE] = 0.0
         self._solve(fit, 0, refresh=True)
         self._improve(fit, 0, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
-        self._scout(fit)
+        if scouting:
+            self._scout(fit)
         for _ in range(_ROUNDS):
             self._solve(fit, 0, refresh=True)
             self._improve(fit, 0, _FINAL_STEPS, _FINAL_TOLERANCE)

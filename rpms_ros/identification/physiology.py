@@ -49,7 +49,7 @@ class TwitchReader:
     """
 
     basis: LaguerreBasis
-    step: float = 2e-3
+    step: float = 4e-3
 
     @cached_property
     def _grid(self) -> FloatArray:

@@ -8,6 +8,8 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.projection.cells import COUNT
+from rpms_ros.identification.projection.cells import HEAD
 from rpms_ros.identification.projection.cells import SIZE
 from rpms_ros.identification.projection.cells import empty_cells
 from rpms_ros.identification.projection.intake import ERROR_ENERGY
@@ -18,19 +20,17 @@ from rpms_ros.identification.projection.intake import fresh_intake
 from rpms_ros.identification.projection.intake import take
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.normal_equations import pass_arrays
-from rpms_ros.identification.projection.normal_equations import residual_spread
+from rpms_ros.identification.projection.normal_equations import residual_sums
 from rpms_ros.identification.projection.pending import PendingPulses
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.projection.snapshot import Counters
 from rpms_ros.identification.projection.snapshot import Snapshots
 from rpms_ros.identification.projection.step import empty_fit
+from rpms_ros.identification.projection.uncertainty import residual_spread
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
-
-# Lengths over which residuals are summed to see whether they hang together [ns].
-_BLOCK_NS = np.array([100_000_000, 500_000_000, 2_000_000_000], dtype=np.int64)
 
 
 class ProjectionEstimator:
@@ -158,19 +158,23 @@ class ProjectionEstimator:
 
     def _spread(self) -> FloatArray:
         """Return how much sums of neighbouring residuals vary (lengths,) [N^2]."""
-        spread = np.zeros(len(_BLOCK_NS))
-        if self._cells.place[SIZE]:
-            residual_spread(
-                self._cells,
-                self._first,
-                self._cells.place[SIZE],
-                self._fit.theta,
-                self._fit.linear,
-                self._fit.levels,
-                self._kick,
-                self._baseline,
-                _BLOCK_NS,
-                self._work,
-                spread,
-            )
-        return spread
+        cells = self._cells
+        head, size = int(cells.place[HEAD]), int(cells.place[SIZE])
+        count = size - self._first
+        if count <= 0:
+            return np.zeros(1)
+        sums = np.zeros(count)
+        residual_sums(
+            cells,
+            self._first,
+            size,
+            self._fit.theta,
+            self._fit.linear,
+            self._fit.levels,
+            self._kick,
+            self._baseline,
+            self._work,
+            sums,
+        )
+        order = (head + np.arange(self._first, size)) % len(cells.start_ns)
+        return residual_spread(cells.start_ns[order], cells.moments[order, COUNT], sums)

@@ -32,7 +32,6 @@ from rpms_ros.identification.projection.cells import Cells
 from rpms_ros.muscle.identified_form import bends
 from rpms_ros.muscle.identified_form import bends_with_gradient
 from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
 
 PARAMETERS = 4
 
@@ -352,7 +351,7 @@ def gradient_pass(
 
 
 @numba.njit(cache=True)
-def residual_spread(
+def residual_sums(
     cells: Cells,
     first: int,
     last: int,
@@ -361,45 +360,28 @@ def residual_spread(
     levels: FloatArray,
     kick: float,
     baseline: Baseline,
-    block_ns: IntArray,
     work: Pass,
-    spread: FloatArray,
+    sums: FloatArray,
 ) -> None:
-    """Write, for each length of `block_ns`, the mean of (sum of residuals)^2 / samples in blocks.
-
-    For white residuals each is their variance [N^2]; where they hang together it is larger, by
-    the factor by which a naive covariance is too small.
-    """
+    """Write the sum of the residuals of cells first..last-1 into `sums` (last - first,) [N]."""
     state = work.state[0]
-    for which in range(len(block_ns)):
-        state[:] = 0.0
-        origin = bends(0.0, theta)
-        total, blocks, inside, samples, block = 0.0, 0.0, 0.0, 0.0, -1
-        for index in range(last + 1):
-            if index < last:
-                here = (cells.place[HEAD] + index) % len(cells.start_ns)
-                at = cells.start_ns[here] // block_ns[which]
-            if (index == last or at != block) and samples > 0.0:
-                total += inside * inside / samples
-                blocks += 1.0
-                inside, samples = 0.0, 0.0
-            if index == last:
-                break
-            block = at
-            move_state(cells.move[here], state)
-            rho = bends(cells.intensity[here], theta) - origin
-            state += kick * cells.weight[here] * rho
-            if index < first:
-                continue
-            moments = cells.moments[here]
-            correlate(linear, state, work.correlated[0])
-            inside += moments[FORCE]
-            samples += moments[COUNT]
-            for shift in range(len(linear)):
-                inside -= work.correlated[0, shift] * cells.response[here, shift, RESPONSE_ONE]
-            knot, position = knot_of(cells.start_ns[here], baseline)
-            for offset in range(min(baseline.knots, 2)):
-                value, slope = hat(offset, position, baseline)
-                level = levels[knot + offset]
-                inside -= level * (value * moments[COUNT] + slope * moments[TIME])
-        spread[which] = total / max(blocks, 1.0)
+    state[:] = 0.0
+    origin = bends(0.0, theta)
+    values = work.correlated[0]
+    for index in range(last):
+        here = (cells.place[HEAD] + index) % len(cells.start_ns)
+        move_state(cells.move[here], state)
+        rho = bends(cells.intensity[here], theta) - origin
+        state += kick * cells.weight[here] * rho
+        if index < first:
+            continue
+        moments = cells.moments[here]
+        correlate(linear, state, values)
+        total = moments[FORCE]
+        for shift in range(len(linear)):
+            total -= values[shift] * cells.response[here, shift, RESPONSE_ONE]
+        knot, position = knot_of(cells.start_ns[here], baseline)
+        for offset in range(min(baseline.knots, 2)):
+            value, slope = hat(offset, position, baseline)
+            total -= levels[knot + offset] * (value * moments[COUNT] + slope * moments[TIME])
+        sums[index - first] = total

@@ -18,8 +18,34 @@ from rpms_ros.identification.projection.step import Fit
 from rpms_ros.identification.projection.step import Known
 from rpms_ros.identification.projection.step import weak_ridge
 from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
 
 _ROUNDING = 1e-12
+# Lengths over which residuals are summed to see whether they hang together [ns].
+_BLOCK_NS = (100_000_000, 500_000_000, 2_000_000_000)
+
+
+def residual_spread(start_ns: IntArray, count: FloatArray, sums: FloatArray) -> FloatArray:
+    """Return, for some lengths, the mean of (sum of residuals)^2 / samples in blocks [N^2].
+
+    For white residuals each is their variance; where they hang together it is larger, by the
+    factor by which a naive covariance is too small.
+
+    Parameters
+    ----------
+    start_ns, count, sums : ndarray (cells,)
+        Begin, number of samples and sum of the residuals of consecutive cells.
+    """
+    spread = np.zeros(len(_BLOCK_NS))
+    for place, length in enumerate(_BLOCK_NS):
+        begins = np.flatnonzero(np.diff(start_ns // length)) + 1
+        begins = np.concatenate(([0], begins))
+        samples = np.add.reduceat(count, begins)
+        inside = np.add.reduceat(sums, begins)
+        some = samples > 0.0
+        if some.any():
+            spread[place] = float(np.mean(inside[some] ** 2 / samples[some]))
+    return spread
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,74 @@
+"""How often the 95 % intervals hold the truth: 200 noisy sessions of 15 s each.
+
+`python bench/calibration.py [sessions]`
+"""
+
+import sys
+
+import numpy as np
+from scenarios import EXPERIMENTAL
+from scenarios import MILLISECOND
+from scenarios import RATE
+from scenarios import SIMULATED
+from scenarios import intensities
+from scenarios import record
+
+from rpms_ros.identification.horizon import HorizonEstimator
+from rpms_ros.muscle import random_subject
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle import twitch
+
+SECONDS = 15.0
+
+
+def session(seed, subject, settings):
+    """Return which truths lie in their interval: parameters, curve, response, physiology."""
+    generator = np.random.default_rng(seed)
+    count = int(SECONDS * RATE)
+    onset = 1_000 + np.arange(count, dtype=np.int64) * 50 * MILLISECOND
+    intensity = intensities(('random', 'sinusoid')[seed % 2], count, generator)
+    muscle = subject(generator)
+    scenario = record(muscle, onset, intensity, SECONDS, 0.01, generator)
+    estimator = HorizonEstimator(settings)
+    estimator.add_pulses(onset, intensity)
+    estimator.update(scenario.stamp_ns, scenario.force, np.ones(len(scenario.force), dtype=bool))
+    estimate = estimator.estimate(0, {})
+    shape = muscle.recruitment
+    theta = [shape.threshold, shape.saturation, shape.saturation_slope, shape.threshold_slope]
+    width = 1.96 * np.sqrt(np.diag(estimate.nonlinear_covariance))
+    rise = muscle.pulse_weight(1.0, RATE) - muscle.pulse_weight(0.0, RATE)
+    response = rise * twitch(estimate.response_time - muscle.latency, muscle.time_constant)
+    later = estimate.response_time > muscle.latency
+    twitch_truth = np.array([muscle.time_constant, muscle.latency, 3.0, rise])
+    return (
+        np.abs(estimate.nonlinear - theta) <= width,
+        _held(estimate.curve_lower, scenario.curve, estimate.curve_upper)[5:].mean(),
+        _held(estimate.response_lower, response, estimate.response_upper)[later].mean(),
+        _held(estimate.physiology_lower, twitch_truth, estimate.physiology_upper),
+    )
+
+
+def _held(lower, truth, upper):
+    return (lower <= truth) & (truth <= upper)
+
+
+def main():
+    sessions = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    cases = (
+        ('paper plant', lambda _: simulation_subject(), SIMULATED),
+        ('people', random_subject, EXPERIMENTAL),
+    )
+    print('share of 95 % intervals that hold the truth (goal 0.90 to 0.99)')
+    print('             u_thr u_sat a_sat a_thr  curve response   T_a latency order peak')
+    for name, subject, settings in cases:
+        outcomes = [session(seed, subject, settings) for seed in range(sessions)]
+        theta, curve, response, physiology = (
+            np.mean(column, axis=0) for column in zip(*outcomes, strict=True)
+        )
+        shares = ' '.join(f'{share:5.2f}' for share in theta)
+        numbers = ' '.join(f'{share:5.2f}' for share in physiology)
+        print(f'{name:>11}  {shares}  {curve:5.2f} {response:8.2f}  {numbers}', flush=True)
+
+
+if __name__ == '__main__':
+    main()
