@@ -22,7 +22,7 @@ from rpms_ros.identification.analysis.twitch_fits import CONSTANT
 from rpms_ros.identification.analysis.twitch_fits import PEAK
 from rpms_ros.muscle import twitch
 
-MEASURED = '#8a8a8a'
+MEASURED = '#b0b0b0'
 COLOURS = ('#0b4f7d', '#c65d00', '#3f7f2c', '#7b4fa3', '#a8234a', '#5f5f5f')
 MARKERS = ('o', 's', '^', 'D', 'v', 'P')
 DASHES = ('-', '--', ':', '-.', (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
@@ -64,7 +64,10 @@ def draw_twitches(found: TwitchAnalysis, title: str = '') -> Figure:
     _draw_latency(latency, found.latency, 0)
     _draw_latency(latency, found.crossing_latency, 1)
     latency.set(xlabel='intensity [%]', ylabel='latency $T_l$ [ms]')
-    latency.legend(fontsize=8)
+    # room above the bars, so that the legend hides none
+    low, high = latency.get_ylim()
+    latency.set_ylim(low, high + 0.2 * (high - low))
+    latency.legend(fontsize=7, loc='upper center', ncols=2)
     values = 1e3 * found.fits.column(CONSTANT, found.choice.order)
     percent = 100 * np.nan_to_num(found.fits.intensity, nan=1.0)
     constant.plot(percent, values, MARKERS[0], color=COLOURS[0], mfc='none', ms=4)
@@ -195,6 +198,7 @@ def _draw_train(axes: Axes, train: TrainAnalysis) -> None:
     # twelve time constants after its onset a twitch of order 3 or 4 is over
     end = response.onset[-1] + train.equal.latency + 12.0 * train.equal.time_constant
     axes.set_xlim(response.lag[0], min(end, response.lag[-1]))
+    axes.locator_params(axis='x', nbins=5)
     axes.set(xlabel='time [s]', ylabel='force [N]')
 
 
