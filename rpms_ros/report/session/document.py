@@ -13,6 +13,7 @@ from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.checklist import ITEMS_OF_THE_CONSENSUS
 from rpms_ros.report.session.checklist import SOURCE
 from rpms_ros.report.session.excitation import Excitation
+from rpms_ros.report.session.traces import thinned
 
 
 def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
@@ -101,7 +102,8 @@ def _or_nothing(bounds: FloatArray, count: int) -> list[float | None]:
 
 
 def _paths(analysis: SessionAnalysis) -> dict[str, Any]:
-    estimates = analysis.session.estimates
+    """Return the parameters over time, evenly thinned if there are very many estimates."""
+    estimates = thinned(analysis.session.estimates)
     start = int(analysis.session.stamp_ns[0])
     values = np.array([estimate.nonlinear for estimate in estimates])
     return {

@@ -12,6 +12,7 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.traces import ENVELOPE_BINS
+from rpms_ros.report.session.traces import thinned
 
 MEASURED, MODELLED, BAND, FAINT = '#a0a0a0', '#000000', '#dcdcdc', '#6e6e6e'
 LINE_STYLES = ('-', '--', ':', '-.')
@@ -38,10 +39,10 @@ def draw_recruitment(axes: list[Axes], analysis: SessionAnalysis) -> None:
         share, edges = np.histogram(used, bins=50, range=(0.0, 1.0))
         # behind the curve, which must not be hidden
         below = place.inset_axes((0.0, 0.0, 1.0, 0.14), zorder=0)
-        below.bar(edges[:-1], share, width=0.02, align='edge', color=BAND, edgecolor=FAINT, lw=0.3)
+        below.bar(edges[:-1], share, width=0.02, align='edge', color='white', ec=FAINT, lw=0.5)
         below.set_xlim(0.0, 1.0)
         below.axis('off')
-        place.bar(0.0, 0.0, color=BAND, edgecolor=FAINT, label='pulses by intensity')
+        place.bar(0.0, 0.0, color='white', ec=FAINT, lw=0.5, label='pulses by intensity')
 
 
 def draw_response(axes: list[Axes], analysis: SessionAnalysis) -> None:
@@ -62,7 +63,7 @@ def draw_response(axes: list[Axes], analysis: SessionAnalysis) -> None:
 
 def draw_parameters(axes: list[Axes], analysis: SessionAnalysis) -> None:
     """Draw the paths of the parameters: intensities above, slopes below."""
-    estimates = analysis.session.estimates
+    estimates = thinned(analysis.session.estimates)
     time = _elapsed(np.array([estimate.stamp_ns for estimate in estimates]), analysis)
     values = np.array([estimate.nonlinear for estimate in estimates])
     spread = np.array([_deviation(estimate.nonlinear_covariance) for estimate in estimates[-1:]])
@@ -75,10 +76,14 @@ def draw_parameters(axes: list[Axes], analysis: SessionAnalysis) -> None:
             for index, name in enumerate(estimates[-1].nonlinear_names)
             if name.startswith(prefix)
         ]
-        for (index, name), line in zip(chosen, LINE_STYLES, strict=False):
+        for (index, name), line, point in zip(chosen, LINE_STYLES, 'osD^', strict=False):
             path = values[:, index]
-            fixed = ' (fixed)' if np.ptp(path) == 0.0 else ''
-            place.plot(time, path, color=MODELLED, ls=line, lw=1.2, label=name + fixed)
+            fixed = ' (fixed)' if len(path) > 1 and np.ptp(path) == 0.0 else ''
+            # one estimate is a point, which a line would not show
+            marker = point if len(path) == 1 else 'None'
+            place.plot(
+                time, path, color=MODELLED, ls=line, lw=1.2, marker=marker, label=name + fixed
+            )
             if spread.size:
                 place.errorbar(
                     time[-1], path[-1], spread[0, index], color=FAINT, capsize=3, lw=1.0

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -21,6 +22,8 @@ ENVELOPE_BINS = 6000
 WINDOW = 10.0
 """Length of a window that is kept sample by sample [s]."""
 _MOST_IN_WINDOW = 20_000
+MOST_ESTIMATES = 4000
+"""Of more, parameter paths show evenly spaced ones: a path has more points than a page pixels."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,14 @@ def _envelope(session: IdentifiedSession, elapsed: FloatArray) -> dict[str, Any]
             encoded(np.maximum.reduceat(values, starts)),
         ]
     return packed
+
+
+def thinned(estimates: list[Estimate]) -> list[Estimate]:
+    """Return at most `MOST_ESTIMATES` of the estimates, evenly spaced, first and last included."""
+    if len(estimates) <= MOST_ESTIMATES:
+        return estimates
+    chosen = np.linspace(0, len(estimates) - 1, MOST_ESTIMATES).round().astype(int)
+    return [estimates[index] for index in chosen]
 
 
 def encoded(values: npt.NDArray[Any]) -> str:

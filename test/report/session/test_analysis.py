@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import ReportError
-from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import identify
+from rpms_ros.identification.catalogue import ESTIMATORS
+from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
@@ -32,15 +33,16 @@ START_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
 
 
-def test_what_is_held_out_does_not_change_what_was_learnt(recording_path: Path) -> None:
+@pytest.mark.parametrize('name', ESTIMATORS)
+def test_what_is_held_out_does_not_change_what_was_learnt(recording_path: Path, name: str) -> None:
     recording = read_recording(recording_path)
     first_ns = boundary(recording.forces.stamp_ns, 0.2)
-    frozen = FrozenFrom(RecursiveEstimator(), first_ns)
+    frozen = FrozenFrom(estimator_by_name(name), first_ns)
     session = identify(frozen, recording.pulses, recording.forces)
     spoiled = recording.forces.force.copy()
     spoiled[recording.forces.stamp_ns >= first_ns] *= -3.0
     again = identify(
-        FrozenFrom(RecursiveEstimator(), first_ns),
+        FrozenFrom(estimator_by_name(name), first_ns),
         recording.pulses,
         replace(recording.forces, force=spoiled),
     )
@@ -48,7 +50,7 @@ def test_what_is_held_out_does_not_change_what_was_learnt(recording_path: Path) 
     assert session.last.nonlinear.tobytes() == again.last.nonlinear.tobytes()
     part = slice(0, int(np.count_nonzero(recording.forces.stamp_ns < first_ns)))
     beginning = ForceTrace(recording.forces.stamp_ns[part], recording.forces.force[part])
-    alone = identify(RecursiveEstimator(), recording.pulses, beginning)
+    alone = identify(estimator_by_name(name), recording.pulses, beginning)
     assert session.last.samples == alone.last.samples
 
 
@@ -165,6 +167,18 @@ def test_of_a_long_session_no_extreme_is_lost(
     worst = found['windows'][1]
     assert worst['start'] <= 7.321 <= worst['start'] + 1.0
     assert np.float32(99.0) in decoded(worst['measured'])
+
+
+def test_of_many_estimates_first_and_last_are_kept(
+    analysis: SessionAnalysis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimates = analysis.session.estimates
+    assert traces.thinned(estimates) is estimates
+    monkeypatch.setattr(traces, 'MOST_ESTIMATES', 10)
+    kept = traces.thinned(estimates)
+    assert len({id(one) for one in kept}) == 10
+    assert (kept[0], kept[-1]) == (estimates[0], estimates[-1])
+    assert as_document(analysis)['parameter_paths']['time_s'][-1] == pytest.approx(9.999)
 
 
 def test_a_dead_force_still_gives_a_report(
