@@ -141,7 +141,9 @@ def read_recording(
         raise RecordingError(f'expected sign 1 or -1, got {sign}')
     scan = Scan(Path(path))
     pulses = TopicReading(topics.pulses, PULSE_TYPES)
-    force = TopicReading(topics.force, FORCE_TYPES)
+    force = TopicReading(
+        topics.force, {kind: fields.along(direction) for kind, fields in FORCE_TYPES.items()}
+    )
     for channel, records in scan.blocks(progress):
         pulses.take(channel, records)
         force.take(channel, records)
@@ -180,7 +182,9 @@ def _pulse_train(values: TopicValues) -> PulseTrain:
 
 def _force_trace(values: TopicValues, direction: FloatArray, sign: int) -> ForceTrace:
     fields = FORCE_TYPES[values.type_name].values
-    components = [np.asarray(values.number[path], np.float64) for path in fields]
+    # Components across the axis were not read.
+    nothing = np.empty(0)
+    components = [np.asarray(values.number.get(path, nothing), np.float64) for path in fields]
     force = (
         force_along(direction, components, float(sign))
         if len(components) == 3

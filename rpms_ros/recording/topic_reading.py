@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.recording.decoding import Columns
 from rpms_ros.recording.decoding import Decoder
@@ -44,6 +45,13 @@ class Fields:
     def wanted(self) -> tuple[str, ...]:
         """Paths of all numbers, those of the stamp included."""
         return (*self.values, SECOND, NANOSECOND) if self.stamped else self.values
+
+    def along(self, direction: FloatArray) -> 'Fields':
+        """Return the fields without the components (of three) across a direction (3,)."""
+        if len(self.values) != len(direction):
+            return self
+        kept = tuple(path for path, share in zip(self.values, direction, strict=True) if share)
+        return Fields(kept, self.stamped)
 
 
 PULSE_TYPES = {PULSE: Fields(('sequence', 'intensity', 'width'), stamped=True)}
@@ -200,7 +208,8 @@ def _joined(
         scan.findings.add('mixed_frame_ids', f'{topic} has frame ids {names}', len(frame_ids) - 1)
     order = _order(received_ns, good)
     number = {
-        path: np.concatenate([columns.number[path] for columns in candidate.columns])[order]
+        # Taken out of the blocks: what is joined need not be there twice.
+        path: np.concatenate([columns.number.pop(path) for columns in candidate.columns])[order]
         for path in fields.wanted
     }
     return TopicValues(type_name, number, received_ns[order], tuple(frame_ids))
