@@ -121,7 +121,7 @@ def claims(results):
             f'  {label:<20} u_thr differs by {100 * np.mean(spread):.2f} % between takes and '
             f'{100 * np.mean(between):.2f} % between positions'
         )
-    print('  (paper: 0.3 to 4.1 % between takes, whose means differ by 0.9 and 1.6 %)')
+    print('  (paper: 1.0 to 4.1 % between takes, whose means differ by 1.6 and 1.1 %)')
     session, path = results['S1 P1', 0, 'recursive, Table 5']
     lowest = float(np.min(path.last.response_force) / np.max(path.last.response_force))
     print('  "an impulse response that is unphysiological": lowest value over peak')

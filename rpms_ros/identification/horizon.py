@@ -19,6 +19,7 @@ from rpms_ros.identification.projection.arrival import forget
 from rpms_ros.identification.projection.cells import HEAD
 from rpms_ros.identification.projection.cells import SIZE
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
+from rpms_ros.identification.projection.intake import LEARNT
 from rpms_ros.identification.projection.intake import restate
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.settings import ProjectionSettings
@@ -33,8 +34,9 @@ from rpms_ros.pulses import IntArray
 _HIGHEST_RATE = 120.0
 # Cells that a step period can bring before a step makes room again.
 _SPARE_CELLS = 128
-# A slope of the baseline is not asked of a shorter time [ns].
-_SHORTEST_SLOPE_NS = 5 * NANOSECONDS_PER_SECOND
+# Of the baseline over the horizon, and how near they may be [ns]: a young horizon has two.
+_KNOTS = 3
+_LEAST_SPACING_NS = 15 * NANOSECONDS_PER_SECOND // 2
 _TOLERANCE = 1e-10
 
 
@@ -64,7 +66,7 @@ class HorizonEstimator(ProjectionEstimator):
         settings = settings if settings is not None else ProjectionSettings()
         seconds = settings.horizon + settings.basis.duration
         capacity = int(seconds * _HIGHEST_RATE) + _SPARE_CELLS
-        super().__init__(settings, rate_hz, capacity, 2 if settings.baseline else 0)
+        super().__init__(settings, rate_hz, capacity, _KNOTS if settings.baseline else 0)
         self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
         self._horizon_ns = round(settings.horizon * NANOSECONDS_PER_SECOND)
         self._memory_ns = round(settings.basis.duration * NANOSECONDS_PER_SECOND)
@@ -104,6 +106,8 @@ class HorizonEstimator(ProjectionEstimator):
 
     def _step(self) -> None:
         """Slide the horizon and take a step."""
+        if self._intake.scalars[LEARNT] == 0.0:
+            return
         self._slide()
         cells, known, fit, work = self._cells, self._known, self._fit, self._work
         if self.settings.forgetting and known.information.any():
@@ -141,8 +145,8 @@ class HorizonEstimator(ProjectionEstimator):
             cells.place[HEAD] = (head + gone) % capacity
             cells.place[SIZE] -= gone
             self._first -= gone
-        length = max(self._last_ns - begin, _SHORTEST_SLOPE_NS)
-        self._baseline = Baseline(self._baseline.knots, begin, length)
+        spacing = max((self._last_ns - begin) // (_KNOTS - 1), _LEAST_SPACING_NS)
+        self._baseline = Baseline(self._baseline.knots, begin, spacing)
 
     def _leave(self, last: int) -> None:
         """Keep what cells up to `last` say as a quadratic cost."""

@@ -24,7 +24,7 @@ _LOWER = np.array([8e-3, 0.0, 1.5])
 _UPPER = np.array([0.15, 60e-3, 6.0])
 _STEP = np.array([1e-5, 1e-5, 1e-3])
 # What the basis may miss of a response, relative to its length.
-_MISFIT = 1e-3
+MISFIT = 1e-3
 _ITERATIONS = 15
 
 
@@ -76,12 +76,12 @@ class TwitchReader:
         length = float(np.linalg.norm(response))
         if not length > 2.0 * float(np.sqrt(max(np.trace(covariance), 0.0))):
             return None
-        noise = covariance + (_MISFIT * length) ** 2 * np.eye(len(response))
+        noise = covariance + (MISFIT * length) ** 2 * np.eye(len(response))
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
         target = whiten @ response
         shape = _CENTRE.copy()
         cost, peak = self._match(shape, whiten, target)
-        damping = 1e-3
+        damping = 1e-4
         for _ in range(_ITERATIONS):
             jacobian, residual = self._equations(shape, peak, whiten, target)
             matrix = jacobian.T @ jacobian
@@ -90,7 +90,7 @@ class TwitchReader:
             candidate = np.clip(shape + step[:3], _LOWER, _UPPER)
             new_cost, new_peak = self._match(candidate, whiten, target)
             if new_cost <= cost:
-                done = cost - new_cost < 1e-6 * cost
+                done = cost - new_cost < 1e-4 * (cost + 1.0)
                 shape, peak, cost = candidate, new_peak, new_cost
                 damping *= 0.1
                 if done:

@@ -10,6 +10,7 @@ from rpms_ros.identification.estimate import CURVE_INTENSITY
 from rpms_ros.identification.estimate import SMALLEST_INTENSITY_SPAN
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.physiology import MISFIT
 from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.physiology import TwitchReader
 from rpms_ros.identification.projection.excitation import excitation
@@ -139,7 +140,10 @@ class Snapshots:
         to_coefficients = np.hstack(
             (np.outer(fit.linear, slopes[0]), rho[0] * np.eye(len(fit.linear)))
         )
-        half = sure.half_width(self._values @ to_coefficients)
+        misfit = (
+            MISFIT * rho[0] * np.linalg.norm(fit.linear) * np.linalg.norm(self._values, axis=1)
+        )
+        half = sure.half_width(self._values @ to_coefficients, misfit)
         fields: dict[str, Any] = {
             'response_force': response,
             'response_lower': response - half,

@@ -85,10 +85,13 @@ class Uncertainty:
         """Half width of an interval in standard deviations."""
         return float(ndtri(0.5 + 0.5 * self.confidence))
 
-    def half_width(self, gradient: FloatArray) -> FloatArray:
-        """Return half the interval (n,) of what has this gradient (n, 4 + functions)."""
+    def half_width(self, gradient: FloatArray, misfit: FloatArray | float = 0.0) -> FloatArray:
+        """Return half the interval (n,) of what has this gradient (n, 4 + functions).
+
+        `misfit` is a standard deviation (n,) of what the model itself may miss.
+        """
         variance = np.einsum('ij,jk,ik->i', gradient, self.covariance, gradient)
-        width: FloatArray = self.quantile * np.sqrt(np.maximum(variance, 0.0))
+        width: FloatArray = self.quantile * np.sqrt(np.maximum(variance, 0.0) + misfit**2)
         return width
 
 
