@@ -63,9 +63,7 @@ def table_4(folder):
 def experiments(folder):
     """Sec. 3.3.4: eight sessions, in silico."""
     print('Table 5 and 6 in silico: the printed parameters of each first take are the plant;')
-    print(
-        '  alpha_thr 5, latency left in, 0.5 % noise, 1 % drift, pulses off the grid'
-    )
+    print('  alpha_thr 5, latency left in, 0.5 % noise, 1 % drift, pulses off the grid')
     print('  claim: converges after about 80 s to 1 to 1.5 % output error')
     head = f'  {"session":<9}{"estimator":<22}{"u_thr":>7}{"u_sat":>7}{"a_sat":>7}{"a_thr":>7}'
     print(head + f'{"curve error":>13}{"at 15 s":>9}{"output error":>14}')
