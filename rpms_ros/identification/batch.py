@@ -34,6 +34,8 @@ from rpms_ros.pulses import IntArray
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
 _GROWTH = 2
+# A shorter recording has an offset, but no slope: where it leads could not be told.
+_SHORTEST_SLOPE_NS = 5 * NANOSECONDS_PER_SECOND
 # Later fits that no estimate waits for go on from the one before.
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
 # Alternate corners of the physiological range, u_thr, u_sat and alpha_sat: fits begin there too.
@@ -128,12 +130,12 @@ class BatchEstimator(ProjectionEstimator):
     def _place_knots(self) -> None:
         """Spread the baseline's knots evenly over what has come."""
         assert self._origin_ns is not None
-        span = max(self._last_ns - self._origin_ns, 5 * NANOSECONDS_PER_SECOND)
+        span = self._last_ns - self._origin_ns
         spacing = self.settings.knot_spacing * NANOSECONDS_PER_SECOND
-        parts = max(round(span / spacing), 1)
+        parts = max(round(span / spacing), 1) if span >= _SHORTEST_SLOPE_NS else 0
         if parts + 1 != self._baseline.knots:
             self._reshape(parts + 1)
-        self._baseline = Baseline(parts + 1, self._origin_ns, -(-span // parts))
+        self._baseline = Baseline(parts + 1, self._origin_ns, -(-span // max(parts, 1)))
 
     def _fit_all(self, scouting: bool) -> None:
         """Fit all samples: a few steps from every start, many from the best."""
