@@ -72,7 +72,7 @@ def compare():
     theirs, other = best_of(lambda: with_scipy(scenario), 1)
     print('60 s at 1 kHz, 7 functions, Table 4 plant, 1 % noise')
     print(
-        f'  batch, nine starts, intervals   {mine:8.3f} s (goal 0.2)   curve error '
+        f'  batch, five starts, intervals   {mine:8.3f} s (goal 0.2)   curve error '
         f'{100 * scenario.curve_error(curve):.3f} %'
     )
     print(

@@ -23,6 +23,8 @@ from rpms_ros.identification.projection.intake import LEARNT
 from rpms_ros.identification.projection.intake import restate
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.projection.step import DAMPING
+from rpms_ros.identification.projection.step import MOVED
 from rpms_ros.identification.projection.step import fit_linear
 from rpms_ros.identification.projection.step import improve
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -38,6 +40,9 @@ _SPARE_CELLS = 128
 _KNOTS = 3
 _LEAST_SPACING_NS = 15 * NANOSECONDS_PER_SECOND // 2
 _TOLERANCE = 1e-10
+# Steps shorter than this, taken with little damping, only follow the noise.
+_CALM = 5e-3
+_CALM_DAMPING = 1e-4
 
 
 class HorizonEstimator(ProjectionEstimator):
@@ -71,6 +76,7 @@ class HorizonEstimator(ProjectionEstimator):
         self._horizon_ns = round(settings.horizon * NANOSECONDS_PER_SECOND)
         self._memory_ns = round(settings.basis.duration * NANOSECONDS_PER_SECOND)
         self._last_ns: int | None = None
+        self._rested = True
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].
@@ -84,7 +90,7 @@ class HorizonEstimator(ProjectionEstimator):
         starts = np.flatnonzero(np.diff(period)) + 1
         for first, last in zip((0, *starts), (*starts, len(stamp_ns)), strict=True):
             if self._last_ns is not None and period[first] != self._last_ns // self._step_ns:
-                self._step()
+                self._step_if_due()
             part = slice(first, last)
             self._take(stamp_ns[part], force[part], usable[part], prediction[part])
             self._last_ns = int(stamp_ns[last - 1])
@@ -103,6 +109,16 @@ class HorizonEstimator(ProjectionEstimator):
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return what is known now."""
         return self._snapshot(stamp_ns, faults)
+
+    def _step_if_due(self) -> None:
+        """Take a step, or every other one while steps lead nowhere new."""
+        scalars = self._fit.scalars
+        calm = scalars[MOVED] < _CALM and scalars[DAMPING] <= _CALM_DAMPING
+        if calm and not self._rested:
+            self._rested = True
+            return
+        self._rested = False
+        self._step()
 
     def _step(self) -> None:
         """Slide the horizon and take a step."""

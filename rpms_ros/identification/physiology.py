@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.muscle.twitch import twitch
 from rpms_ros.pulses import FloatArray
 
 PHYSIOLOGY_NAMES = ('twitch_time_constant_s', 'latency_s', 'order', 'twitch_peak_n')
@@ -22,7 +21,8 @@ _CENTRE = np.array([38e-3, 9.5e-3, 3.0])
 _DEVIATION = np.array([15e-3, 8e-3, 0.7])
 _LOWER = np.array([8e-3, 0.0, 1.5])
 _UPPER = np.array([0.15, 60e-3, 6.0])
-_STEP = np.array([1e-5, 1e-5, 1e-3])
+# Stands for the time before the onset, where the twitch is nothing [T_a].
+_NOTHING = 1e-12
 # What the basis may miss of a response, relative to its length.
 MISFIT = 1e-3
 _ITERATIONS = 15
@@ -102,16 +102,26 @@ class TwitchReader:
         return Physiology(np.append(shape, peak), np.sqrt(np.maximum(np.diag(inverse), 0.0)))
 
     def _model(self, shape: FloatArray) -> FloatArray:
-        """Return the coefficients (functions,) of a twitch of peak 1."""
-        force = twitch(self._grid - shape[1], float(shape[0]), float(shape[2]))
-        result: FloatArray = self._projection @ force
+        """Return the coefficients of a twitch of peak 1 and of its derivatives (functions, 4).
+
+        With ``x = (t - T_1) / T_a`` and ``k = n - 1`` the twitch is ``(x/k)^k e^(k - x)``; its
+        derivatives by x and k are ``k/x - 1`` and ``log(x/k)`` times itself.
+        """
+        time_constant, latency, order = (float(value) for value in shape)
+        power = order - 1.0
+        scaled = np.maximum((self._grid - latency) / time_constant, _NOTHING)
+        logarithm = np.log(scaled / power)
+        force = np.exp(power * (logarithm + 1.0) - scaled)
+        by_scaled = force * (power / scaled - 1.0)
+        columns = (force, -by_scaled * scaled / time_constant, -by_scaled / time_constant)
+        result: FloatArray = self._projection @ np.column_stack((*columns, force * logarithm))
         return result
 
     def _match(
         self, shape: FloatArray, whiten: FloatArray, target: FloatArray
     ) -> tuple[float, float]:
         """Return cost and best peak of a shape."""
-        model = whiten @ self._model(shape)
+        model = whiten @ self._model(shape)[:, 0]
         peak = float(model @ target) / max(float(model @ model), 1e-300)
         residual = target - peak * model
         away = (shape - _CENTRE) / _DEVIATION
@@ -121,12 +131,8 @@ class TwitchReader:
         self, shape: FloatArray, peak: float, whiten: FloatArray, target: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return Jacobian (functions + 3, 4) and residual (functions + 3,), prior included."""
-        model = self._model(shape)
-        moves = np.diag(_STEP)
-        columns = np.column_stack(
-            [self._model(shape + move) - self._model(shape - move) for move in moves]
-        )
-        data = whiten @ np.column_stack((columns * (0.5 / _STEP) * peak, model))
+        model = whiten @ self._model(shape)
+        data = np.column_stack((peak * model[:, 1:], model[:, 0]))
         prior = np.column_stack((np.diag(1.0 / _DEVIATION), np.zeros(3)))
-        residual = target - peak * (whiten @ model)
+        residual = target - peak * model[:, 0]
         return np.vstack((data, prior)), np.append(residual, (_CENTRE - shape) / _DEVIATION)
