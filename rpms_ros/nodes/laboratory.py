@@ -35,6 +35,7 @@ from rpms_ros.nodes.discovery import reserved_domain
 from rpms_ros.nodes.discovery import use_fast_discovery
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.runner import PARENT_VARIABLE
+from rpms_ros.nodes.stop_request import StopRequest
 
 PLANT, IDENTIFIER, DRIVER = 'plant_simulator', 'identifier', 'stimulator_driver'
 RECORDING = 'recording'
@@ -125,11 +126,15 @@ class Laboratory:
         except OSError as error:
             raise NodeError(f'expected a new folder {self.folder}, got {error}') from error
         with contextlib.ExitStack() as stack:
+            self._stop_request = StopRequest()
+            stack.callback(self._stop_request.restore)
             domain = stack.enter_context(reserved_domain())
             stack.callback(self._stop_all)
             for name in (PLANT, IDENTIFIER, DRIVER):
                 self._start(name, domain)
             stack.enter_context(self._listening(domain))
+            self._stop_request.raise_if_made()
+            self._stop_request.heed_between_callbacks()
             self._cleanup = stack.pop_all()
         return self
 
@@ -203,10 +208,13 @@ class Laboratory:
         ------
         NodeError
             If a process has ended.
+        KeyboardInterrupt
+            If SIGINT or SIGTERM has come.
         """
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=min(left, 0.05))
+            self._stop_request.raise_if_made()
             self._expect_running()
 
     def _expect_running(self) -> None:
@@ -233,6 +241,7 @@ class Laboratory:
                 heard, quiet_since = len(self.monitor.estimates), time.monotonic()
         self._end(IDENTIFIER)
         self.recorder.close()
+        self._stop_request.raise_if_made()
 
     def _stop_all(self) -> None:
         self._end(*self._processes)

@@ -1,11 +1,9 @@
 """Run one node as a process: init, build, spin, and leave without a trace."""
 
 import os
-import signal
 import sys
 from collections.abc import Callable
 from collections.abc import Sequence
-from types import FrameType
 
 import rclpy
 from rclpy.exceptions import NameValidationException
@@ -17,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.discovery import use_fast_discovery
+from rpms_ros.nodes.stop_request import StopRequest
 
 PARENT_VARIABLE = 'RPMS_ROS_PARENT'
 """Process id of whoever started this process and wants it to end when it ends itself."""
@@ -27,29 +26,6 @@ _BAD_ARGUMENTS = (
     rclpy_implementation.UnknownROSArgsError,
     NameValidationException,
 )
-
-
-class _StopRequest:
-    """SIGINT and SIGTERM: a node that spins finishes its callback first.
-
-    rclpy's own handlers shut the context down at once, and what a callback is about to publish
-    fails half-way with an error of its own.
-    """
-
-    def __init__(self) -> None:
-        self.made = False
-        self._spinning = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def heed_between_callbacks(self) -> None:
-        """From now on only note signals, so that the spinning loop can look at them."""
-        self._spinning = True
-
-    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        if self.made or not self._spinning:
-            raise KeyboardInterrupt
-        self.made = True
 
 
 def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -68,7 +44,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         0 after a signal or shutdown, 2 if the node could not be made or cannot go on.
     """
     use_fast_discovery()
-    stop = _StopRequest()
+    stop = StopRequest()
     node: Node | None = None
     try:
         rclpy.init(
@@ -90,7 +66,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _spin(node: Node, stop: _StopRequest) -> None:
+def _spin(node: Node, stop: StopRequest) -> None:
     executor = EventsExecutor()
     executor.add_node(node)
     stop.heed_between_callbacks()
