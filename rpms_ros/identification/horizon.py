@@ -19,13 +19,13 @@ from rpms_ros.identification.projection.arrival import forget
 from rpms_ros.identification.projection.cells import HEAD
 from rpms_ros.identification.projection.cells import SIZE
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
+from rpms_ros.identification.projection.fit import DAMPING
+from rpms_ros.identification.projection.fit import MOVED
+from rpms_ros.identification.projection.fit import fit_linear
 from rpms_ros.identification.projection.intake import LEARNT
 from rpms_ros.identification.projection.intake import restate
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.identification.projection.step import DAMPING
-from rpms_ros.identification.projection.step import MOVED
-from rpms_ros.identification.projection.step import fit_linear
 from rpms_ros.identification.projection.step import improve
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray

@@ -17,15 +17,15 @@ import numba
 import numpy as np
 
 from rpms_ros.identification.projection.cells import Cells
+from rpms_ros.identification.projection.fit import VARIANCE
+from rpms_ros.identification.projection.fit import Fit
+from rpms_ros.identification.projection.fit import Known
+from rpms_ros.identification.projection.fit import coordinate
 from rpms_ros.identification.projection.normal_equations import PARAMETERS
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.normal_equations import Pass
 from rpms_ros.identification.projection.normal_equations import gradient_pass
 from rpms_ros.identification.projection.normal_equations import linear_pass
-from rpms_ros.identification.projection.step import VARIANCE
-from rpms_ros.identification.projection.step import Fit
-from rpms_ros.identification.projection.step import Known
-from rpms_ros.identification.projection.step import coordinate
 from rpms_ros.identification.small_matrix import dot
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import FloatArray

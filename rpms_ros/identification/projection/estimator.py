@@ -12,6 +12,7 @@ from rpms_ros.identification.projection.cells import COUNT
 from rpms_ros.identification.projection.cells import HEAD
 from rpms_ros.identification.projection.cells import SIZE
 from rpms_ros.identification.projection.cells import empty_cells
+from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.intake import ERROR_ENERGY
 from rpms_ros.identification.projection.intake import FORCE_ENERGY
 from rpms_ros.identification.projection.intake import FRESH
@@ -20,12 +21,11 @@ from rpms_ros.identification.projection.intake import fresh_intake
 from rpms_ros.identification.projection.intake import take
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.normal_equations import pass_arrays
-from rpms_ros.identification.projection.normal_equations import residual_sums
 from rpms_ros.identification.projection.pending import PendingPulses
+from rpms_ros.identification.projection.residuals import residual_sums
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.projection.snapshot import Counters
 from rpms_ros.identification.projection.snapshot import Snapshots
-from rpms_ros.identification.projection.step import empty_fit
 from rpms_ros.identification.projection.uncertainty import residual_spread
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.pulses import BoolArray

@@ -14,12 +14,12 @@ from rpms_ros.identification.projection.cells import Cells
 from rpms_ros.identification.projection.cells import add_sample
 from rpms_ros.identification.projection.cells import newest
 from rpms_ros.identification.projection.cells import open_cell
+from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.normal_equations import correlate
 from rpms_ros.identification.projection.normal_equations import hat
 from rpms_ros.identification.projection.normal_equations import knot_of
 from rpms_ros.identification.projection.normal_equations import move_state
-from rpms_ros.identification.projection.step import Fit
 from rpms_ros.muscle.identified_form import bends
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray

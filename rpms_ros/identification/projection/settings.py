@@ -8,8 +8,8 @@ import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.fit import Known
 from rpms_ros.identification.projection.normal_equations import PARAMETERS
-from rpms_ros.identification.projection.step import Known
 from rpms_ros.identification.settings import SIMULATION_START
 from rpms_ros.identification.settings import RecruitmentBounds
 from rpms_ros.muscle.identified_form import RecruitmentParameters

@@ -14,11 +14,11 @@ from rpms_ros.identification.physiology import MISFIT
 from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.physiology import TwitchReader
 from rpms_ros.identification.projection.excitation import excitation
+from rpms_ros.identification.projection.fit import DAMPING
+from rpms_ros.identification.projection.fit import MOVED
+from rpms_ros.identification.projection.fit import Fit
+from rpms_ros.identification.projection.fit import Known
 from rpms_ros.identification.projection.normal_equations import PARAMETERS
-from rpms_ros.identification.projection.step import DAMPING
-from rpms_ros.identification.projection.step import MOVED
-from rpms_ros.identification.projection.step import Fit
-from rpms_ros.identification.projection.step import Known
 from rpms_ros.identification.projection.uncertainty import Uncertainty
 from rpms_ros.identification.projection.uncertainty import uncertainty
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES

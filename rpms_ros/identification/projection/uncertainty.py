@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from rpms_ros.identification.projection.fit import SAMPLES
+from rpms_ros.identification.projection.fit import VARIANCE
+from rpms_ros.identification.projection.fit import Fit
+from rpms_ros.identification.projection.fit import Known
+from rpms_ros.identification.projection.fit import weak_ridge
 from rpms_ros.identification.projection.normal_equations import PARAMETERS
-from rpms_ros.identification.projection.step import SAMPLES
-from rpms_ros.identification.projection.step import VARIANCE
-from rpms_ros.identification.projection.step import Fit
-from rpms_ros.identification.projection.step import Known
-from rpms_ros.identification.projection.step import weak_ridge
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
