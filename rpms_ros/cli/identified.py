@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from rpms_ros.identification import CONVERGED
 from rpms_ros.identification import DEFAULT_RATE
+from rpms_ros.identification import INFORMED
+from rpms_ros.identification import NOT_INFORMED
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import StreamSettings
@@ -27,6 +30,8 @@ ONE_INTENSITY = (
     'identified; there is no recruitment curve, and the impulse response is that of a pulse of '
     'this intensity'
 )
+
+EXCITATION = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,8 @@ def identified(
 def as_document(recording: 'Recording', session: IdentifiedSession) -> dict[str, Any]:
     """Return the result as JSON takes it; what cannot be known is None.
 
-    Forces in N, times in s, rates in Hz, intensities as shares of the maximum.
+    Forces in N, times in s, rates in Hz, intensities as shares of the maximum.  Intervals,
+    excitation and physiology are there if the estimator offers them.
     """
     last = session.last
     stamps = recording.forces.stamp_ns
@@ -81,13 +87,16 @@ def as_document(recording: 'Recording', session: IdentifiedSession) -> dict[str,
         'curve': {
             'intensity': last.curve_intensity.tolist(),
             'force': last.curve_force.tolist(),
+            **_interval(last.curve_lower, last.curve_upper),
         }
         if known
         else None,
         'impulse_response': {
             'time_s': last.response_time.tolist(),
             'force': impulse_response(recording, last).tolist(),
+            **(_interval(last.response_lower, last.response_upper) if known else {}),
         },
+        **_certainty(last),
         'relative_output_error': _number(session.relative_output_error()),
         'faults': {**recording.facts.faults, **last.faults},
         'notes': [*recording.facts.remarks, *([] if known else [ONE_INTENSITY])],
@@ -110,6 +119,29 @@ def impulse_response(recording: 'Recording', estimate: Estimate) -> FloatArray:
 
 def _recruitment(estimate: Estimate) -> dict[str, float]:
     return dict(zip(estimate.nonlinear_names, estimate.nonlinear.tolist(), strict=True))
+
+
+def _interval(lower: FloatArray, upper: FloatArray) -> dict[str, list[float]]:
+    return {'lower': lower.tolist(), 'upper': upper.tolist()} if len(lower) else {}
+
+
+def _certainty(estimate: Estimate) -> dict[str, Any]:
+    """Return level of the intervals, flags and physiology, as far as there are any."""
+    document: dict[str, Any] = {}
+    if estimate.confidence:
+        document['confidence'] = estimate.confidence
+    if len(estimate.nonlinear_excitation):
+        flags = (EXCITATION[flag] for flag in estimate.nonlinear_excitation.tolist())
+        document['excitation'] = dict(zip(estimate.nonlinear_names, flags, strict=True))
+    if len(estimate.physiology):
+        columns = (estimate.physiology, estimate.physiology_lower, estimate.physiology_upper)
+        document['physiology'] = {
+            name: {'value': value, 'lower': lower, 'upper': upper}
+            for name, value, lower, upper in zip(
+                estimate.physiology_names, *(column.tolist() for column in columns), strict=True
+            )
+        }
+    return document
 
 
 def _number(value: float) -> float | None:

@@ -26,6 +26,7 @@ _EXAMPLES = """\
   rpms identify session --out results                  result.json and figures
   rpms identify session --json | jq .recruitment       one JSON object on stdout
   rpms identify session --force-topic /left/wrench --axis x --sign -1
+  rpms identify session --estimator batch              with intervals and physiology
   rpms identify session --preset table_5 --rate-hz 15
 """
 _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
@@ -57,7 +58,8 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
         '--estimator',
         default='recursive',
         metavar='NAME',
-        help='algorithm (default: recursive, the modified recursive Levenberg-Marquardt method)',
+        help='algorithm: recursive (default, of the paper), horizon (the last 20 s, as on line) '
+        'or batch (everything at once); the last two say how sure they are',
     )
     group.add_argument(
         '--preset',
@@ -118,10 +120,16 @@ def as_text(document: dict[str, Any]) -> str:
             ('recruitment', '  '.join(f'{name} {value:.4g}' for name, value in recruitment))
         )
         curve = document['curve']
-        shown = (f'{_at(curve, share):.4g} N at {share:g}' for share in _CURVE_SHOWN)
+        shown = (f'{_at(curve, share)} at {share:g}' for share in _CURVE_SHOWN)
         rows.append((f'steady force at {document["rate_hz"]:g} Hz', ', '.join(shown)))
     else:
         rows.append(('recruitment', 'cannot be told from one intensity'))
+    for name, found in document.get('physiology', {}).items():
+        interval = f'{found["lower"]:.4g} to {found["upper"]:.4g}'
+        rows.append((name, f'{found["value"]:.4g}  ({interval})'))
+    if 'excitation' in document:
+        flags = document['excitation'].items()
+        rows.append(('the data say', ', '.join(f'{name} {flag}' for name, flag in flags)))
     time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
     rows.append(('one pulse', f'peak {peak:.4g} N after {time_ms:.0f} ms'))
     shown_error = 'no force' if error is None else f'{100 * error:.3g} % over the last fifth'
@@ -132,8 +140,13 @@ def as_text(document: dict[str, Any]) -> str:
     return '\n'.join(f'  {label:<{width}}  {text}' for label, text in rows)
 
 
-def _at(curve: dict[str, list[float]], share: float) -> float:
-    return curve['force'][round(share * (len(curve['force']) - 1))]
+def _at(curve: dict[str, list[float]], share: float) -> str:
+    """Return the force at an intensity, with its interval if there is one."""
+    place = round(share * (len(curve['force']) - 1))
+    force = f'{curve["force"][place]:.4g} N'
+    if 'lower' not in curve:
+        return force
+    return f'{force} ({curve["lower"][place]:.4g} to {curve["upper"][place]:.4g})'
 
 
 def _write(

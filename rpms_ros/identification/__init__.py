@@ -1,6 +1,9 @@
 """What the force says about the muscle: bases, estimators, alignment of pulses and force."""
 
 from rpms_ros.identification.basis import DistortedSineBasis
+from rpms_ros.identification.batch import BatchEstimator
+from rpms_ros.identification.catalogue import ESTIMATORS
+from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimate import CONVERGED
 from rpms_ros.identification.estimate import CURVE_INTENSITY
 from rpms_ros.identification.estimate import DEFAULT_RATE
@@ -8,6 +11,9 @@ from rpms_ros.identification.estimate import INFORMED
 from rpms_ros.identification.estimate import NOT_INFORMED
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.estimate import Estimator
+from rpms_ros.identification.horizon import HorizonEstimator
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.session import identify
@@ -24,20 +30,26 @@ __all__ = [
     'CONVERGED',
     'CURVE_INTENSITY',
     'DEFAULT_RATE',
+    'ESTIMATORS',
     'INFORMED',
     'NOT_INFORMED',
     'PRESETS',
     'TABLE_4',
     'TABLE_5',
+    'BatchEstimator',
     'DistortedSineBasis',
     'Estimate',
     'Estimator',
+    'HorizonEstimator',
     'IdentificationStream',
     'IdentifiedSession',
+    'LaguerreBasis',
+    'ProjectionSettings',
     'RecruitmentBounds',
     'RecursiveEstimator',
     'RecursiveSettings',
     'StreamSettings',
+    'estimator_by_name',
     'identify',
     'settings_by_name',
 ]

@@ -51,6 +51,29 @@ def test_json_is_one_object_and_nothing_else(rpms: Rpms, short_session: Path) ->
     assert document['faults'] == {}
 
 
+def test_certainty_is_told_by_the_estimators_that_have_it(
+    as_json: AsJson, short_session: Path
+) -> None:
+    found = as_json('identify', short_session, '--json', '--estimator', 'batch')
+    assert found['confidence'] == 0.95
+    assert set(found['excitation']) == set(found['recruitment'])
+    assert set(found['excitation'].values()) <= {'not informed', 'informed', 'converged'}
+    for part in ('curve', 'impulse_response'):
+        lower, upper = found[part]['lower'], found[part]['upper']
+        inside = zip(lower, found[part]['force'], upper, strict=True)
+        assert all(low <= force <= high for low, force, high in inside)
+    assert 'twitch_time_constant_s' in found['physiology']
+    for name, value in found['physiology'].items():
+        assert value['lower'] <= value['value'] <= value['upper'], name
+
+
+def test_certainty_is_shown_in_the_table(rpms: Rpms, short_session: Path) -> None:
+    code, out, _ = rpms('identify', short_session, '--estimator', 'horizon')
+    assert code == 0
+    for word in ('twitch_time_constant_s', ' to ', 'the data say', 'alpha_thr'):
+        assert word in out
+
+
 def test_curve_scales_with_the_rate_it_is_stated_for(as_json: AsJson, short_session: Path) -> None:
     at_20 = as_json('identify', short_session, '--json')
     at_10 = as_json('identify', short_session, '--json', '--rate-hz', 10)
