@@ -71,16 +71,17 @@ def _rotate(work: FloatArray, low: int, high: int) -> None:
         tangent = -tangent
     cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
     sine = tangent * cosine
+    work[low, low] -= tangent * coupling
+    work[high, high] += tangent * coupling
+    work[low, high] = 0.0
+    work[high, low] = 0.0
     for index in range(len(work)):
+        if index in (low, high):
+            continue
         left = work[index, low]
         right = work[index, high]
-        work[index, low] = cosine * left - sine * right
-        work[index, high] = sine * left + cosine * right
-    for index in range(len(work)):
-        left = work[low, index]
-        right = work[high, index]
-        work[low, index] = cosine * left - sine * right
-        work[high, index] = sine * left + cosine * right
+        work[index, low] = work[low, index] = cosine * left - sine * right
+        work[index, high] = work[high, index] = sine * left + cosine * right
 
 
 @numba.njit(cache=True)
