@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from rpms_ros.cli import main
 from rpms_ros.pulses import ForceTrace
@@ -106,7 +107,7 @@ def test_fixed_intensity_has_no_curve(rpms: Rpms, tmp_path: Path) -> None:
     assert document['notes'][0] in err
     # The response is that of the applied pulses: 20 of them a second sum up to the steady force.
     response = document['impulse_response']
-    area = np.trapezoid(response['force'], response['time_s'])
+    area = trapezoid(response['force'], response['time_s'])
     steady = read_recording(path).forces.force[-1000:].mean()
     # The last samples are not fitted alone: the onset of the train weighs too.
     assert 20 * area == pytest.approx(steady, rel=0.03)
