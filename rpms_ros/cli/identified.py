@@ -31,6 +31,9 @@ ONE_INTENSITY = (
     'this intensity'
 )
 
+# Longer than any recording [s].
+_NEVER = 1e9
+
 EXCITATION = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
 
 
@@ -60,12 +63,39 @@ def identified(
     recording: 'Recording',
     options: IdentificationOptions,
     progress: Callable[[int], object] | None = None,
+    most_estimates: int | None = None,
 ) -> IdentifiedSession:
-    """Return what an estimator makes of a recording, as it would have on line."""
+    """Return what an estimator makes of a recording, as it would have on line.
+
+    Parameters
+    ----------
+    recording : Recording
+        Pulses and forces.
+    options : IdentificationOptions
+        Which estimator, and how.
+    progress : callable or None
+        Called with the number of samples that were taken since the last call.
+    most_estimates : int or None
+        About as many estimates are enough, evenly spaced, each of them one of those on line;
+        None makes all of them, ten a second.  The last one is the same in any case.
+    """
     estimator = estimator_by_name(options.estimator, options.preset, options.seed, options.rate_hz)
     # The batch fits everything anew for every estimate: one is enough, at the end.
-    settings = StreamSettings(estimate_period=1e9) if options.estimator == 'batch' else None
+    most = 1 if options.estimator == 'batch' else most_estimates
+    settings = StreamSettings(estimate_period=_period(recording, most))
     return identify(estimator, recording.pulses, recording.forces, settings, progress)
+
+
+def _period(recording: 'Recording', most_estimates: int | None) -> float:
+    """Return a whole multiple of the period on line [s]: every estimate is one of those."""
+    on_line = StreamSettings().estimate_period
+    if most_estimates is None:
+        return on_line
+    if most_estimates == 1:
+        return _NEVER
+    stamps = recording.forces.stamp_ns
+    duration = float(np.ptp(stamps)) / NANOSECONDS_PER_SECOND if len(stamps) else 0.0
+    return on_line * max(math.ceil(duration / (on_line * most_estimates)), 1)
 
 
 def as_document(recording: 'Recording', session: IdentifiedSession) -> dict[str, Any]:

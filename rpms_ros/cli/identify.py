@@ -30,6 +30,8 @@ _EXAMPLES = """\
   rpms identify session --preset table_5 --rate-hz 15
 """
 _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
+# More than a figure has pixels across; a minute and a half has all of its estimates.
+_MOST_ESTIMATES = 1000
 
 
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
@@ -92,7 +94,9 @@ def run(arguments: argparse.Namespace) -> int:
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
     with progress('identifying', samples, 'samples', arguments.quiet) as advance:
-        session = identified(recording, options, advance)
+        # Figures show a path of estimates; the result is the last one.
+        most = _MOST_ESTIMATES if arguments.out else 1
+        session = identified(recording, options, advance, most)
     document = as_document(recording, session)
     if arguments.json:
         print(json.dumps(document, allow_nan=False))

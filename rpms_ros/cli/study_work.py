@@ -66,7 +66,7 @@ def work(path: str, options: StudyOptions) -> Row:
     try:
         topics = Topics(options.pulses_topic, options.force_topic)
         recording = read_recording(path, topics, options.axis, options.sign)
-        document = as_document(recording, identified(recording, options))
+        document = as_document(recording, identified(recording, options, most_estimates=1))
     except RpmsError as error:
         return failure(str(error))
     return _row(document)

@@ -1,0 +1,41 @@
+"""Fewer estimates are a choice among those on line, and change nothing of the result."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpms_ros.cli.identified import IdentificationOptions
+from rpms_ros.cli.identified import identified
+from rpms_ros.identification import Estimate
+from rpms_ros.recording import read_recording
+
+
+def assert_same_bits(one: Estimate, other: Estimate) -> None:
+    for field in fields(Estimate):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+@pytest.mark.parametrize('estimator', ['recursive', 'horizon'])
+@pytest.mark.parametrize(('most', 'made'), [(1, 1), (7, 7), (30, 25), (1000, 100)])
+def test_fewer_estimates_are_among_all_of_them(
+    short_session: Path, estimator: str, most: int, made: int
+) -> None:
+    recording = read_recording(short_session)
+    options = IdentificationOptions(estimator)
+    every = identified(recording, options)
+    few = identified(recording, options, most_estimates=most)
+    on_line = {estimate.stamp_ns: estimate for estimate in every.estimates}
+    assert len(every.estimates) == 100
+    assert len(few.estimates) == made
+    for estimate in few.estimates:
+        assert_same_bits(estimate, on_line[estimate.stamp_ns])
+    assert few.last.stamp_ns == every.last.stamp_ns
+    np.testing.assert_array_equal(few.prediction, every.prediction)
+
+
+def test_the_batch_makes_one_estimate_however_many_are_asked_for(short_session: Path) -> None:
+    recording = read_recording(short_session)
+    options = IdentificationOptions('batch')
+    assert len(identified(recording, options, most_estimates=50).estimates) == 1
