@@ -32,6 +32,9 @@ setup(
     zip_safe=False,
     # The lower bounds are what Ubuntu 24.04 ships.
     install_requires=[
+        'apsw',
+        'backports.zstd',
+        'lz4',
         'matplotlib>=3.6',
         'numba',
         'numpy>=1.26',
