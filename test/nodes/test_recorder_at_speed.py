@@ -1,0 +1,132 @@
+"""The recorder as a process of its own at 5 kHz: nothing is lost, and a kill costs a moment."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+
+from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import messages
+from rpms_ros.nodes import qos
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.pulses import Pulse
+from rpms_ros.recording import Recording
+from rpms_ros.recording import read_recording
+
+RATE = 5000
+SAMPLES_PER_PULSE = 250
+FLUSH_PERIOD = 0.05
+# What a kill may cost [s]: ten times what is flushed at once, and a stall of a loaded machine.
+MAY_BE_LOST = 1.0
+
+
+class Source(Node):
+    """Publishes numbered samples at 5 kHz, as far as the machine keeps up, and pulses."""
+
+    def __init__(self, context) -> None:
+        super().__init__('source', context=context, use_global_arguments=False)
+        self._force = self.create_publisher(WrenchStamped, 'force', qos.FORCE)
+        self._pulses = self.create_publisher(PulseMessage, 'pulses', qos.PULSES)
+        self.sent: list[float] = []
+
+    def is_heard(self) -> bool:
+        both = (self._force, self._pulses)
+        return all(publisher.get_subscription_count() == 1 for publisher in both)
+
+    def send_what_is_due(self, elapsed: float) -> None:
+        for index in range(len(self.sent), int(elapsed * RATE)):
+            if index % SAMPLES_PER_PULSE == 0:
+                pulse = Pulse(index, 0.5, index // SAMPLES_PER_PULSE)
+                self._pulses.publish(messages.pulse_message(pulse, MESSAGE_TYPES))
+            sample = messages.force_message(index, float(index), messages.AXES['z'], MESSAGE_TYPES)
+            self._force.publish(sample)
+            self.sent.append(time.monotonic())
+
+    def send_for(self, duration: float, wait_for: Callable[..., None]) -> None:
+        begun = time.monotonic()
+
+        def done() -> bool:
+            self.send_what_is_due(min(time.monotonic() - begun, duration))
+            return len(self.sent) == int(duration * RATE)
+
+        wait_for(done, 10 * duration)
+
+
+@contextmanager
+def recorder(path: Path, domain: int) -> Iterator[subprocess.Popen[bytes]]:
+    code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
+    arguments = ['--ros-args', '-p', f'path:={path}', '-p', f'flush_period:={FLUSH_PERIOD}']
+    with subprocess.Popen(
+        [sys.executable, '-c', code, *arguments],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def source(context) -> Iterator[Source]:
+    node = Source(context)
+    yield node
+    node.destroy_node()
+
+
+def check_order(recording: Recording) -> None:
+    samples, pulses = len(recording.forces), len(recording.pulses)
+    np.testing.assert_array_equal(recording.forces.force, np.arange(samples))
+    np.testing.assert_array_equal(recording.pulses.onset_ns, SAMPLES_PER_PULSE * np.arange(pulses))
+
+
+def test_nothing_is_lost_at_5_khz(
+    source: Source, domain: int, tmp_path: Path, wait_for: Callable[..., None]
+) -> None:
+    path = tmp_path / 'session'
+    with recorder(path, domain) as process:
+        wait_for(source.is_heard, 60.0)
+        source.send_for(1.0, wait_for)
+        # Not stopped before it has had time to take what waits for it.
+        wait_for(lambda: recorded(path) == len(source.sent))
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10.0) == 0
+    recording = read_recording(path)
+    assert (path / 'metadata.yaml').exists()
+    assert len(recording.forces) == RATE
+    assert len(recording.pulses) == RATE // SAMPLES_PER_PULSE
+    check_order(recording)
+
+
+def recorded(path: Path) -> int:
+    """Number of samples in a recording that is still being written."""
+    if not any(file.stat().st_size > 100_000 for file in path.glob('*.mcap')):
+        return 0
+    return len(read_recording(path).forces)
+
+
+@pytest.mark.parametrize('duration', [1.2, 1.7])
+def test_a_kill_costs_less_than_a_second(
+    source: Source, domain: int, tmp_path: Path, wait_for: Callable[..., None], duration: float
+) -> None:
+    path = tmp_path / 'session'
+    with recorder(path, domain) as process:
+        wait_for(source.is_heard, 60.0)
+        source.send_for(duration, wait_for)
+        process.send_signal(signal.SIGKILL)
+        killed = time.monotonic()
+        process.wait(10.0)
+    assert not (path / 'metadata.yaml').exists()
+    recording = read_recording(path)
+    check_order(recording)
+    due = sum(sent < killed - MAY_BE_LOST for sent in source.sent)
+    assert 0 < due <= len(recording.forces)
