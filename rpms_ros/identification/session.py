@@ -1,5 +1,6 @@
 """Identification of a whole recording with the estimator that also runs on line."""
 
+import math
 from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -54,10 +55,19 @@ class IdentifiedSession:
         # A clock that jumps back takes nothing off the time that has passed.
         elapsed = np.concatenate(([0], np.cumsum(np.maximum(np.diff(self.stamp_ns), 0))))
         kept = (elapsed >= elapsed[-1] - round(share * int(elapsed[-1]))) & self.usable
-        energy = float(np.linalg.norm(self.force[kept]))
-        if energy == 0.0:
+        length = _length(self.force[kept])
+        if length == 0.0:
             return float('nan')
-        return float(np.linalg.norm(self.force[kept] - self.prediction[kept])) / energy
+        return _length(self.force[kept] - self.prediction[kept]) / length
+
+
+def _length(values: FloatArray) -> float:
+    """Return the L2 norm.
+
+    Not by BLAS, whose last bits depend on the number of its threads: a study would depend on the
+    number of its processes.
+    """
+    return math.sqrt(float(np.sum(np.square(values))))
 
 
 def identify(

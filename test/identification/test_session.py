@@ -1,6 +1,9 @@
 """Identification of recordings."""
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -73,3 +76,26 @@ def test_no_force_has_no_relative_error() -> None:
     zero = np.zeros(10)
     session = IdentifiedSession([], np.arange(10), zero, zero, np.ones(10, dtype=np.bool_))
     assert math.isnan(session.relative_output_error())
+
+
+def test_the_output_error_does_not_depend_on_the_threads_of_blas() -> None:
+    # Enough samples for BLAS to part the work.
+    code = (
+        'import numpy as np\n'
+        'from rpms_ros.identification.session import IdentifiedSession\n'
+        'noise = np.random.default_rng(1).standard_normal((2, 300_000))\n'
+        'usable = np.ones(300_000, bool)\n'
+        'session = IdentifiedSession([], np.arange(300_000) * 10**6, *noise, usable)\n'
+        'print(repr(session.relative_output_error(1.0)))\n'
+    )
+    errors = {
+        subprocess.run(
+            [sys.executable, '-c', code],
+            env={**os.environ, 'OMP_NUM_THREADS': count, 'OPENBLAS_NUM_THREADS': count},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        for count in ('1', '2', '3')
+    }
+    assert len(errors) == 1
