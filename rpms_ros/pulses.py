@@ -41,6 +41,11 @@ class Pulse(NamedTuple):
     width: float = MAGNETIC_PULSE_WIDTH
 
 
+def nanoseconds(seconds: float) -> int:
+    """Return a duration [s] in whole nanoseconds."""
+    return round(seconds * NANOSECONDS_PER_SECOND)
+
+
 @dataclass(frozen=True)
 class PulseTrain:
     """Pulses in the order in which they were given, as arrays of one length.

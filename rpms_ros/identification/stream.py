@@ -18,12 +18,12 @@ from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.pulse_queue import PulseQueue
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 
 _LONG_AGO = -(2**63)
 _FAR_AHEAD = 2**63 - 1
@@ -65,10 +65,6 @@ class StreamSettings:
             )
 
 
-def _nanoseconds(seconds: float) -> int:
-    return round(seconds * NANOSECONDS_PER_SECOND)
-
-
 class IdentificationStream:
     """Aligns pulses and force by their stamps and feeds an estimator.
 
@@ -93,11 +89,11 @@ class IdentificationStream:
         self.settings = settings if settings is not None else StreamSettings()
         self._trace = trace
         self._counter = FaultCounter()
-        self._memory_ns = _nanoseconds(estimator.memory)
-        self._hold_back_ns = _nanoseconds(self.settings.hold_back)
-        self._look_ahead_ns = _nanoseconds(self.settings.look_ahead)
-        self._period_ns = _nanoseconds(self.settings.estimate_period)
-        self._gap_ns = _nanoseconds(self.settings.longest_gap)
+        self._memory_ns = nanoseconds(estimator.memory)
+        self._hold_back_ns = nanoseconds(self.settings.hold_back)
+        self._look_ahead_ns = nanoseconds(self.settings.look_ahead)
+        self._period_ns = nanoseconds(self.settings.estimate_period)
+        self._gap_ns = nanoseconds(self.settings.longest_gap)
         self._queue = PulseQueue(self._memory_ns, self._look_ahead_ns, self._counter)
         self._waiting: list[tuple[IntArray, FloatArray]] = []
         self._newest_ns: int | None = None

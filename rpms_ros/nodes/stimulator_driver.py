@@ -39,10 +39,10 @@ from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.runner import run
 from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.core import Fired
 from rpms_ros.stimulation.core import StimulatorCore
 from rpms_ros.stimulation.guard import EXECUTOR
-from rpms_ros.stimulation.guard import nanoseconds
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.threads import PulseThread
 from rpms_ros.stimulation.threads import SupervisorThread

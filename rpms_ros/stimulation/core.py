@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
@@ -23,7 +24,6 @@ from rpms_ros.stimulation.gate import PulseGate
 from rpms_ros.stimulation.guard import POSSIBLE
 from rpms_ros.stimulation.guard import SUPERVISOR
 from rpms_ros.stimulation.guard import Guard
-from rpms_ros.stimulation.guard import nanoseconds
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.lateness import Lateness
 from rpms_ros.stimulation.profile import Profile

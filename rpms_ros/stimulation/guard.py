@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.interlocks import Interlocks
@@ -235,11 +235,6 @@ class Guard:
         with self._lock:
             self.state = after(self.state, command)
             self.reason = reason
-
-
-def nanoseconds(seconds: float) -> int:
-    """Return seconds as whole nanoseconds."""
-    return round(seconds * NANOSECONDS_PER_SECOND)
 
 
 def _timeouts_ns(settings: DriverSettings) -> dict[str, int]:

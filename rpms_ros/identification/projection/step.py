@@ -185,6 +185,26 @@ def _accept(fit: Fit, trial: Fit, size: float, good: bool) -> None:
 
 
 @numba.njit(cache=True)
+def _complete(
+    cells: Cells, first: int, kick: float, baseline: Baseline, work: Pass, fit: Fit
+) -> None:
+    """Make matrix and right-hand side complete at parameters whose linear part is solved."""
+    gradient_pass(
+        cells,
+        first,
+        cells.place[1],
+        fit.theta,
+        fit.linear,
+        kick,
+        baseline,
+        work,
+        fit.matrix,
+        fit.right,
+    )
+    fit.complete[:] = fit.matrix
+
+
+@numba.njit(cache=True)
 def improve(
     cells: Cells,
     first: int,
@@ -211,19 +231,7 @@ def improve(
         return
     for _ in range(steps):
         if not fresh:
-            gradient_pass(
-                cells,
-                first,
-                cells.place[1],
-                fit.theta,
-                fit.linear,
-                kick,
-                baseline,
-                work,
-                fit.matrix,
-                fit.right,
-            )
-            fit.complete[:] = fit.matrix
+            _complete(cells, first, kick, baseline, work, fit)
             _gradient(fit, known, gradient)
             _reduced_hessian(fit, known, hessian)
             fresh = True
@@ -247,16 +255,4 @@ def complete_equations(
 ) -> None:
     """Make matrix and right-hand side of `fit` complete at its parameters, theta included."""
     fit_linear(cells, first, kick, baseline, known, work, fit, False)
-    gradient_pass(
-        cells,
-        first,
-        cells.place[1],
-        fit.theta,
-        fit.linear,
-        kick,
-        baseline,
-        work,
-        fit.matrix,
-        fit.right,
-    )
-    fit.complete[:] = fit.matrix
+    _complete(cells, first, kick, baseline, work, fit)
