@@ -20,7 +20,7 @@ def burn():
 
 @contextlib.contextmanager
 def load(processes):
-    """Keep cores busy with so many processes."""
+    """Keep controllers busy with so many processes."""
     running = [multiprocessing.Process(target=burn, daemon=True) for _ in range(processes)]
     for process in running:
         process.start()

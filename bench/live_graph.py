@@ -12,8 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from rpms_ros.nodes.laboratory import Laboratory
-from rpms_ros.nodes.laboratory import LaboratorySettings
+from rpms_ros.nodes.simulation_launcher import SimulationLauncher
+from rpms_ros.nodes.simulation_launcher import SimulationSettings
 
 FORCE_RATE = 1000.0
 LARGEST_LOAD = 1.5
@@ -26,18 +26,18 @@ def processor_time(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def measure(laboratory: Laboratory) -> dict[str, float]:
+def measure(launcher: SimulationLauncher) -> dict[str, float]:
     """Run the schedule to its end; return cores by process while it ran."""
-    while not laboratory.monitor.has_run:
-        laboratory.step(0.05)
+    while not launcher.monitor.has_run:
+        launcher.step(0.05)
     begun = time.monotonic()
-    before = {name: processor_time(one) for name, one in laboratory.processes.items()}
-    while not laboratory.monitor.done:
-        laboratory.step(0.05)
+    before = {name: processor_time(one) for name, one in launcher.processes.items()}
+    while not launcher.monitor.done:
+        launcher.step(0.05)
     span = time.monotonic() - begun
-    after = {name: processor_time(one) for name, one in laboratory.processes.items()}
-    laboratory.step(TAIL)
-    laboratory.stop()
+    after = {name: processor_time(one) for name, one in launcher.processes.items()}
+    launcher.step(TAIL)
+    launcher.stop()
     return {name: (after[name] - before[name]) / span for name in before}
 
 
@@ -45,16 +45,16 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--duration', type=float, default=60.0, help='seconds of stimulation')
     arguments = parser.parse_args(argv)
-    settings = LaboratorySettings(
+    settings = SimulationSettings(
         plant={'rate': FORCE_RATE, 'noise': 0.02, 'hold_back': 0.05},
         driver={'duration': arguments.duration},
         identifier={},
     )
     with tempfile.TemporaryDirectory() as folder:
-        with Laboratory(Path(folder) / 'session', settings) as laboratory:
-            cores = measure(laboratory)
-        counts = laboratory.recorder.counts
-        last = laboratory.monitor.estimates[-1]
+        with SimulationLauncher(Path(folder) / 'session', settings) as launcher:
+            cores = measure(launcher)
+        counts = launcher.recorder.counts
+        last = launcher.monitor.estimates[-1]
     lost = counts['force'].missing(FORCE_RATE)
     total = sum(cores.values())
     print(f'live graph, {FORCE_RATE:.0f} Hz for {arguments.duration:g} s, three processes')

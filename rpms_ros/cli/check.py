@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from typing import Any
 
 if TYPE_CHECKING:
+    from rpms_ros.stimulation.device_specification import DeviceSpecification
     from rpms_ros.stimulation.forecast import Forecast
     from rpms_ros.stimulation.forecast import Offer
-    from rpms_ros.stimulation.profile import Profile
     from rpms_ros.stimulation.schedule import Schedule
 
 _BARS = ' ▁▂▃▄▅▆▇█'
@@ -34,7 +34,10 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument('schedule', type=Path, help='YAML file of the schedule')
     parser.add_argument(
-        '--device', required=True, metavar='PROFILE', help='name of a profile, or its YAML file'
+        '--device',
+        required=True,
+        metavar='SPECIFICATION',
+        help='name of a device specification, or its YAML file',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object and no more')
     parser.add_argument(
@@ -49,23 +52,23 @@ def add_parser(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check a schedule; return 0 if it can be delivered, 1 if not."""
     from rpms_ros.stimulation.description import load_schedule
+    from rpms_ros.stimulation.device_specification import load_device_specification
     from rpms_ros.stimulation.forecast import forecast
     from rpms_ros.stimulation.forecast import offers
-    from rpms_ros.stimulation.profile import load_profile
 
     schedule = load_schedule(arguments.schedule)
-    profile = load_profile(arguments.device)
-    ahead = forecast(schedule, profile)
+    specification = load_device_specification(arguments.device)
+    ahead = forecast(schedule, specification)
     if arguments.json:
         print(json.dumps(as_json(ahead)))
     else:
-        print('\n'.join(report(schedule, profile, ahead)))
+        print('\n'.join(report(schedule, specification, ahead)))
         if not ahead.deliverable:
-            print('\n'.join(_offered(offers(schedule, profile))))
+            print('\n'.join(_offered(offers(schedule, specification))))
     if arguments.plot is not None:
         from rpms_ros.report.schedule_figure import save_schedule_figure
 
-        save_schedule_figure(schedule, profile, ahead, arguments.plot)
+        save_schedule_figure(schedule, specification, ahead, arguments.plot)
     return 0 if ahead.deliverable else 1
 
 
@@ -90,21 +93,24 @@ def as_json(ahead: 'Forecast') -> dict[str, Any]:
     }
 
 
-def report(schedule: 'Schedule', profile: 'Profile', ahead: 'Forecast') -> list[str]:
+def report(
+    schedule: 'Schedule', specification: 'DeviceSpecification', ahead: 'Forecast'
+) -> list[str]:
     """Return what a person wants to know, line by line."""
     verdict = 'deliverable' if ahead.deliverable else 'NOT deliverable'
-    continuous = profile.limits.continuous_power_w
+    continuous = specification.limits.continuous_power_w
     lines = [
-        f'{schedule.name} on {profile.name}: {verdict}',
+        f'{schedule.name} on {specification.name}: {verdict}',
         f'  pulses       {ahead.pulses} in {ahead.duration_s:g} s, {ahead.max_rate_hz:.4g} Hz',
         f'  energy       {ahead.energy_j:,.0f} J',
         f'  mean power   {ahead.mean_power_w:,.0f} W, {continuous:g} W can go on for ever',
         f'  waits        {_waits(ahead.waits_s)}',
     ]
-    if ahead.highest_temperature is not None and profile.thermal is not None:
+    if ahead.highest_temperature is not None and specification.thermal is not None:
         lines.append(
             f'  temperature  {ahead.highest_temperature:.1f} Celsius at most, '
-            f'cut-out {profile.thermal.cutout:g} (model, started at {profile.thermal.ambient:g})'
+            f'cut-out {specification.thermal.cutout:g} '
+            f'(model, started at {specification.thermal.ambient:g})'
         )
     lines.extend(_plot(schedule, ahead))
     for found in ahead.violations:

@@ -1,4 +1,4 @@
-"""``rpms demo``: the whole laboratory on this machine, with a muscle whose truth is known."""
+"""``rpms demo``: the whole graph on this machine, with a muscle whose truth is known."""
 
 import argparse
 import shutil
@@ -12,8 +12,8 @@ from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
     from rpms_ros.muscle import Subject
-    from rpms_ros.nodes.laboratory import Laboratory
-    from rpms_ros.nodes.laboratory import LaboratorySettings
+    from rpms_ros.nodes.simulation_launcher import SimulationLauncher
+    from rpms_ros.nodes.simulation_launcher import SimulationSettings
 
 DESCRIPTION = """\
 Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
@@ -92,32 +92,32 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the laboratory, then report; return the exit code."""
+    """Run the simulation, then report; return the exit code."""
     try:
-        from rpms_ros.nodes.laboratory import Laboratory
         from rpms_ros.nodes.plant_parameters import PlantParameters
         from rpms_ros.nodes.plant_parameters import subject_of
+        from rpms_ros.nodes.simulation_launcher import SimulationLauncher
     except ModuleNotFoundError as error:
         raise NodeError(f'expected ROS 2 with rclpy and rpms_msgs, got: {error}') from error
     if not 1.0 <= arguments.duration <= 3600.0:
         raise NodeError(f'expected a duration of 1 to 3600 s, got {arguments.duration}')
-    settings = laboratory_settings(arguments)
+    settings = simulation_settings(arguments)
     subject = subject_of(PlantParameters(**settings.plant))
     folder = arguments.out or Path('out') / datetime.now().astimezone().strftime(
         'demo_%Y%m%d_%H%M%S'
     )
     print(f'three nodes, one recording, in {folder}')
-    with Laboratory(folder, settings) as laboratory:
-        _watch(laboratory, subject, arguments.duration)
-        laboratory.stop()
-    return _report(laboratory, subject, settings)
+    with SimulationLauncher(folder, settings) as launcher:
+        _watch(launcher, subject, arguments.duration)
+        launcher.stop()
+    return _report(launcher, subject, settings)
 
 
-def laboratory_settings(arguments: argparse.Namespace) -> 'LaboratorySettings':
+def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
     """Return the parameters of the three nodes."""
-    from rpms_ros.nodes.laboratory import LaboratorySettings
+    from rpms_ros.nodes.simulation_launcher import SimulationSettings
 
-    return LaboratorySettings(
+    return SimulationSettings(
         plant={
             'rate': FORCE_RATE,
             'subject': arguments.subject,
@@ -138,43 +138,43 @@ def laboratory_settings(arguments: argparse.Namespace) -> 'LaboratorySettings':
     )
 
 
-def _watch(laboratory: 'Laboratory', subject: 'Subject', duration: float) -> None:
+def _watch(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) -> None:
     """Show progress until the schedule has run.
 
     It ends with the last pulse: an estimator that forgets would only forget from there on.
     """
-    from rpms_ros.nodes.laboratory import STARTUP_LIMIT
+    from rpms_ros.nodes.simulation_launcher import STARTUP_LIMIT
 
     started = time.monotonic()
     period = _TTY_PERIOD if sys.stdout.isatty() else _PLAIN_PERIOD
     shown = -period
-    while not laboratory.monitor.done:
-        laboratory.step(0.1)
+    while not launcher.monitor.done:
+        launcher.step(0.1)
         elapsed = time.monotonic() - started
-        if not laboratory.monitor.has_run and elapsed > STARTUP_LIMIT:
+        if not launcher.monitor.has_run and elapsed > STARTUP_LIMIT:
             raise NodeError(f'expected the driver to run within {STARTUP_LIMIT:.0f} s')
         if elapsed > STARTUP_LIMIT + 2 * duration:
             raise NodeError(f'expected the schedule to end after {duration:g} s')
         if elapsed - shown >= period:
             shown = elapsed
-            _show(laboratory, subject, duration)
-    _show(laboratory, subject, duration)
+            _show(launcher, subject, duration)
+    _show(launcher, subject, duration)
     print(flush=True)
-    status = laboratory.monitor.status
+    status = launcher.monitor.status
     if status is not None and status.fault_names:
         faults = zip(status.fault_names, status.fault_counts, strict=True)
         print('  driver: ' + ', '.join(f'{name} {count}' for name, count in faults))
 
 
-def _show(laboratory: 'Laboratory', subject: 'Subject', duration: float) -> None:
+def _show(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) -> None:
     """Show one line: how far, how well, what is lost."""
     from rpms_ros.report.agreement import curve_error
 
-    status, estimates = laboratory.monitor.status, laboratory.monitor.estimates
-    if status is None or not laboratory.monitor.has_run or not estimates:
+    status, estimates = launcher.monitor.status, launcher.monitor.estimates
+    if status is None or not launcher.monitor.has_run or not estimates:
         line = 'nodes are starting (the first time compiles for half a minute)'
     else:
-        last, counts = estimates[-1], laboratory.recorder.counts
+        last, counts = estimates[-1], launcher.recorder.counts
         found = '  '.join(
             f'{name} {value:.3g}'
             for name, value in zip(last.nonlinear_names, last.nonlinear, strict=True)
@@ -193,31 +193,33 @@ def _show(laboratory: 'Laboratory', subject: 'Subject', duration: float) -> None
         print(f'  {line}', flush=True)
 
 
-def _report(laboratory: 'Laboratory', subject: 'Subject', settings: 'LaboratorySettings') -> int:
+def _report(
+    launcher: 'SimulationLauncher', subject: 'Subject', settings: 'SimulationSettings'
+) -> int:
     """Identify the recording, print what came out, draw the figure; return the exit code."""
     from rpms_ros.cli.identified import IdentificationOptions
     from rpms_ros.cli.identified import identified
-    from rpms_ros.nodes.laboratory import RECORDING
+    from rpms_ros.nodes.simulation_launcher import RECORDING
     from rpms_ros.recording import read_recording
     from rpms_ros.report.agreement import compare
     from rpms_ros.report.session_figure import draw_session
     from rpms_ros.report.truth_table import truth_table
 
-    path = laboratory.folder / RECORDING
+    path = launcher.folder / RECORDING
     recording = read_recording(path)
     estimator, preset = settings.identifier['estimator'], settings.identifier['preset']
     # what `rpms identify` does, on what the identifier heard
     session = identified(recording, IdentificationOptions(estimator, preset))
     print(truth_table(session, subject))
-    figure = laboratory.folder / 'demo.png'
+    figure = launcher.folder / 'demo.png'
     draw_session(figure, session, recording.pulses, subject, _title(settings))
     print(f'  figure     {figure}')
     print(f'  recording  {path}')
     print(f'  off line   rpms identify {path} --estimator {estimator} --preset {preset}')
-    faults = dict(laboratory.monitor.estimates[-1].faults)
-    lost = laboratory.recorder.counts['force'].missing(FORCE_RATE)
+    faults = dict(launcher.monitor.estimates[-1].faults)
+    lost = launcher.recorder.counts['force'].missing(FORCE_RATE)
     print(f'  samples    {len(recording.forces)}, lost {lost}; faults {faults or "none"}')
-    agreement = compare(laboratory.monitor.estimates, session.estimates)
+    agreement = compare(launcher.monitor.estimates, session.estimates)
     if agreement.exact:
         print(f'  replay     all {agreement.compared} live estimates, bit for bit')
     else:
@@ -228,7 +230,7 @@ def _report(laboratory: 'Laboratory', subject: 'Subject', settings: 'LaboratoryS
     return 0 if agreement.exact and not lost and not faults else 1
 
 
-def _title(settings: 'LaboratorySettings') -> str:
+def _title(settings: 'SimulationSettings') -> str:
     plant, driver = settings.plant, settings.driver
     schedule = driver['schedule'].replace('_', ' ')
     return (

@@ -116,11 +116,11 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.report.recorded import recorded_words
     from rpms_ros.report.session import analyse
     from rpms_ros.report.session.analysis import ReportSettings
-    from rpms_ros.stimulation.profile import load_profile
+    from rpms_ros.stimulation.device_specification import load_device_specification
 
     settings = ReportSettings(
         held_out_share=arguments.held_out,
-        device=load_profile(arguments.device) if arguments.device else None,
+        device=load_device_specification(arguments.device) if arguments.device else None,
         stated=stated_items(arguments.state),
     )
     options = IdentificationOptions(

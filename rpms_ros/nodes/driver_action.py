@@ -14,7 +14,7 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.nodes import topics
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import schedule_from_text
-from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.run import Run
 
 
@@ -45,14 +45,16 @@ class ScheduleAction:
     ----------
     node : Node
         Whose executor serves it.
-    core : StimulatorCore
+    controller : StimulationController
         What runs the schedules.
     refused : callable
         Told why a goal was refused.
     """
 
-    def __init__(self, node: Node, core: StimulatorCore, refused: Callable[[str], None]) -> None:
-        self._core = core
+    def __init__(
+        self, node: Node, controller: StimulationController, refused: Callable[[str], None]
+    ) -> None:
+        self._controller = controller
         self._refused = refused
         self._next: Schedule | None = None
         self._goal: ServerGoalHandle | None = None
@@ -92,7 +94,7 @@ class ScheduleAction:
             if self._goal is not None:
                 raise StimulationError('expected no schedule running, got a second goal')
             schedule = schedule_from_text(request.schedule)
-            self._core.check_start(schedule)
+            self._controller.check_start(schedule)
         except StimulationError as error:
             self._refused(str(error))
             return GoalResponse.REJECT
@@ -105,7 +107,7 @@ class ScheduleAction:
         try:
             if schedule is None:
                 raise StimulationError('expected one goal at a time, got two')
-            self._run = self._core.start(schedule)
+            self._run = self._controller.start(schedule)
         except StimulationError as error:
             self._refused(str(error))
             self._server.conclude(goal, _aborted(str(error)))
@@ -114,7 +116,7 @@ class ScheduleAction:
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         if goal is self._goal:
-            self._core.cancel('cancelled by the client')
+            self._controller.cancel('cancelled by the client')
         return CancelResponse.ACCEPT
 
     def _conclude(self, goal: ServerGoalHandle, run: Run) -> None:

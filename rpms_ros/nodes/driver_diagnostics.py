@@ -6,34 +6,34 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 
-from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.states import State
 
 
 def diagnostics_message(
-    core: StimulatorCore, name: str, hardware: str, stamp: Any, note: str
+    controller: StimulationController, name: str, hardware: str, stamp: Any, note: str
 ) -> DiagnosticArray:
-    """Return the diagnostics of `core` at `stamp`.
+    """Return the diagnostics of `controller` at `stamp`.
 
     Error in the fault state, a warning while a stop is latched or once a pulse was dropped or
     something refused, ok otherwise.
     """
-    state, latched, reason = core.status()
+    state, latched, reason = controller.status()
     level = DiagnosticStatus.OK
-    if latched or note or core.dropped:
+    if latched or note or controller.dropped:
         level = DiagnosticStatus.WARN
     if state is State.FAULT:
         level = DiagnosticStatus.ERROR
     figures: dict[str, object] = {
         'state': 'STOPPED' if latched else state.name,
-        'profile': core.profile.name,
-        'pulses delivered': core.delivered,
-        'pulses dropped': core.dropped,
-        'lateness mean [s]': f'{core.lateness.mean_s:.6f}',
-        'lateness max [s]': f'{core.lateness.max_s:.6f}',
-        'energy [J]': f'{core.gate.session_energy_j:.1f}',
-        'coil temperature [Celsius]': f'{core.coil_temperature:.1f}',
-        **{f'fault {fault}': count for fault, count in core.fault_counts().items()},
+        'device specification': controller.specification.name,
+        'pulses delivered': controller.delivered,
+        'pulses dropped': controller.dropped,
+        'lateness mean [s]': f'{controller.lateness.mean_s:.6f}',
+        'lateness max [s]': f'{controller.lateness.max_s:.6f}',
+        'energy [J]': f'{controller.limiter.session_energy_j:.1f}',
+        'coil temperature [Celsius]': f'{controller.coil_temperature:.1f}',
+        **{f'fault {fault}': count for fault, count in controller.fault_counts().items()},
     }
     status = DiagnosticStatus(
         level=level,

@@ -21,10 +21,10 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.driver_parameters import DriverParameters
-from rpms_ros.stimulation.core import StimulatorCore
-from rpms_ros.stimulation.guard import EMERGENCY_STOP
-from rpms_ros.stimulation.guard import HEARTBEAT
+from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.heartbeat import Heartbeat
+from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
+from rpms_ros.stimulation.safety_monitor import HEARTBEAT
 
 
 class InterlockInputs:
@@ -35,7 +35,7 @@ class InterlockInputs:
     node : Node
         Whose executor serves them; they do not wait for its other callbacks where the executor
         has threads for that.
-    core : StimulatorCore
+    controller : StimulationController
         What is stopped.
     settings : DriverParameters
         Which of them are used.
@@ -46,12 +46,12 @@ class InterlockInputs:
     def __init__(
         self,
         node: Node,
-        core: StimulatorCore,
+        controller: StimulationController,
         settings: DriverParameters,
         refused: Callable[[str], None],
     ) -> None:
         self._node = node
-        self._core = core
+        self._controller = controller
         self._refused = refused
         self._heartbeat = Heartbeat(settings.heartbeat_timeout)
         self._group = ReentrantCallbackGroup()
@@ -70,11 +70,11 @@ class InterlockInputs:
         self._node.create_subscription(kind, topic, callback, qos.STOP, callback_group=self._group)
 
     def _on_button(self, message: Bool) -> None:
-        self._core.emergency(bool(message.data))
+        self._controller.emergency(bool(message.data))
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         del request
-        self._core.stop(EMERGENCY_STOP, 'emergency stop by service')
+        self._controller.stop(EMERGENCY_STOP, 'emergency stop by service')
         response.success = True
         response.message = 'stopped; reset_emergency_stop lets go'
         return response
@@ -82,7 +82,7 @@ class InterlockInputs:
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         del request
         try:
-            self._core.reset()
+            self._controller.reset()
         except StimulationError as error:
             self._refused(str(error))
             response.success, response.message = False, str(error)
@@ -94,11 +94,11 @@ class InterlockInputs:
         now_ns = self._node.get_clock().now().nanoseconds
         refusal = self._heartbeat.refusal(messages.nanoseconds(message.stamp), now_ns)
         if refusal is None:
-            self._core.seen(HEARTBEAT)
+            self._controller.seen(HEARTBEAT)
         else:
-            self._core.count('heartbeat_refused')
+            self._controller.count('heartbeat_refused')
             self._refused(refusal)
 
     def _on_force(self, message: WrenchStamped) -> None:
         force = message.wrench.force
-        self._core.force(math.hypot(force.x, force.y, force.z))
+        self._controller.force(math.hypot(force.x, force.y, force.z))

@@ -10,10 +10,10 @@ from rpms_ros.nodes.parameters import parameter
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import Segment
 from rpms_ros.stimulation import load_schedule
+from rpms_ros.stimulation.device_specification import DeviceSpecification
+from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import Device
 from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.profile import Profile
-from rpms_ros.stimulation.profile import load_profile
 from rpms_ros.stimulation.repetitive import Constant
 from rpms_ros.stimulation.repetitive import Sinusoid
 from rpms_ros.stimulation.repetitive import Staircase
@@ -29,7 +29,9 @@ class DriverParameters(NodeParameters):
 
     device: str = parameter('simulated', 'Kind of device.', choices=('simulated', 'serial'))
     port: str = parameter('/dev/ttyUSB0', 'Serial port of a device on one.')
-    profile: str = parameter('simulated', 'Limits of the device: a name, or a YAML file.')
+    device_specification: str = parameter(
+        'simulated', 'Limits of the device: a name, or a YAML file.'
+    )
     frame_id: str = parameter('coil', 'Frame of the pulses.')
     maximum_intensity: float = parameter(
         1.0, 'Hard bound on the intensity, share of the maximum.', minimum=0.0, maximum=1.0
@@ -111,21 +113,21 @@ def build_device(settings: DriverParameters) -> Device:
     return SerialDevice(settings.port)
 
 
-def profile_of(settings: DriverParameters) -> Profile:
-    """Return the profile, its limits tightened by the parameters.
+def device_specification_of(settings: DriverParameters) -> DeviceSpecification:
+    """Return the device specification, its limits tightened by the parameters.
 
     Raises
     ------
     StimulationError
-        If there is no such profile.
+        If there is no such device specification.
     """
-    profile = load_profile(settings.profile)
+    specification = load_device_specification(settings.device_specification)
     limits = dataclasses.replace(
-        profile.limits,
-        maximum_intensity=min(profile.limits.maximum_intensity, settings.maximum_intensity),
-        maximum_rate_hz=min(profile.limits.maximum_rate_hz, settings.maximum_rate),
+        specification.limits,
+        maximum_intensity=min(specification.limits.maximum_intensity, settings.maximum_intensity),
+        maximum_rate_hz=min(specification.limits.maximum_rate_hz, settings.maximum_rate),
     )
-    return dataclasses.replace(profile, limits=limits)
+    return dataclasses.replace(specification, limits=limits)
 
 
 def driver_settings_of(settings: DriverParameters) -> DriverSettings:

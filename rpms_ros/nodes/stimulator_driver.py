@@ -1,7 +1,7 @@
 """Node that drives a stimulator: silent until told to run, bounded in everything, stopped by all.
 
 The life cycle: configure opens the device, activate arms it, deactivate disarms, clean-up lets go.
-What decides is `rpms_ros.stimulation.core`; here it meets topics, services and the executor.
+What decides is `rpms_ros.stimulation.controller`; here it meets topics, services and the executor.
 """
 
 import sys
@@ -29,8 +29,8 @@ from rpms_ros.nodes.driver_diagnostics import diagnostics_message
 from rpms_ros.nodes.driver_interlocks import InterlockInputs
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
+from rpms_ros.nodes.driver_parameters import device_specification_of
 from rpms_ros.nodes.driver_parameters import driver_settings_of
-from rpms_ros.nodes.driver_parameters import profile_of
 from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.driver_status import status_message
@@ -40,9 +40,9 @@ from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.runner import run
 from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation.core import Fired
-from rpms_ros.stimulation.core import StimulatorCore
-from rpms_ros.stimulation.guard import EXECUTOR
+from rpms_ros.stimulation.controller import Fired
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.threads import PulseThread
 from rpms_ros.stimulation.threads import SupervisorThread
@@ -63,9 +63,9 @@ class StimulatorDriver(LifecycleNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('stimulator_driver', **options)
         self.settings = declare_parameters(self, DriverParameters)
-        self.core = StimulatorCore(
+        self.controller = StimulationController(
             build_device(self.settings),
-            profile_of(self.settings),
+            device_specification_of(self.settings),
             driver_settings_of(self.settings),
         )
         self._note = ''
@@ -81,8 +81,8 @@ class StimulatorDriver(LifecycleNode):
         self._commanded = self.create_publisher(PulseMessage, topics.PULSES_COMMANDED, qos.PULSES)
         self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.STOP)
-        self._action = ScheduleAction(self, self.core, self._on_refused)
-        self._inputs = InterlockInputs(self, self.core, self.settings, self._on_refused)
+        self._action = ScheduleAction(self, self.controller, self._on_refused)
+        self._inputs = InterlockInputs(self, self.controller, self.settings, self._on_refused)
         # rclpy lets a transition that is not possible end the process: look before it leaps.
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
@@ -91,11 +91,14 @@ class StimulatorDriver(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the device."""
-        done = self._try(self.core.configure)
+        done = self._try(self.controller.configure)
         if done is not TransitionCallbackReturn.SUCCESS:
             return done
-        self.core.supervise()
-        self._threads = [PulseThread(self.core, self._publish), SupervisorThread(self.core)]
+        self.controller.supervise()
+        self._threads = [
+            PulseThread(self.controller, self._publish),
+            SupervisorThread(self.controller),
+        ]
         for thread in self._threads:
             thread.start()
         if self.settings.realtime_priority > 0:
@@ -106,8 +109,8 @@ class StimulatorDriver(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Arm; refused while a stop is latched or an interlock is open."""
-        self.core.seen(EXECUTOR)
-        done = self._try(self.core.arm)
+        self.controller.seen(EXECUTOR)
+        done = self._try(self.controller.arm)
         if done is not TransitionCallbackReturn.SUCCESS:
             return done
         self._active = True
@@ -115,7 +118,7 @@ class StimulatorDriver(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Disarm."""
-        self.core.disarm()
+        self.controller.disarm()
         self._active = False
         return super().on_deactivate(state)
 
@@ -142,7 +145,7 @@ class StimulatorDriver(LifecycleNode):
         LifecycleNode.destroy_node(self)
 
     def _let_go(self, reason: str) -> None:
-        self.core.cleanup(reason)
+        self.controller.cleanup(reason)
         self._active = False
         threads, self._threads = self._threads, []
         for thread in threads:
@@ -166,7 +169,7 @@ class StimulatorDriver(LifecycleNode):
         logger_of(self).warning(self._note)
 
     def _on_context_shutdown(self) -> None:
-        self.core.disarm('context shut down')
+        self.controller.disarm('context shut down')
 
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response
@@ -215,11 +218,11 @@ class StimulatorDriver(LifecycleNode):
         return best_offset
 
     def _tick(self) -> None:
-        self.core.seen(EXECUTOR)
+        self.controller.seen(EXECUTOR)
         stamp, now_ns = self.get_clock().now().to_msg(), time.monotonic_ns()
         self._action.progress(stamp, now_ns)
-        if self._active and self.core.state not in (State.ARMED, State.RUNNING):
-            # the core disarmed by itself: the life cycle follows
+        if self._active and self.controller.state not in (State.ARMED, State.RUNNING):
+            # the controller disarmed by itself: the life cycle follows
             LifecycleNode.trigger_deactivate(self)
         if self._autostart:
             self._start_if_heard()
@@ -227,16 +230,16 @@ class StimulatorDriver(LifecycleNode):
 
     def _tell(self, stamp: Any, now_ns: int) -> None:
         """Publish status and diagnostics when it is time, and at once when something changed."""
-        said = (*self.core.status(), self._note)
+        said = (*self.controller.status(), self._note)
         changed, self._said = said != self._said, said
         if changed or now_ns >= self._next_status_ns:
             self._next_status_ns = now_ns + nanoseconds(1.0 / self.settings.status_rate)
-            self._status.publish(status_message(self.core, stamp, now_ns, self._note))
+            self._status.publish(status_message(self.controller, stamp, now_ns, self._note))
         if changed or now_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = now_ns + nanoseconds(_DIAGNOSTICS_PERIOD_S)
             name, device = self.get_name(), self.settings.device
             self._diagnostics.publish(
-                diagnostics_message(self.core, name, device, stamp, self._note)
+                diagnostics_message(self.controller, name, device, stamp, self._note)
             )
 
     def _start_if_heard(self) -> None:
@@ -245,11 +248,11 @@ class StimulatorDriver(LifecycleNode):
             return
         self._autostart = False
         LifecycleNode.trigger_configure(self)
-        if self.core.state is State.DISARMED:
+        if self.controller.state is State.DISARMED:
             LifecycleNode.trigger_activate(self)
-        if self.core.state is State.ARMED and self._schedule is not None:
+        if self.controller.state is State.ARMED and self._schedule is not None:
             try:
-                self.core.start(self._schedule)
+                self.controller.start(self._schedule)
             except StimulationError as error:
                 self._on_refused(str(error))
 

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from rpms_ros.errors import ReportError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
+from rpms_ros.stimulation.device_specification import DeviceSpecification
 from rpms_ros.stimulation.forecast import Forecast
-from rpms_ros.stimulation.profile import Profile
 from rpms_ros.stimulation.schedule import Schedule
 
 
@@ -22,7 +22,7 @@ def window_power(onset_s: FloatArray, energy_j: FloatArray, window_s: float) -> 
 
 
 def save_schedule_figure(
-    schedule: Schedule, profile: Profile, ahead: Forecast, path: Path
+    schedule: Schedule, specification: DeviceSpecification, ahead: Forecast, path: Path
 ) -> None:
     """Write the figure; the suffix of ``path`` chooses the format.
 
@@ -31,7 +31,7 @@ def save_schedule_figure(
     ReportError
         If the file cannot be written.
     """
-    limits = profile.limits
+    limits = specification.limits
     time = schedule.plan.onset_ns / NANOSECONDS_PER_SECOND
     figure = Figure(figsize=(8, 6), layout='constrained')
     intensity, power, temperature = figure.subplots(3, 1, sharex=True)
@@ -41,13 +41,13 @@ def save_schedule_figure(
     power.plot(time, window_power(time, energy, limits.energy_window_s))
     power.axhline(limits.continuous_power_w, color='red', linestyle='--')
     power.set_ylabel(f'power over {limits.energy_window_s:g} s [W]')
-    if profile.thermal is not None:
+    if specification.thermal is not None:
         temperature.plot(time, ahead.temperature)
-        temperature.axhline(profile.thermal.cutout, color='red', linestyle='--')
+        temperature.axhline(specification.thermal.cutout, color='red', linestyle='--')
     temperature.set_ylabel('coil [Celsius]')
     temperature.set_xlabel('time [s]')
     verdict = 'deliverable' if ahead.deliverable else 'not deliverable'
-    figure.suptitle(f'{schedule.name} on {profile.name}: {verdict}')
+    figure.suptitle(f'{schedule.name} on {specification.name}: {verdict}')
     try:
         figure.savefig(path)
     except (OSError, ValueError) as error:

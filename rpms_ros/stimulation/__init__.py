@@ -1,5 +1,8 @@
 """What a stimulator may do: pulses, schedules, limits, coil energy, and a stop that works."""
 
+from rpms_ros.stimulation.bursts import Doublet
+from rpms_ros.stimulation.bursts import PulseBurst
+from rpms_ros.stimulation.bursts import Single
 from rpms_ros.stimulation.description import SEGMENT_KINDS
 from rpms_ros.stimulation.description import load_schedule
 from rpms_ros.stimulation.description import schedule_from_mapping
@@ -7,7 +10,7 @@ from rpms_ros.stimulation.description import schedule_from_text
 from rpms_ros.stimulation.description import schedule_to_mapping
 from rpms_ros.stimulation.description import schedule_to_text
 from rpms_ros.stimulation.fields import DescriptionError
-from rpms_ros.stimulation.multilevel import Multilevel
+from rpms_ros.stimulation.multilevel_prbs import MultilevelPRBS
 from rpms_ros.stimulation.presets import constant
 from rpms_ros.stimulation.presets import paper_random
 from rpms_ros.stimulation.presets import paper_sinusoid
@@ -23,18 +26,16 @@ from rpms_ros.stimulation.schedule import Schedule
 from rpms_ros.stimulation.schedule import Totals
 from rpms_ros.stimulation.segment import Pause
 from rpms_ros.stimulation.segment import Segment
-from rpms_ros.stimulation.volleys import Doublet
-from rpms_ros.stimulation.volleys import Single
-from rpms_ros.stimulation.volleys import Volley
 
 __all__ = [
     'SEGMENT_KINDS',
     'Constant',
     'DescriptionError',
     'Doublet',
-    'Multilevel',
+    'MultilevelPRBS',
     'Pause',
     'Plan',
+    'PulseBurst',
     'Ramp',
     'Repeat',
     'Schedule',
@@ -44,7 +45,6 @@ __all__ = [
     'Staircase',
     'Totals',
     'UniformRandom',
-    'Volley',
     'constant',
     'load_schedule',
     'paper_random',

@@ -7,14 +7,14 @@ of intensities at several rates that the recruitment field is made of (Figs. 9 a
 import numpy as np
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.bursts import PulseBurst
+from rpms_ros.stimulation.bursts import Single
 from rpms_ros.stimulation.repetitive import Constant
 from rpms_ros.stimulation.repetitive import Staircase
 from rpms_ros.stimulation.schedule import Repeat
 from rpms_ros.stimulation.schedule import Schedule
 from rpms_ros.stimulation.segment import Pause
 from rpms_ros.stimulation.segment import Segment
-from rpms_ros.stimulation.volleys import Single
-from rpms_ros.stimulation.volleys import Volley
 
 TWITCH_INTENSITIES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 TRAIN_RATES_HZ = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
@@ -79,11 +79,11 @@ def trains(
         Share of the maximum.
     """
     single = Repeat((Single(intensity, rest_s),), 3)
-    volleys = tuple(Volley(intensity, count, 0.02, rest_s) for count in (2, 4))
+    bursts = tuple(PulseBurst(intensity, count, 0.02, rest_s) for count in (2, 4))
     given: list[Segment] = []
     for rate in rates_hz:
         given += [Constant(rate, duration_s, intensity=intensity), Pause(rest_s)]
-    return Schedule((REST, single, *volleys, *given), name='trains')
+    return Schedule((REST, single, *bursts, *given), name='trains')
 
 
 def recruitment(

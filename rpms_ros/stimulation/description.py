@@ -18,13 +18,16 @@ from typing import TypeVar
 import yaml
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.bursts import Doublet
+from rpms_ros.stimulation.bursts import PulseBurst
+from rpms_ros.stimulation.bursts import Single
 from rpms_ros.stimulation.fields import DescriptionError
 from rpms_ros.stimulation.fields import as_mapping
 from rpms_ros.stimulation.fields import bounded_names
 from rpms_ros.stimulation.fields import join
 from rpms_ros.stimulation.fields import read_bounded
 from rpms_ros.stimulation.fields import refuse_unknown
-from rpms_ros.stimulation.multilevel import Multilevel
+from rpms_ros.stimulation.multilevel_prbs import MultilevelPRBS
 from rpms_ros.stimulation.repetitive import Constant
 from rpms_ros.stimulation.repetitive import Ramp
 from rpms_ros.stimulation.repetitive import Sinusoid
@@ -34,9 +37,6 @@ from rpms_ros.stimulation.schedule import Repeat
 from rpms_ros.stimulation.schedule import Schedule
 from rpms_ros.stimulation.segment import Pause
 from rpms_ros.stimulation.segment import Segment
-from rpms_ros.stimulation.volleys import Doublet
-from rpms_ros.stimulation.volleys import Single
-from rpms_ros.stimulation.volleys import Volley
 from rpms_ros.stimulation.yaml_places import load_document
 from rpms_ros.stimulation.yaml_places import with_line
 
@@ -46,8 +46,8 @@ Built = TypeVar('Built')
 SEGMENT_KINDS: dict[str, type[Segment]] = {
     kind.kind: kind
     for kind in (
-        Constant, Ramp, Staircase, Sinusoid, UniformRandom, Multilevel,
-        Single, Doublet, Volley, Pause,
+        Constant, Ramp, Staircase, Sinusoid, UniformRandom, MultilevelPRBS,
+        Single, Doublet, PulseBurst, Pause,
     )
 }  # fmt: skip
 

@@ -1,8 +1,8 @@
 """Fields of a description: bounds and units beside each value, read from YAML and checked once.
 
-A segment of a schedule, a limit or a profile is a frozen dataclass whose fields carry their
-bounds.  The same bounds refuse a value given in Python and one read from a file; a file's fault is
-named by its place, as in ``segments[2].rate_hz``.
+A segment of a schedule, a limit or a device specification is a frozen dataclass whose fields carry
+their bounds.  The same bounds refuse a value given in Python and one read from a file; a file's
+fault is named by its place, as in ``segments[2].rate_hz``.
 """
 
 import math

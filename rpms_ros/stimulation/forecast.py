@@ -10,10 +10,10 @@ import numpy as np
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
-from rpms_ros.stimulation.gate import PulseGate
-from rpms_ros.stimulation.gate import Refusal
+from rpms_ros.stimulation.device_specification import DeviceSpecification
+from rpms_ros.stimulation.limiter import PulseLimiter
+from rpms_ros.stimulation.limiter import Refusal
 from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.profile import Profile
 from rpms_ros.stimulation.schedule import Plan
 from rpms_ros.stimulation.schedule import Schedule
 from rpms_ros.stimulation.thermal import CoilTemperature
@@ -105,22 +105,22 @@ class _Tally:
         return tuple(self._first.values())
 
 
-def forecast(schedule: Schedule, profile: Profile) -> Forecast:
-    """Return what ``schedule`` comes to on a rested device of ``profile``."""
-    gate = PulseGate(profile.limits, tolerance_s=0.0)
-    coil = CoilTemperature(profile.thermal) if profile.thermal else None
-    return forecast_plan(schedule.plan, schedule.width_s, gate, coil)
+def forecast(schedule: Schedule, specification: DeviceSpecification) -> Forecast:
+    """Return what ``schedule`` comes to on a rested device of ``device_specification``."""
+    limiter = PulseLimiter(specification.limits, tolerance_s=0.0)
+    coil = CoilTemperature(specification.thermal) if specification.thermal else None
+    return forecast_plan(schedule.plan, schedule.width_s, limiter, coil)
 
 
 def forecast_plan(
     plan: Plan,
     width_s: float,
-    gate: PulseGate,
+    limiter: PulseLimiter,
     coil: CoilTemperature | None,
     start_ns: int = 0,
     to_the_end: bool = True,
 ) -> Forecast:
-    """Return what a plan comes to; gate and coil are used up.
+    """Return what a plan comes to; limiter and coil are used up.
 
     Parameters
     ----------
@@ -128,53 +128,53 @@ def forecast_plan(
         The pulses.
     width_s : float
         Their duration [s].
-    gate : PulseGate
-        A trial gate, with the memory of what was fired before.
+    limiter : PulseLimiter
+        A trial limiter, with the memory of what was fired before.
     coil : CoilTemperature or None
         The coil as warm as it is at ``start_ns``.
     start_ns : int
-        Beginning of the plan on the clock of gate and coil [ns].
+        Beginning of the plan on the clock of limiter and coil [ns].
     to_the_end : bool
         Whether to go on after the first violation.
     """
     tally = _Tally()
     waits: list[float] = []
     celsius: list[float] = []
-    energy_before = gate.session_energy_j
+    energy_before = limiter.session_energy_j
     last_ns: int | None = None
-    pause_ns = round(gate.limits.minimum_pause_s * NANOSECONDS_PER_SECOND)
+    pause_ns = round(limiter.limits.minimum_pause_s * NANOSECONDS_PER_SECOND)
     for onset, intensity in zip(plan.onset_ns.tolist(), plan.intensity.tolist(), strict=True):
         if last_ns is not None and onset - last_ns >= pause_ns:
-            waits.append(gate.wait_s)
-        _check(tally, gate, onset, intensity, width_s, start_ns, last_ns)
+            waits.append(limiter.wait_s)
+        _check(tally, limiter, onset, intensity, width_s, start_ns, last_ns)
         if coil is not None:
-            celsius.append(coil.heat(start_ns + onset, gate.limits.energy_j(intensity)))
+            celsius.append(coil.heat(start_ns + onset, limiter.limits.energy_j(intensity)))
             if celsius[-1] > coil.thermal.cutout:
                 tally.add(_too_warm(coil.thermal, celsius[-1]), onset)
         last_ns = onset
         if not to_the_end and tally.all():
             break
     if last_ns is not None:
-        waits.append(gate.wait_s)
-    return _summary(plan, tally, waits, celsius, gate.session_energy_j - energy_before)
+        waits.append(limiter.wait_s)
+    return _summary(plan, tally, waits, celsius, limiter.session_energy_j - energy_before)
 
 
 def _check(
     tally: _Tally,
-    gate: PulseGate,
+    limiter: PulseLimiter,
     onset: int,
     intensity: float,
     width_s: float,
     start_ns: int,
     last_ns: int | None,
 ) -> None:
-    """Hold one pulse against gate and idle limit; what is refused is booked all the same."""
-    for refusal in gate.refusals(start_ns + onset, intensity, width_s):
+    """Hold one pulse against limiter and idle limit; what is refused is booked all the same."""
+    for refusal in limiter.refusals(start_ns + onset, intensity, width_s):
         tally.add(refusal, onset)
-    gate.book(start_ns + onset, intensity)
+    limiter.book(start_ns + onset, intensity)
     silence_s = (onset - (last_ns or 0)) / NANOSECONDS_PER_SECOND
-    if silence_s > gate.limits.idle_disarm_s:
-        tally.add(_too_quiet(gate.limits, silence_s), onset)
+    if silence_s > limiter.limits.idle_disarm_s:
+        tally.add(_too_quiet(limiter.limits, silence_s), onset)
 
 
 def _too_warm(thermal: CoilThermal, celsius: float) -> Refusal:
@@ -224,7 +224,7 @@ class Offer:
     factor: float
 
 
-def offers(schedule: Schedule, profile: Profile) -> tuple[Offer, ...]:
+def offers(schedule: Schedule, specification: DeviceSpecification) -> tuple[Offer, ...]:
     """Return what would be deliverable: weaker, slower, or only the beginning.
 
     Each is the largest factor that passes, found by halving the interval to 0.1 %.
@@ -236,7 +236,7 @@ def offers(schedule: Schedule, profile: Profile) -> tuple[Offer, ...]:
     )
     found = []
     for text, change in changes:
-        factor = _largest(partial(_passes, change, schedule, profile))
+        factor = _largest(partial(_passes, change, schedule, specification))
         if factor > 0.0:
             shown = factor * schedule.length_s if change is _shorter else factor
             # rounded downwards: what is shown passes as well
@@ -260,14 +260,17 @@ def _shorter(plan: Plan, factor: float) -> Plan:
 
 
 def _passes(
-    change: Callable[[Plan, float], Plan], schedule: Schedule, profile: Profile, factor: float
+    change: Callable[[Plan, float], Plan],
+    schedule: Schedule,
+    specification: DeviceSpecification,
+    factor: float,
 ) -> bool:
     plan = change(schedule.plan, factor)
     if not len(plan):
         return False
-    gate = PulseGate(profile.limits, tolerance_s=0.0)
-    coil = CoilTemperature(profile.thermal) if profile.thermal else None
-    return forecast_plan(plan, schedule.width_s, gate, coil, to_the_end=False).deliverable
+    limiter = PulseLimiter(specification.limits, tolerance_s=0.0)
+    coil = CoilTemperature(specification.thermal) if specification.thermal else None
+    return forecast_plan(plan, schedule.width_s, limiter, coil, to_the_end=False).deliverable
 
 
 def _largest(passes: Callable[[float], bool]) -> float:

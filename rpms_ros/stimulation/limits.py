@@ -1,4 +1,4 @@
-"""Limits of a stimulator: hard bounds that a profile states and a gate holds pulses against."""
+"""Limits of a stimulator: bounds that a device specification states and the limiter enforces."""
 
 import math
 from dataclasses import dataclass

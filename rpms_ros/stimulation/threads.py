@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.stimulation.core import Fired
-from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.controller import Fired
+from rpms_ros.stimulation.controller import StimulationController
 
 # How often a thread looks around when nothing is due.
 _LOOK_S = 0.05
@@ -14,12 +14,12 @@ _YIELD_S = 1e-3
 _JOIN_S = 2.0
 
 
-class _Guarded(threading.Thread):
+class _MonitoredThread(threading.Thread):
     """A thread whose end, for whatever reason but `close`, makes pulses impossible."""
 
-    def __init__(self, core: StimulatorCore, name: str) -> None:
+    def __init__(self, controller: StimulationController, name: str) -> None:
         super().__init__(name=name, daemon=True)
-        self.core = core
+        self.controller = controller
         self._wake = threading.Event()
         self._closing = False
 
@@ -30,7 +30,9 @@ class _Guarded(threading.Thread):
                 self.step()
         finally:
             if not self._closing:
-                self.core.fail(self.name, f'{self.name}: expected to run on, got an exception')
+                self.controller.fail(
+                    self.name, f'{self.name}: expected to run on, got an exception'
+                )
 
     def step(self) -> None:
         """Do what is due; never wait longer than a look around."""
@@ -48,24 +50,26 @@ class _Guarded(threading.Thread):
             self.join(_JOIN_S)
 
 
-class PulseThread(_Guarded):
+class PulseThread(_MonitoredThread):
     """Fires pulses at their absolute times.
 
     Parameters
     ----------
-    core : StimulatorCore
+    controller : StimulationController
         What decides.
     publish : callable
         Told of every pulse that was sent to the device, afterwards.
     """
 
-    def __init__(self, core: StimulatorCore, publish: Callable[[Fired], None]) -> None:
-        super().__init__(core, 'pulse_thread')
+    def __init__(
+        self, controller: StimulationController, publish: Callable[[Fired], None]
+    ) -> None:
+        super().__init__(controller, 'pulse_thread')
         self._publish = publish
 
     def step(self) -> None:
         """Wait for the next pulse, or fire it."""
-        due = self.core.due_ns()
+        due = self.controller.due_ns()
         ahead_s = _LOOK_S
         if due is not None:
             ahead_s = (due - time.monotonic_ns()) / NANOSECONDS_PER_SECOND
@@ -73,7 +77,7 @@ class PulseThread(_Guarded):
             self._wake.wait(min(ahead_s, _LOOK_S))
             self._wake.clear()
             return
-        fired = self.core.fire_next()
+        fired = self.controller.fire_next()
         if fired is not None:
             self._publish(fired)
         else:
@@ -81,13 +85,13 @@ class PulseThread(_Guarded):
             self._wake.wait(_YIELD_S)
 
 
-class SupervisorThread(_Guarded):
+class SupervisorThread(_MonitoredThread):
     """Watches over executor, pulse thread, device and idleness."""
 
-    def __init__(self, core: StimulatorCore) -> None:
-        super().__init__(core, 'supervisor_thread')
+    def __init__(self, controller: StimulationController) -> None:
+        super().__init__(controller, 'supervisor_thread')
 
     def step(self) -> None:
         """Look once."""
-        self.core.supervise()
+        self.controller.supervise()
         self._wake.wait(_LOOK_S)

@@ -57,7 +57,7 @@ def test_a_launch_file_compiles_and_describes_a_launch(path: Path) -> None:
 
 
 def test_launch_files_name_nodes_and_parameter_files_that_exist() -> None:
-    text = (ROOT / 'launch' / 'laboratory.launch.py').read_text()
+    text = (ROOT / 'launch' / 'simulation.launch.py').read_text()
     setup = (ROOT / 'setup.py').read_text()
     for name in (*NODES, 'stimulator_driver'):
         assert f"'{name}'" in text

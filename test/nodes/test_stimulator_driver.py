@@ -114,7 +114,7 @@ def test_second_goal_is_refused_and_cancel_stops_the_first(graph):
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert answer.result.reason == 'cancelled by the client'
     assert not answer.result.completed
-    assert lab.driver.core.due_ns() is None
+    assert lab.driver.controller.due_ns() is None
     assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
 
 
@@ -163,9 +163,9 @@ def test_lost_executor_stops_the_pulses(graph, wait_for):
     lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses))
     # nobody spins from here on
-    wait_for(lambda: lab.driver.core.interlocks.latched)
-    assert 'executor' in lab.driver.core.reason
-    assert lab.driver.core.due_ns() is None
+    wait_for(lambda: lab.driver.controller.interlocks.latched)
+    assert 'executor' in lab.driver.controller.reason
+    assert lab.driver.controller.due_ns() is None
     lab.wait_for_state(DriverStatus.STOPPED)
 
 
@@ -175,8 +175,8 @@ def test_shutdown_of_the_context_stops_the_pulses(graph):
     lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses))
     lab.graph.context.try_shutdown()
-    assert lab.driver.core.due_ns() is None
-    assert not lab.driver.core.device.armed
+    assert lab.driver.controller.due_ns() is None
+    assert not lab.driver.controller.device.armed
 
 
 def test_autostart_waits_for_its_listeners(graph):
@@ -190,12 +190,12 @@ def test_autostart_waits_for_its_listeners(graph):
         rate=50.0,
     )
     graph.wait_for(lambda: driver.count_publishers(topics.PULSES) == 1)
-    assert driver.core.state.name == 'UNCONFIGURED'
+    assert driver.controller.state.name == 'UNCONFIGURED'
     heard = []
     other = graph.add(lambda **options: Node('other', **options))
     other.create_subscription(Pulse, topics.PULSES, heard.append, qos.PULSES)
     graph.wait_for(lambda: len(heard) == 10)
-    graph.wait_for(lambda: driver.core.reason == 'completed')
+    graph.wait_for(lambda: driver.controller.reason == 'completed')
 
 
 @pytest.mark.parametrize(
@@ -208,8 +208,14 @@ def test_autostart_waits_for_its_listeners(graph):
             'expected require_heartbeat with a real',
         ),
         ({'device': 'serial', 'autostart': True}, 'expected no autostart with a real device'),
-        ({'device': 'serial'}, "expected the profile of a real device, got 'simulated'"),
-        ({'profile': 'oracle'}, "expected a device of rapid2-240v, simulated .* got 'oracle'"),
+        (
+            {'device': 'serial'},
+            "expected the device specification of a real device, got 'simulated'",
+        ),
+        (
+            {'device_specification': 'oracle'},
+            "expected a device of rapid2-240v, simulated .* got 'oracle'",
+        ),
         ({'maximum_intensity': 1.5}, 'maximum_intensity: expected 0.0 to 1.0, got 1.5'),
         ({'maximum_rate': 10}, 'maximum_rate: expected double, got integer 10'),
         (
@@ -232,28 +238,32 @@ def test_life_cycle_is_seen_from_outside(graph):
 
 def test_error_in_a_transition_ends_in_the_safe_state(graph):
     lab = Laboratory(graph)
-    lab.driver.core.configure = lambda: 1 / 0
+    lab.driver.controller.configure = lambda: 1 / 0
     assert not lab.change(Transition.TRANSITION_CONFIGURE)
     graph.wait_for(lambda: 'expected a transition without an error, got Zero' in lab.reason)
     assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
-    del lab.driver.core.configure
+    del lab.driver.controller.configure
     lab.activate()
-    assert lab.driver.core.device.armed
+    assert lab.driver.controller.device.armed
 
     def fails_once():
-        del lab.driver.core.disarm
+        del lab.driver.controller.disarm
         raise ZeroDivisionError
 
-    lab.driver.core.disarm = fails_once
+    lab.driver.controller.disarm = fails_once
     assert not lab.change(Transition.TRANSITION_DEACTIVATE)
     assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
-    assert not lab.driver.core.device.armed
+    assert not lab.driver.controller.device.armed
 
 
 def test_device_that_is_not_there_is_refused(graph, tmp_path):
     port = str(tmp_path / 'ttyUSB9')
     lab = Laboratory(
-        graph, device='serial', port=port, profile='rapid2-240v', require_heartbeat=True
+        graph,
+        device='serial',
+        port=port,
+        device_specification='rapid2-240v',
+        require_heartbeat=True,
     )
     assert not lab.change(Transition.TRANSITION_CONFIGURE)
     graph.wait_for(lambda: 'expected a serial port, got' in lab.reason)

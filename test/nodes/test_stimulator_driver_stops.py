@@ -38,7 +38,7 @@ class Bench:
             'lateness_limit': 0.1,
         }
         self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
-        self.core = self.driver.core
+        self.controller = self.driver.controller
         self.other = graph.add(lambda **options: Node('other', **options))
         self.pulses, self.statuses, self.diagnostics = [], [], []
         listen, talk = self.other.create_subscription, self.other.create_publisher
@@ -91,8 +91,8 @@ def test_button_stops_and_latches_until_reset_with_the_cause_gone(graph):
     bench.run()
     bench.button.publish(Bool(data=True))
     bench.wait_for_state(DriverStatus.STOPPED)
-    assert bench.core.due_ns() is None
-    assert not bench.core.device.armed
+    assert bench.controller.due_ns() is None
+    assert not bench.controller.device.armed
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     bench.wait_for_reason('expected the latched stop to be reset, got: emergency stop')
     answer = bench.call(bench.reset)
@@ -195,15 +195,15 @@ def test_force_sensor_that_falls_silent_stops(graph):
 def test_fault_of_the_device_ends_in_the_safe_state(graph, faults, reason):
     bench = Bench(graph)
     bench.run()
-    bench.core.device.faults = faults
+    bench.controller.device.faults = faults
     bench.wait_for_state(DriverStatus.FAULT)
     assert reason in bench.statuses[-1].reason
-    assert not bench.core.device.armed
+    assert not bench.controller.device.armed
     assert not bench.send().accepted
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     levels = (DiagnosticStatus.ERROR,)
     graph.wait_for(lambda: bench.diagnostics[-1].status[0].level in levels)
-    bench.core.device.faults = SimulatedFaults()
+    bench.controller.device.faults = SimulatedFaults()
     assert bench.change(Transition.TRANSITION_CLEANUP)
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     assert bench.change(Transition.TRANSITION_ACTIVATE)
@@ -212,14 +212,14 @@ def test_fault_of_the_device_ends_in_the_safe_state(graph, faults, reason):
 def test_temperature_over_the_limit_stops(graph):
     bench = Bench(graph)
     bench.run()
-    bench.core.device.faults = SimulatedFaults(heating_per_pulse=1.0)
+    bench.controller.device.faults = SimulatedFaults(heating_per_pulse=1.0)
     bench.wait_for_state(DriverStatus.STOPPED)
     assert 'temperature: expected at most 40 Celsius' in bench.statuses[-1].reason
     assert not bench.call(bench.reset).success
 
 
 def test_undeliverable_schedule_is_refused_with_an_offer(graph):
-    bench = Bench(graph, profile='rapid2-240v')
+    bench = Bench(graph, device_specification='rapid2-240v')
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     assert bench.change(Transition.TRANSITION_ACTIVATE)
     paper = 'segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 90.0}]'
@@ -236,12 +236,12 @@ def test_deaf_driver_of_a_blocked_executor_does_not_fire(graph):
     bench.run()
     # the executor is busy and keeps the interpreter busy with it
     end = time.monotonic() + 30.0
-    while not bench.core.interlocks.latched and time.monotonic() < end:
+    while not bench.controller.interlocks.latched and time.monotonic() < end:
         sum(range(1000))
-    assert bench.core.interlocks.latched
-    stopped = bench.core.delivered
+    assert bench.controller.interlocks.latched
+    stopped = bench.controller.delivered
     bench.wait_for_state(DriverStatus.STOPPED)
-    assert bench.core.delivered == stopped
+    assert bench.controller.delivered == stopped
 
 
 def test_diagnostics_are_ok_while_all_is_well(graph):
@@ -251,4 +251,8 @@ def test_diagnostics_are_ok_while_all_is_well(graph):
     status = bench.diagnostics[-1].status[0]
     assert status.level == DiagnosticStatus.OK
     assert status.name == 'stimulator_driver: stimulator'
-    assert {value.key for value in status.values} >= {'state', 'profile', 'energy [J]'}
+    assert {value.key for value in status.values} >= {
+        'state',
+        'device specification',
+        'energy [J]',
+    }

@@ -5,18 +5,18 @@ from functools import cache
 
 import pytest
 
-from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.guard import EXECUTOR
-from rpms_ros.stimulation.guard import HEARTBEAT
-from rpms_ros.stimulation.profile import load_profile
+from rpms_ros.stimulation.safety_monitor import EXECUTOR
+from rpms_ros.stimulation.safety_monitor import HEARTBEAT
 from rpms_ros.stimulation.settings import DriverSettings
 
 MILLISECOND = 1_000_000
 SECOND = 1_000_000_000
 
 
-cached_profile = cache(load_profile)
+cached_specification = cache(load_device_specification)
 
 
 class Clock:
@@ -48,16 +48,18 @@ class NotingDevice(SimulatedDevice):
 
 
 class Driver:
-    """A core in virtual time."""
+    """A controller in virtual time."""
 
-    def __init__(self, limits=None, profile='simulated', **settings):
+    def __init__(self, limits=None, specification='simulated', **settings):
         self.clock = Clock()
         self.device = NotingDevice(self.clock)
-        chosen = cached_profile(profile)
+        chosen = cached_specification(specification)
         if limits is not None:
             chosen = dataclasses.replace(chosen, limits=limits)
         watched = {'heartbeat_timeout_s': 0.0, **settings}
-        self.core = StimulatorCore(self.device, chosen, DriverSettings(**watched), self.clock)
+        self.controller = StimulationController(
+            self.device, chosen, DriverSettings(**watched), self.clock
+        )
         self.alive = True
         self.look()
 
@@ -72,24 +74,24 @@ class Driver:
     def look(self):
         """Let executor and supervisor have their turn."""
         if self.alive:
-            self.core.seen(EXECUTOR)
-            self.core.seen(HEARTBEAT)
-        self.core.supervise()
+            self.controller.seen(EXECUTOR)
+            self.controller.seen(HEARTBEAT)
+        self.controller.supervise()
 
     def armed(self):
-        self.core.configure()
-        self.core.arm()
+        self.controller.configure()
+        self.controller.arm()
         return self
 
     def advance(self, seconds, late_ns=0):
         """Let time pass; pulses fire when they are due, or later."""
         end = self.clock.now + round(seconds * SECOND)
         while self.clock.now < end:
-            due = self.core.due_ns()
+            due = self.controller.due_ns()
             step = min(end, self.clock.now + 50 * MILLISECOND)
             if due is not None and due + late_ns <= step:
                 self.clock.now = max(self.clock.now, due + late_ns)
-                self.core.fire_next()
+                self.controller.fire_next()
             else:
                 self.clock.now = step
             self.look()
@@ -97,5 +99,5 @@ class Driver:
 
 @pytest.fixture
 def virtual():
-    """A driver in virtual time: the class, to be built with limits, profile and settings."""
+    """A driver in virtual time: the class, to be built with limits, specification and settings."""
     return Driver

@@ -1,4 +1,4 @@
-"""Forecasts: what the public figures say about the excitations of the paper, and profiles."""
+"""Forecasts: what public figures say of the paper's excitations, and specifications."""
 
 import math
 
@@ -13,14 +13,14 @@ from rpms_ros.stimulation import Single
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation import paper_random
 from rpms_ros.stimulation import paper_sinusoid
+from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.device_specification import profile_names
 from rpms_ros.stimulation.forecast import forecast
 from rpms_ros.stimulation.forecast import offers
-from rpms_ros.stimulation.profile import load_profile
-from rpms_ros.stimulation.profile import profile_names
 from rpms_ros.stimulation.thermal import CoilTemperature
 from rpms_ros.stimulation.thermal import CoilThermal
 
-RAPID = load_profile('rapid2-240v')
+RAPID = load_device_specification('rapid2-240v')
 SECOND = 1_000_000_000
 
 
@@ -42,7 +42,7 @@ def test_the_paper_exceeds_the_device():
 
 
 def test_both_run_on_the_simulated_device():
-    simulated = load_profile('simulated')
+    simulated = load_device_specification('simulated')
     assert forecast(paper_random(), simulated).deliverable
     assert forecast(paper_sinusoid(), simulated).deliverable
     assert forecast(paper_random(), simulated).highest_temperature is None
@@ -104,16 +104,16 @@ def test_coil_reaches_the_mean_of_its_power():
 
 def test_every_figure_of_a_profile_has_its_source():
     for name in profile_names():
-        profile = load_profile(name)
-        assert profile.name == name
-        assert profile.description
-        assert all(profile.sources.values())
+        specification = load_device_specification(name)
+        assert specification.name == name
+        assert specification.description
+        assert all(specification.sources.values())
     assert RAPID.limits.pulse_energy_j == 252.0
     assert RAPID.limits.window_energy_j == 63_000.0
     assert not RAPID.simulated_only
 
 
-PROFILE = """\
+SPECIFICATION = """\
 name: mine
 description: mine
 limits: {maximum_rate_hz: 10.0}
@@ -137,24 +137,24 @@ sources: {maximum_rate_hz: a guess}
 )
 def test_faults_of_a_profile_are_named_by_their_place(tmp_path, change, fault):
     path = tmp_path / 'mine.yaml'
-    path.write_text(PROFILE)
-    assert load_profile(str(path)).limits.maximum_rate_hz == 10.0
-    path.write_text(PROFILE.replace(*change))
+    path.write_text(SPECIFICATION)
+    assert load_device_specification(str(path)).limits.maximum_rate_hz == 10.0
+    path.write_text(SPECIFICATION.replace(*change))
     with pytest.raises(StimulationError, match=fault):
-        load_profile(str(path))
+        load_device_specification(str(path))
 
 
 def test_conditions_between_limits_are_faults_of_the_profile(tmp_path):
     path = tmp_path / 'mine.yaml'
-    text = PROFILE.replace('10.0}', '10.0, rate_intensities: [0.5]}')
+    text = SPECIFICATION.replace('10.0}', '10.0, rate_intensities: [0.5]}')
     path.write_text(text.replace('a guess}', 'a guess, rate_intensities: a guess}'))
     with pytest.raises(StimulationError, match='limits: expected a rate limit up to'):
-        load_profile(str(path))
+        load_device_specification(str(path))
 
 
 def test_unknown_device_is_named_with_those_known():
     with pytest.raises(StimulationError, match=r'expected a device of rapid2-240v, simulated or'):
-        load_profile('oracle')
+        load_device_specification('oracle')
 
 
 def test_forecast_of_silence():

@@ -186,7 +186,7 @@ def test_numbers_that_yaml_takes_for_text_are_read():
 
 def test_every_kind_can_be_described():
     assert set(SEGMENT_KINDS) == {
-        'constant', 'ramp', 'staircase', 'sinusoid', 'uniform_random', 'multilevel',
+        'constant', 'ramp', 'staircase', 'sinusoid', 'uniform_random', 'multilevel_prbs',
         'single', 'doublet', 'n_let', 'pause',
     }  # fmt: skip
 

@@ -11,16 +11,16 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.stimulation import Constant
 from rpms_ros.stimulation import Doublet
-from rpms_ros.stimulation import Multilevel
+from rpms_ros.stimulation import MultilevelPRBS
 from rpms_ros.stimulation import Pause
+from rpms_ros.stimulation import PulseBurst
 from rpms_ros.stimulation import Ramp
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import Single
 from rpms_ros.stimulation import Sinusoid
 from rpms_ros.stimulation import Staircase
 from rpms_ros.stimulation import UniformRandom
-from rpms_ros.stimulation import Volley
-from rpms_ros.stimulation.multilevel import maximal_sequence
+from rpms_ros.stimulation.multilevel_prbs import maximal_sequence
 
 RATES = st.floats(0.5, 200.0)
 DURATIONS = st.floats(0.01, 20.0)
@@ -112,7 +112,7 @@ def test_maximal_sequence_needs_a_prime():
 
 
 def test_multilevel_holds_its_levels():
-    segment = Multilevel(
+    segment = MultilevelPRBS(
         rate_hz=20.0, duration_s=31.0, low=0.2, high=1.0, hold_pulses=5, level_count=5
     )
     blocks = intensities(segment).reshape(124, 5)
@@ -123,10 +123,10 @@ def test_multilevel_holds_its_levels():
 def test_volleys():
     assert Single(intensity=0.3).onsets_ns().tolist() == [0]
     assert Doublet(interval_s=0.005).onsets_ns().tolist() == [0, 5_000_000]
-    assert Volley(count=4, interval_s=0.02).onsets_ns().tolist() == [
+    assert PulseBurst(count=4, interval_s=0.02).onsets_ns().tolist() == [
         0, 20_000_000, 40_000_000, 60_000_000,
     ]  # fmt: skip
-    assert intensities(Volley(count=4, intensity=0.3)).tolist() == [0.3] * 4
+    assert intensities(PulseBurst(count=4, intensity=0.3)).tolist() == [0.3] * 4
 
 
 def test_pause_is_silent():
@@ -147,11 +147,14 @@ def test_pause_is_silent():
         (lambda: Staircase(20.0, 1.0, levels=()), r'levels: expected a list, each .* got \(\)'),
         (lambda: Sinusoid(20.0, 1.0, low=0.5, high=0.2), r'expected low <= high, got 0.5 and'),
         (lambda: UniformRandom(20.0, 1.0, low=0.5, high=0.2), r'expected low <= high, got 0.5'),
-        (lambda: Multilevel(20.0, 1.0, low=0.5, high=0.2), r'expected low <= high, got 0.5 and'),
-        (lambda: Multilevel(20.0, 1.0, level_count=6), r'level_count of 2, 3, 5 or 7, got 6'),
+        (
+            lambda: MultilevelPRBS(20.0, 1.0, low=0.5, high=0.2),
+            r'expected low <= high, got 0.5 and',
+        ),
+        (lambda: MultilevelPRBS(20.0, 1.0, level_count=6), r'level_count of 2, 3, 5 or 7, got 6'),
         (lambda: Doublet(count=3), r'count: expected a whole number in \[2, 2\], got 3'),
-        (lambda: Volley(count=1.5), r'count: expected a whole number .* got 1.5'),
-        (lambda: Volley(count=5, interval_s=0.25), r'expected a duration above 1 s, .* got 1'),
+        (lambda: PulseBurst(count=1.5), r'count: expected a whole number .* got 1.5'),
+        (lambda: PulseBurst(count=5, interval_s=0.25), r'expected a duration above 1 s, .* got 1'),
         (lambda: Pause(True), r'duration_s: expected a number .* got True'),
     ],
 )

@@ -9,7 +9,8 @@ import tty
 import pytest
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices.serial_line import ARMED
 from rpms_ros.stimulation.devices.serial_line import COIL_PRESENT
@@ -18,8 +19,7 @@ from rpms_ros.stimulation.devices.serial_line import READY
 from rpms_ros.stimulation.devices.serial_line import REMOTE
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.devices.serial_line import framed
-from rpms_ros.stimulation.guard import EXECUTOR
-from rpms_ros.stimulation.profile import load_profile
+from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.threads import PulseThread
@@ -208,39 +208,39 @@ def test_device_that_gives_no_remote_control(instrument):
 
 
 def test_whole_driver_on_the_line(instrument, wait_for):
-    core = StimulatorCore(
+    controller = StimulationController(
         SerialDevice(instrument.port, timeout_s=5.0),
-        load_profile('rapid2-240v'),
+        load_device_specification('rapid2-240v'),
         # a machine under load may hold up a thread or two
         DriverSettings(heartbeat_timeout_s=0.0, lateness_limit_s=0.1, response_limit_s=1.0),
     )
     fired = []
-    threads = [PulseThread(core, fired.append), SupervisorThread(core)]
-    core.configure()
-    core.supervise()
+    threads = [PulseThread(controller, fired.append), SupervisorThread(controller)]
+    controller.configure()
+    controller.supervise()
     for thread in threads:
         thread.start()
 
     def alive():
-        core.seen(EXECUTOR)
+        controller.seen(EXECUTOR)
         return True
 
     alive()
-    core.arm()
-    run = core.start(constant(0.4, 0.5, 20.0))
+    controller.arm()
+    run = controller.start(constant(0.4, 0.5, 20.0))
     wait_for(lambda: alive() and bool(run.ended))
     assert run.ended == 'completed'
     assert instrument.fired == [40] * 10
     assert {pulse.delivery.intensity for pulse in fired} == {0.4}
-    core.start(constant(0.4, 5.0, 20.0))
+    controller.start(constant(0.4, 5.0, 20.0))
     wait_for(lambda: alive() and len(instrument.fired) > 12)
-    core.stop('test', 'a test')
+    controller.stop('test', 'a test')
     wait_for(lambda: instrument.log[-2:] == [b'@000', b'EA'] or instrument.log[-1] == b'F@')
     assert not instrument.status & ARMED
     stopped = len(instrument.fired)
     for thread in threads:
         thread.close()
-    core.cleanup()
+    controller.cleanup()
     wait_for(lambda: instrument.log[-1] == b'R@')
     assert len(instrument.fired) == stopped
-    assert core.state is State.UNCONFIGURED
+    assert controller.state is State.UNCONFIGURED

@@ -3,12 +3,12 @@
 import pytest
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices import SimulatedFaults
-from rpms_ros.stimulation.guard import EXECUTOR
-from rpms_ros.stimulation.profile import load_profile
+from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.threads import PulseThread
@@ -25,24 +25,26 @@ def running():
         lateness_limit_s=0.1,
         response_limit_s=1.0,
     )
-    core = StimulatorCore(SimulatedDevice(), load_profile('simulated'), settings)
+    controller = StimulationController(
+        SimulatedDevice(), load_device_specification('simulated'), settings
+    )
     fired = []
-    threads = [PulseThread(core, fired.append), SupervisorThread(core)]
-    core.configure()
-    core.supervise()
-    core.seen(EXECUTOR)
+    threads = [PulseThread(controller, fired.append), SupervisorThread(controller)]
+    controller.configure()
+    controller.supervise()
+    controller.seen(EXECUTOR)
     for thread in threads:
         thread.start()
-    core.arm()
-    yield core, fired, threads
+    controller.arm()
+    yield controller, fired, threads
     for thread in threads:
         thread.close()
         assert not thread.is_alive()
 
 
 def test_pulses_come_when_they_are_due_never_before(running, wait_for):
-    core, fired, _ = running
-    run = core.start(constant(0.5, 0.5, 50.0))
+    controller, fired, _ = running
+    run = controller.start(constant(0.5, 0.5, 50.0))
     wait_for(lambda: bool(run.ended))
     assert run.ended == 'completed'
     assert len(fired) == 25
@@ -51,37 +53,37 @@ def test_pulses_come_when_they_are_due_never_before(running, wait_for):
 
 
 def test_hanging_device_is_silenced_by_the_supervisor(running, wait_for):
-    core, _, _ = running
-    core.device.faults = SimulatedFaults(stuck_s=60.0)
-    core.start(constant(0.5, 10.0, 50.0))
-    wait_for(lambda: core.state is State.FAULT)
-    assert core.fault_counts() == {'stuck': 1}
-    assert not core.device.armed
-    assert not core.device.fired
+    controller, _, _ = running
+    controller.device.faults = SimulatedFaults(stuck_s=60.0)
+    controller.start(constant(0.5, 10.0, 50.0))
+    wait_for(lambda: controller.state is State.FAULT)
+    assert controller.fault_counts() == {'stuck': 1}
+    assert not controller.device.armed
+    assert not controller.device.fired
 
 
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
 def test_end_of_the_supervisor_is_a_fault(running, wait_for):
-    core, fired, threads = running
-    core.start(constant(0.5, 10.0, 50.0))
+    controller, fired, threads = running
+    controller.start(constant(0.5, 10.0, 50.0))
     wait_for(lambda: bool(fired))
-    core.device.keep_alive = None
-    wait_for(lambda: core.state is State.FAULT)
-    assert core.reason == 'supervisor_thread: expected to run on, got an exception'
+    controller.device.keep_alive = None
+    wait_for(lambda: controller.state is State.FAULT)
+    assert controller.reason == 'supervisor_thread: expected to run on, got an exception'
     wait_for(lambda: not threads[1].is_alive())
-    assert not core.device.armed
+    assert not controller.device.armed
 
 
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
 def test_end_of_the_pulse_thread_is_a_fault(running, wait_for):
-    core, fired, threads = running
+    controller, fired, threads = running
 
-    core.device.fire = None
-    core.start(constant(0.5, 10.0, 50.0))
-    wait_for(lambda: core.state is State.FAULT)
+    controller.device.fire = None
+    controller.start(constant(0.5, 10.0, 50.0))
+    wait_for(lambda: controller.state is State.FAULT)
     wait_for(lambda: not threads[0].is_alive())
-    assert core.reason == 'pulse_thread: expected to run on, got an exception'
-    assert not core.device.armed
+    assert controller.reason == 'pulse_thread: expected to run on, got an exception'
+    assert not controller.device.armed
     assert fired == []
 
 

@@ -27,7 +27,7 @@ from rpms_ros.report.session.held_out import boundary
 from rpms_ros.report.session.held_out import held_out_fit
 from rpms_ros.report.session.residuals import ResidualAnalysis
 from rpms_ros.report.session.residuals import analyse_residuals
-from rpms_ros.stimulation.profile import Profile
+from rpms_ros.stimulation.device_specification import DeviceSpecification
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ReportSettings:
         Share of the time at the end that is predicted and not learnt from.
     residual_share : float
         Share of the time at the end whose a-priori residuals are analysed.
-    device : Profile or None
+    device : DeviceSpecification or None
         Device for the energy; None leaves it in units of a pulse at full intensity.
     stated : mapping of str to str or None
         Items of the checklist that a person states.
@@ -48,7 +48,7 @@ class ReportSettings:
 
     held_out_share: float = HELD_OUT_SHARE
     residual_share: float = 0.2
-    device: Profile | None = None
+    device: DeviceSpecification | None = None
     stated: Mapping[str, str] | None = None
 
 

@@ -8,7 +8,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.schedule_figure import window_power
-from rpms_ros.stimulation.profile import Profile
+from rpms_ros.stimulation.device_specification import DeviceSpecification
 from rpms_ros.stimulation.thermal import CoilTemperature
 
 TRAIN_GAP = 1.0
@@ -51,16 +51,16 @@ class Excitation:
 
 @dataclass(frozen=True)
 class DeviceLoad:
-    """What the pulses come to on a device, by the figures of its profile.
+    """What the pulses come to on a device, by the figures of its specification.
 
     Attributes
     ----------
     device : str
-        Name of the profile.
+        Name of the device specification.
     energy_j : float
         Energy of all pulses [J].
     highest_power_w : float
-        Largest mean power over the profile's window [W].
+        Largest mean power over the device specification's window [W].
     window_s : float
         That window [s].
     highest_temperature : float or None
@@ -106,27 +106,29 @@ def excitation_of_pulses(pulses: PulseTrain, start_ns: int) -> Excitation:
     )
 
 
-def load_of(excitation: Excitation, profile: Profile) -> DeviceLoad:
+def load_of(excitation: Excitation, specification: DeviceSpecification) -> DeviceLoad:
     """Return what the pulses come to on a device, E = E_max u^2 a pulse."""
-    limits = profile.limits
+    limits = specification.limits
     energy = limits.pulse_energy_j * excitation.intensity**2
     onset = excitation.onset_s
     power = window_power(onset, energy, limits.energy_window_s)
     return DeviceLoad(
-        profile.name,
+        specification.name,
         float(energy.sum()),
         float(power.max()) if len(power) else 0.0,
         limits.energy_window_s,
-        _highest_temperature(onset, energy, profile),
+        _highest_temperature(onset, energy, specification),
     )
 
 
-def _highest_temperature(onset: FloatArray, energy: FloatArray, profile: Profile) -> float | None:
-    if profile.thermal is None:
+def _highest_temperature(
+    onset: FloatArray, energy: FloatArray, specification: DeviceSpecification
+) -> float | None:
+    if specification.thermal is None:
         return None
-    coil = CoilTemperature(profile.thermal)
+    coil = CoilTemperature(specification.thermal)
     celsius = [
         coil.heat(round(time * NANOSECONDS_PER_SECOND), heat)
         for time, heat in zip((onset - onset[:1]).tolist(), energy.tolist(), strict=True)
     ]
-    return max(celsius, default=profile.thermal.ambient)
+    return max(celsius, default=specification.thermal.ambient)

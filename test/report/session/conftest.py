@@ -23,7 +23,7 @@ from rpms_ros.report.session import analyse
 from rpms_ros.report.session import as_document
 from rpms_ros.report.session import as_page
 from rpms_ros.report.session.analysis import ReportSettings
-from rpms_ros.stimulation.profile import load_profile
+from rpms_ros.stimulation.device_specification import load_device_specification
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -73,7 +73,9 @@ def recording_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='session')
 def analysis(recording_path: Path) -> SessionAnalysis:
-    settings = ReportSettings(device=load_profile('rapid2-240v'), stated={'age': '34'})
+    settings = ReportSettings(
+        device=load_device_specification('rapid2-240v'), stated={'age': '34'}
+    )
     return _make_analysis(recording_path, settings)
 
 

@@ -27,7 +27,7 @@ from rpms_ros.report.session.excitation import excitation_of_pulses
 from rpms_ros.report.session.excitation import load_of
 from rpms_ros.report.session.held_out import FrozenFrom
 from rpms_ros.report.session.held_out import boundary
-from rpms_ros.stimulation.profile import load_profile
+from rpms_ros.stimulation.device_specification import load_device_specification
 
 START_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
@@ -90,20 +90,22 @@ def test_trains_rates_and_energy_are_those_of_the_pulses() -> None:
 def test_without_pulses_there_is_no_train() -> None:
     found = excitation_of_pulses(PulseTrain.regular([], 20.0), START_NS)
     assert (found.pulses, found.trains, found.rates_hz) == (0, 0, ())
-    assert load_of(found, load_profile('rapid2-240v')).highest_power_w == 0.0
+    assert load_of(found, load_device_specification('rapid2-240v')).highest_power_w == 0.0
 
 
 def test_the_load_is_what_the_profile_says() -> None:
-    profile = load_profile('rapid2-240v')
+    specification = load_device_specification('rapid2-240v')
     excitation = excitation_of_pulses(PulseTrain.regular(np.ones(20), 20.0), 0)
-    load = load_of(excitation, profile)
-    assert load.energy_j == pytest.approx(20 * profile.limits.pulse_energy_j)
+    load = load_of(excitation, specification)
+    assert load.energy_j == pytest.approx(20 * specification.limits.pulse_energy_j)
     assert load.highest_power_w == pytest.approx(load.energy_j / load.window_s)
-    assert profile.thermal is not None
+    assert specification.thermal is not None
     assert load.highest_temperature is not None
-    rise = profile.thermal.coil_share * load.energy_j / profile.thermal.heat_capacity
+    rise = specification.thermal.coil_share * load.energy_j / specification.thermal.heat_capacity
     # one second of cooling takes less than a hundredth of it away
-    assert load.highest_temperature - profile.thermal.ambient == pytest.approx(rise, rel=0.01)
+    assert load.highest_temperature - specification.thermal.ambient == pytest.approx(
+        rise, rel=0.01
+    )
 
 
 def test_the_checklist_takes_the_best_that_is_known() -> None:

@@ -1,4 +1,4 @@
-"""The gate: each limit by itself, and what jitter may and may not do."""
+"""The limiter: each limit by itself, and what jitter may and may not do."""
 
 import math
 from itertools import pairwise
@@ -8,22 +8,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.gate import PulseGate
+from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.limiter import PulseLimiter
 from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.profile import load_profile
 
 SECOND = 1_000_000_000
 WIDTH = 100e-6
-RAPID = load_profile('rapid2-240v').limits
+RAPID = load_device_specification('rapid2-240v').limits
 
 
-def give(gate, times_s, intensity):
+def give(limiter, times_s, intensity):
     """Fire at times [s]; return the name of the first limit that refuses, None without."""
     for time_s in times_s:
-        refusal = gate.refusal(round(time_s * SECOND), intensity, WIDTH)
+        refusal = limiter.refusal(round(time_s * SECOND), intensity, WIDTH)
         if refusal is not None:
             return refusal.limit
-        gate.book(round(time_s * SECOND), intensity)
+        limiter.book(round(time_s * SECOND), intensity)
     return None
 
 
@@ -33,7 +33,7 @@ def regular(count, rate, start=0.0):
 
 @pytest.mark.parametrize('intensity', [-0.1, 1.1, math.nan, math.inf, -math.inf])
 def test_intensity(intensity):
-    refusal = PulseGate(Limits(maximum_intensity=1.0)).refusal(0, intensity, WIDTH)
+    refusal = PulseLimiter(Limits(maximum_intensity=1.0)).refusal(0, intensity, WIDTH)
     assert refusal.limit == 'maximum_intensity'
     assert refusal.reason.startswith('expected an intensity in [0, 1], got')
 
@@ -43,7 +43,7 @@ def test_intensity(intensity):
     [(1e-6, 'minimum_width_s'), (5e-3, 'maximum_width_s'), (math.nan, 'maximum_width_s')],
 )
 def test_width(width, limit):
-    assert PulseGate(Limits()).refusal(0, 0.5, width).limit == limit
+    assert PulseLimiter(Limits()).refusal(0, 0.5, width).limit == limit
 
 
 @pytest.mark.parametrize(
@@ -51,116 +51,118 @@ def test_width(width, limit):
 )
 def test_rate_against_intensity(intensity, rate):
     assert RAPID.highest_rate_hz(intensity) == rate
-    assert give(PulseGate(RAPID, 0.0), regular(5, rate), intensity) is None
-    assert give(PulseGate(RAPID, 0.0), regular(5, rate * 1.01), intensity) in {
+    assert give(PulseLimiter(RAPID, 0.0), regular(5, rate), intensity) is None
+    assert give(PulseLimiter(RAPID, 0.0), regular(5, rate * 1.01), intensity) in {
         'rate_limits_hz', 'maximum_rate_hz',
     }  # fmt: skip
 
 
 def test_stronger_pulse_of_an_interval_decides():
-    gate = PulseGate(RAPID, 0.0)
-    gate.book(0, 1.0)
-    assert gate.refusal(SECOND // 50, 0.1, WIDTH).limit == 'rate_limits_hz'
-    assert gate.refusal(SECOND // 15 + 1, 0.1, WIDTH) is None
+    limiter = PulseLimiter(RAPID, 0.0)
+    limiter.book(0, 1.0)
+    assert limiter.refusal(SECOND // 50, 0.1, WIDTH).limit == 'rate_limits_hz'
+    assert limiter.refusal(SECOND // 15 + 1, 0.1, WIDTH) is None
 
 
 def test_jitter_is_tolerated_but_does_not_add_up():
     limits = Limits(maximum_rate_hz=50.0, interval_tolerance_s=2e-3)
     late_then_right = [0.0, 0.0215, 0.04, 0.06, 0.0815, 0.1]
-    assert give(PulseGate(limits), late_then_right, 0.5) is None
+    assert give(PulseLimiter(limits), late_then_right, 0.5) is None
     # 5 % too fast: each interval is 1 ms short, which the tolerance covers twice
-    assert give(PulseGate(limits), regular(3, 1 / 0.019), 0.5) is None
-    assert give(PulseGate(limits), regular(5, 1 / 0.019), 0.5) == 'maximum_rate_hz'
+    assert give(PulseLimiter(limits), regular(3, 1 / 0.019), 0.5) is None
+    assert give(PulseLimiter(limits), regular(5, 1 / 0.019), 0.5) == 'maximum_rate_hz'
 
 
 def test_time_that_stands_or_goes_back_is_refused():
-    gate = PulseGate(Limits())
-    gate.book(SECOND, 0.5)
+    limiter = PulseLimiter(Limits())
+    limiter.book(SECOND, 0.5)
     for time_ns in (SECOND, SECOND - 1, 0):
-        assert gate.refusal(time_ns, 0.5, WIDTH).limit == 'maximum_rate_hz'
+        assert limiter.refusal(time_ns, 0.5, WIDTH).limit == 'maximum_rate_hz'
 
 
 def test_step_of_intensity_from_zero_and_from_pulse_to_pulse():
-    gate = PulseGate(Limits(maximum_intensity_step=0.2))
-    assert gate.refusal(0, 0.3, WIDTH).limit == 'maximum_intensity_step'
-    gate.book(0, 0.2)
-    assert gate.refusal(SECOND // 10, 0.41, WIDTH).limit == 'maximum_intensity_step'
-    assert gate.refusal(SECOND // 10, 0.4, WIDTH) is None
-    gate.book(SECOND // 10, 0.4)
+    limiter = PulseLimiter(Limits(maximum_intensity_step=0.2))
+    assert limiter.refusal(0, 0.3, WIDTH).limit == 'maximum_intensity_step'
+    limiter.book(0, 0.2)
+    assert limiter.refusal(SECOND // 10, 0.41, WIDTH).limit == 'maximum_intensity_step'
+    assert limiter.refusal(SECOND // 10, 0.4, WIDTH) is None
+    limiter.book(SECOND // 10, 0.4)
     # a new train begins at zero
-    assert gate.refusal(2 * SECOND, 0.4, WIDTH).limit == 'maximum_intensity_step'
+    assert limiter.refusal(2 * SECOND, 0.4, WIDTH).limit == 'maximum_intensity_step'
 
 
 def test_pulses_of_a_train():
     limits = Limits(maximum_train_pulses=10)
-    gate = PulseGate(limits)
-    assert give(gate, regular(10, 20.0), 0.5) is None
-    assert gate.refusal(round(0.5 * SECOND), 0.5, WIDTH).limit == 'maximum_train_pulses'
-    assert give(gate, regular(10, 20.0, start=0.96), 0.5) is None
+    limiter = PulseLimiter(limits)
+    assert give(limiter, regular(10, 20.0), 0.5) is None
+    assert limiter.refusal(round(0.5 * SECOND), 0.5, WIDTH).limit == 'maximum_train_pulses'
+    assert give(limiter, regular(10, 20.0, start=0.96), 0.5) is None
 
 
 @pytest.mark.parametrize(('pulses', 'rate', 'intensity'), [(100, 20.0, 0.7), (200, 15.0, 1.0)])
 def test_wait_after_a_train(pulses, rate, intensity):
-    gate = PulseGate(RAPID)
-    assert give(gate, regular(pulses, rate), intensity) is None
+    limiter = PulseLimiter(RAPID)
+    assert give(limiter, regular(pulses, rate), intensity) is None
     joule = 252.0 * intensity**2
     wait = max(0.5, pulses * (rate * joule - 1050.0) / (1050.0 * rate))
-    assert gate.wait_s == pytest.approx(wait, rel=1e-9)
+    assert limiter.wait_s == pytest.approx(wait, rel=1e-9)
     end = (pulses - 1) / rate
     early = round((end + wait - 0.01) * SECOND)
-    assert gate.refusal(early, 0.1, WIDTH).limit == 'wait'
-    assert gate.refusal(round((end + wait + 0.001) * SECOND), 0.1, WIDTH) is None
+    assert limiter.refusal(early, 0.1, WIDTH).limit == 'wait'
+    assert limiter.refusal(round((end + wait + 0.001) * SECOND), 0.1, WIDTH) is None
 
 
 def test_shortest_wait_is_half_a_second():
-    gate = PulseGate(RAPID)
-    assert gate.wait_s == 0.0
-    give(gate, regular(10, 10.0), 0.3)
-    assert gate.wait_s == 0.5
+    limiter = PulseLimiter(RAPID)
+    assert limiter.wait_s == 0.0
+    give(limiter, regular(10, 10.0), 0.3)
+    assert limiter.wait_s == 0.5
 
 
 @pytest.mark.parametrize(('rate', 'intensity'), [(20.0, 0.7), (15.0, 1.0)])
 def test_on_time_in_a_minute(rate, intensity):
     joule = 252.0 * intensity**2
     on_time = 63_000.0 / (rate * joule)
-    gate = PulseGate(RAPID)
+    limiter = PulseLimiter(RAPID)
     given = 0
-    while gate.refusal(round(given / rate * SECOND), intensity, WIDTH) is None:
-        gate.book(round(given / rate * SECOND), intensity)
+    while limiter.refusal(round(given / rate * SECOND), intensity, WIDTH) is None:
+        limiter.book(round(given / rate * SECOND), intensity)
         given += 1
     # the last pulse that fits begins at most one period before the on-time is over
     assert given / rate == pytest.approx(on_time, abs=1 / rate)
-    refusal = gate.refusal(round(given / rate * SECOND), intensity, WIDTH)
+    refusal = limiter.refusal(round(given / rate * SECOND), intensity, WIDTH)
     assert refusal.limit == 'continuous_power_w'
 
 
 def test_session_outlives_everything():
-    gate = PulseGate(Limits(session_pulses=3))
-    assert give(gate, [0.0, 1.0, 2.0], 0.5) is None
-    assert gate.refusal(100 * SECOND, 0.5, WIDTH).limit == 'session_pulses'
-    gate = PulseGate(Limits(pulse_energy_j=100.0, session_energy_j=250.0, minimum_pause_s=0.1))
-    assert give(gate, [0.0, 1.0], 1.0) is None
-    assert gate.refusal(100 * SECOND, 1.0, WIDTH).limit == 'session_energy_j'
+    limiter = PulseLimiter(Limits(session_pulses=3))
+    assert give(limiter, [0.0, 1.0, 2.0], 0.5) is None
+    assert limiter.refusal(100 * SECOND, 0.5, WIDTH).limit == 'session_pulses'
+    limiter = PulseLimiter(
+        Limits(pulse_energy_j=100.0, session_energy_j=250.0, minimum_pause_s=0.1)
+    )
+    assert give(limiter, [0.0, 1.0], 1.0) is None
+    assert limiter.refusal(100 * SECOND, 1.0, WIDTH).limit == 'session_energy_j'
 
 
 def test_trial_gate_leaves_the_real_one_alone():
-    gate = PulseGate(Limits(session_pulses=5))
-    gate.book(0, 0.5)
-    trial = gate.trial()
+    limiter = PulseLimiter(Limits(session_pulses=5))
+    limiter.book(0, 0.5)
+    trial = limiter.trial()
     give(trial, regular(4, 10.0, start=1.0), 0.5)
-    assert (gate.session_pulses, trial.session_pulses) == (1, 5)
-    assert gate.refusal(SECOND, 0.5, WIDTH) is None
+    assert (limiter.session_pulses, trial.session_pulses) == (1, 5)
+    assert limiter.refusal(SECOND, 0.5, WIDTH) is None
 
 
 @given(st.lists(st.tuples(st.floats(0.001, 0.3), st.floats(0.0, 1.0)), min_size=1, max_size=60))
 def test_what_passes_keeps_every_limit(steps):
-    gate = PulseGate(RAPID, tolerance_s=0.0)
+    limiter = PulseLimiter(RAPID, tolerance_s=0.0)
     time_s, given_pulses = 0.0, []
     for gap, intensity in steps:
         time_s += gap
         time_ns = round(time_s * SECOND)
-        if gate.refusal(time_ns, intensity, WIDTH) is None:
-            gate.book(time_ns, intensity)
+        if limiter.refusal(time_ns, intensity, WIDTH) is None:
+            limiter.book(time_ns, intensity)
             given_pulses.append((time_ns, intensity))
     for (before, weak), (after, strong) in pairwise(given_pulses):
         rate = RAPID.highest_rate_hz(max(weak, strong))

@@ -1,6 +1,6 @@
 """Simulated muscle, stimulator driver, identifier and recorder.
 
-ros2 launch rpms_ros laboratory.launch.py namespace:=left_leg record:=true
+ros2 launch rpms_ros simulation.launch.py namespace:=left_leg record:=true
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
-"""The gate: every pulse passes it, right before the device is told to fire.
+"""The limiter: every pulse passes it, right before the device is told to fire.
 
-The gate remembers what was fired, so that rates, trains, energy and totals hold whatever gave the
-pulses: one schedule, several in a row, or a fault.  It outlives disarming and a device that was
-closed and opened again; only a new driver begins a new session.
+The limiter remembers what was fired, so that rates, trains, energy and totals hold whatever gave
+the pulses: one schedule, several in a row, or a fault.  It outlives disarming and a device that
+was closed and opened again; only a new driver begins a new session.
 """
 
 import math
@@ -24,7 +24,7 @@ class Refusal(NamedTuple):
     Attributes
     ----------
     limit : str
-        Name of the limit, as in `Limits` or in a profile.
+        Name of the limit, as in `Limits` or in a device specification.
     reason : str
         What was expected and what came, in plain words.
     """
@@ -37,7 +37,7 @@ TIMING_LIMITS = ('maximum_rate_hz', 'rate_limits_hz')
 """Limits that a pulse can break by the jitter of the one before it alone."""
 
 
-class PulseGate:
+class PulseLimiter:
     """Holds pulses, one by one, against limits.
 
     Parameters
@@ -125,8 +125,8 @@ class PulseGate:
             return 0
         return max(self._last_ns + 1, self._earliest_ns(intensity)[0] - self._tolerance_ns)
 
-    def trial(self) -> 'PulseGate':
-        """Return a gate with the same memory that tolerates no jitter: plans have none."""
+    def trial(self) -> 'PulseLimiter':
+        """Return a limiter with the same memory that tolerates no jitter: plans have none."""
         other = copy(self)
         other._window = deque(self._window)
         other._tolerance_ns = _ROUNDING_NS

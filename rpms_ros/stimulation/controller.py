@@ -14,20 +14,20 @@ from dataclasses import replace
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation.device_specification import DeviceSpecification
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.forecast import Forecast
 from rpms_ros.stimulation.forecast import forecast_plan
-from rpms_ros.stimulation.gate import TIMING_LIMITS
-from rpms_ros.stimulation.gate import PulseGate
-from rpms_ros.stimulation.guard import POSSIBLE
-from rpms_ros.stimulation.guard import SUPERVISOR
-from rpms_ros.stimulation.guard import Guard
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.lateness import Lateness
-from rpms_ros.stimulation.profile import Profile
+from rpms_ros.stimulation.limiter import TIMING_LIMITS
+from rpms_ros.stimulation.limiter import PulseLimiter
 from rpms_ros.stimulation.run import Run
+from rpms_ros.stimulation.safety_monitor import POSSIBLE
+from rpms_ros.stimulation.safety_monitor import SUPERVISOR
+from rpms_ros.stimulation.safety_monitor import SafetyMonitor
 from rpms_ros.stimulation.schedule import Schedule
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import Command
@@ -64,14 +64,14 @@ class Fired:
     delivered_sequence: int
 
 
-class StimulatorCore(Guard):
+class StimulationController(SafetyMonitor):
     """Runs schedules on a device, one at a time, within limits.
 
     Parameters
     ----------
     device : Device
         What gives the pulses.
-    profile : Profile
+    specification : DeviceSpecification
         What the device can do.
     settings : DriverSettings
         How it watches over itself.
@@ -82,23 +82,25 @@ class StimulatorCore(Guard):
     def __init__(
         self,
         device: Device,
-        profile: Profile,
+        specification: DeviceSpecification,
         settings: DriverSettings,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        if profile.thermal is not None:
-            lowest = min(settings.temperature_limit, profile.thermal.cutout)
+        if specification.thermal is not None:
+            lowest = min(settings.temperature_limit, specification.thermal.cutout)
             settings = replace(settings, temperature_limit=lowest)
         super().__init__(device, settings, clock)
-        if device.real and profile.simulated_only:
+        if device.real and specification.simulated_only:
             raise StimulationError(
-                f'expected the profile of a real device, got {profile.name!r}, which is for a '
-                'simulated one only'
+                f'expected the device specification of a real device, got {specification.name!r}, '
+                'which is for a simulated one only'
             )
-        self.profile = profile
-        self.limits = profile.limits
-        self.gate = PulseGate(profile.limits)
-        self.coil = CoilTemperature(profile.thermal, clock()) if profile.thermal else None
+        self.specification = specification
+        self.limits = specification.limits
+        self.limiter = PulseLimiter(specification.limits)
+        self.coil = (
+            CoilTemperature(specification.thermal, clock()) if specification.thermal else None
+        )
         self.lateness = Lateness()
         self.run: Run | None = None
         self.commanded = 0
@@ -113,10 +115,10 @@ class StimulatorCore(Guard):
         with self._lock:
             after(self.state, Command.START)
             self._refuse_if_open()
-        # asked twice in a row, by a goal and by its start; the gate has the last word anyway
-        if self._checked != (schedule, self.gate.session_pulses):
+        # asked twice in a row, by a goal and by its start; the limiter has the last word anyway
+        if self._checked != (schedule, self.limiter.session_pulses):
             self._refuse_undeliverable(schedule)
-            self._checked = (schedule, self.gate.session_pulses)
+            self._checked = (schedule, self.limiter.session_pulses)
 
     def start(self, schedule: Schedule) -> Run:
         """Begin a schedule; its first pulse is due after the lead time.
@@ -249,12 +251,12 @@ class StimulatorCore(Guard):
         if now - run.due_ns > nanoseconds(self.settings.lateness_limit_s):
             self._drop(run, 'late')
             return None
-        refusal = self.gate.refusal(now, run.intensity, run.schedule.width_s)
+        refusal = self.limiter.refusal(now, run.intensity, run.schedule.width_s)
         if refusal is None and self._permit:
             return self._booked(run, now)
         if refusal is not None and refusal.limit in TIMING_LIMITS:
             # the pulse before was late: this one waits for its interval, if it then is not late
-            self._hold_ns = self.gate.earliest_ns(run.intensity)
+            self._hold_ns = self.limiter.earliest_ns(run.intensity)
         elif refusal is not None:
             self.count(refusal.limit)
             self.cancel(f'{refusal.limit}: {refusal.reason}')
@@ -262,7 +264,7 @@ class StimulatorCore(Guard):
 
     def _booked(self, run: Run, now: int) -> Fired:
         energy = self.limits.energy_j(run.intensity)
-        self.gate.book(now, run.intensity)
+        self.limiter.book(now, run.intensity)
         if self.coil is not None:
             self.coil.heat(now, energy)
         run.energy_j += energy
@@ -291,7 +293,7 @@ class StimulatorCore(Guard):
                 self.fail('lost', 'expected a pulse from the device, got none')
             return pulse
         self.delivered += 1
-        self.gate.correct(delivery.time_ns)
+        self.limiter.correct(delivery.time_ns)
         run.delivered += 1
         self.lateness.add(delivery.time_ns - pulse.due_ns)
         off = abs(delivery.intensity - pulse.intensity)
@@ -310,7 +312,7 @@ class StimulatorCore(Guard):
         return replace(pulse, delivery=delivery)
 
     def _refuse_undeliverable(self, schedule: Schedule) -> None:
-        left = self.limits.session_pulses - self.gate.session_pulses
+        left = self.limits.session_pulses - self.limiter.session_pulses
         if schedule.pulse_count > left:
             raise Refused(
                 'session_pulses',
@@ -319,7 +321,7 @@ class StimulatorCore(Guard):
             )
         start = self._clock() + nanoseconds(self.settings.lead_s)
         ahead = forecast_plan(
-            schedule.plan, schedule.width_s, self.gate.trial(), copy(self.coil), start
+            schedule.plan, schedule.width_s, self.limiter.trial(), copy(self.coil), start
         )
         for violation in ahead.violations:
             raise Refused(

@@ -19,7 +19,7 @@ from rpms_ros.stimulation.segment import Segment
 
 
 @dataclass(frozen=True)
-class Volley(Segment):
+class PulseBurst(Segment):
     """``count`` pulses ``interval_s`` apart (an N-let), then silence to the end of the segment."""
 
     kind: ClassVar[str] = 'n_let'
@@ -86,7 +86,7 @@ class Single(Segment):
 
 
 @dataclass(frozen=True)
-class Doublet(Volley):
+class Doublet(PulseBurst):
     """Two pulses."""
 
     kind: ClassVar[str] = 'doublet'

@@ -1,4 +1,4 @@
-"""A whole laboratory on this machine: three nodes as processes of their own, a recorder here.
+"""A whole graph on this machine: three nodes as processes of their own, a recorder here.
 
 The processes talk over real DDS, on the local host and in a domain of their own.  They end with
 the block that started them, and by themselves if this process is killed.
@@ -49,7 +49,7 @@ _QUIET = 0.5
 
 
 @dataclass(frozen=True)
-class LaboratorySettings:
+class SimulationSettings:
     """Parameters of the three nodes, by name; what is not named keeps its default."""
 
     plant: dict[str, Any]
@@ -97,14 +97,14 @@ class Monitor(Node):
         self.has_run |= message.state == DriverStatus.RUNNING
 
 
-class Laboratory:
+class SimulationLauncher:
     """Three processes, a recorder and a monitor; use it in a ``with`` block.
 
     Parameters
     ----------
     folder : Path
         Folder for the recording, the parameters and what the processes say; must not exist.
-    settings : LaboratorySettings
+    settings : SimulationSettings
         Parameters of the nodes.
 
     Raises
@@ -113,14 +113,14 @@ class Laboratory:
         If the folder exists, or a process does not start or ends too early.
     """
 
-    def __init__(self, folder: Path, settings: LaboratorySettings) -> None:
+    def __init__(self, folder: Path, settings: SimulationSettings) -> None:
         self.folder = folder
         self._settings = settings
         self._cleanup = contextlib.ExitStack()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._next_look = 0.0
 
-    def __enter__(self) -> 'Laboratory':
+    def __enter__(self) -> 'SimulationLauncher':
         try:
             self.folder.mkdir(parents=True)
         except OSError as error:

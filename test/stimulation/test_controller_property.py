@@ -1,7 +1,7 @@
 """Ten thousand random schedules, faults and stops: no pulse ever breaks a limit.
 
 What was fired is held against the limits by a reckoning of its own, pulse against pulse, that
-shares nothing with the gate.
+shares nothing with the limiter.
 """
 
 import math
@@ -86,7 +86,7 @@ FAULTS = (
 
 def disturb(driver, random):
     """Do one thing that people, devices and machines do at the wrong moment."""
-    core = driver.core
+    controller = driver.controller
 
     def stall():
         driver.clock.now += int(random.integers(1, 800)) * 1_000_000
@@ -101,14 +101,14 @@ def disturb(driver, random):
         stall,
         fault,
         deaf,
-        core.cancel,
-        core.disarm,
-        core.cleanup,
-        lambda: core.emergency(bool(random.integers(2))),
-        lambda: core.stop('test', 'a test'),
-        lambda: core.measured('force_limit', random.uniform(0.0, 200.0), 100.0, 'N'),
-        lambda: core.temperature(float(random.uniform(20.0, 60.0))),
-        lambda: core.fail('test', 'a test'),
+        controller.cancel,
+        controller.disarm,
+        controller.cleanup,
+        lambda: controller.emergency(bool(random.integers(2))),
+        lambda: controller.stop('test', 'a test'),
+        lambda: controller.measured('force_limit', random.uniform(0.0, 200.0), 100.0, 'N'),
+        lambda: controller.temperature(float(random.uniform(20.0, 60.0))),
+        lambda: controller.fail('test', 'a test'),
     )[random.integers(11)]()
 
 
@@ -116,10 +116,14 @@ def live(driver, random):
     """Run schedules with disturbances; return what was refused, by name of the limit."""
     refused = []
     for _ in range(random.integers(1, 4)):
-        for command in (driver.core.reset, driver.core.configure, driver.core.arm):
+        for command in (
+            driver.controller.reset,
+            driver.controller.configure,
+            driver.controller.arm,
+        ):
             attempt(command, refused)
         schedule = random_schedule(random)
-        attempt(lambda chosen=schedule: driver.core.start(chosen), refused)
+        attempt(lambda chosen=schedule: driver.controller.start(chosen), refused)
         for _ in range(random.integers(1, 4)):
             late = int(random.choice([0, 0, 1_000_000, 4_000_000, 9_000_000]))
             driver.advance(float(random.uniform(0.05, 0.5)), late_ns=late)
@@ -127,8 +131,8 @@ def live(driver, random):
                 disturb(driver, random)
                 silent_if_stopped(driver)
         driver.faults = SimulatedFaults()
-        if driver.core.state is State.FAULT:
-            driver.core.cleanup()
+        if driver.controller.state is State.FAULT:
+            driver.controller.cleanup()
     return refused
 
 
@@ -144,11 +148,11 @@ def attempt(command, refused):
 
 def silent_if_stopped(driver):
     """Right after whatever stops a driver nothing can be fired."""
-    if driver.core.state is State.RUNNING:
+    if driver.controller.state is State.RUNNING:
         return
     before = len(driver.device.commands)
-    assert driver.core.fire_next() is None
-    assert driver.core.due_ns() is None
+    assert driver.controller.fire_next() is None
+    assert driver.controller.due_ns() is None
     assert len(driver.device.commands) == before
 
 

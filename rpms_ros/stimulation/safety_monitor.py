@@ -32,7 +32,7 @@ _TEMPERATURE = 'temperature'
 _FORCE_LIMIT = 'force_limit'
 
 
-class Guard:
+class SafetyMonitor:
     """State, interlocks and device of one stimulator.
 
     Parameters

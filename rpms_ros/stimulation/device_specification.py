@@ -1,4 +1,4 @@
-"""Profiles: the limits of a kind of device as a data file, each with where it comes from."""
+"""Device specifications: the limits of a kind of device as a data file, with their sources."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from rpms_ros.stimulation.thermal import CoilThermal
 from rpms_ros.stimulation.yaml_places import load_document
 from rpms_ros.stimulation.yaml_places import with_line
 
-_FOLDER = Path(__file__).with_name('profiles')
+_FOLDER = Path(__file__).with_name('device_specifications')
 _KEYS = ['name', 'description', 'simulated_only', 'limits', 'thermal', 'sources']
 
 
 @dataclass(frozen=True)
-class Profile:
+class DeviceSpecification:
     """What a kind of device can do.
 
     Attributes
@@ -48,12 +48,12 @@ class Profile:
 
 
 def profile_names() -> list[str]:
-    """Return the names of the profiles that come with the package."""
+    """Return the names of the device specifications that come with the package."""
     return sorted(path.stem for path in _FOLDER.glob('*.yaml'))
 
 
-def load_profile(name: str) -> Profile:
-    """Return a profile by its name, or from a YAML file of one's own.
+def load_device_specification(name: str) -> DeviceSpecification:
+    """Return a device specification by its name, or from a YAML file of one's own.
 
     Raises
     ------
@@ -67,7 +67,9 @@ def load_profile(name: str) -> Profile:
     try:
         node, content = load_document(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as fault:
-        raise StimulationError(f'expected a readable profile, got {path}: {fault}') from fault
+        raise StimulationError(
+            f'expected a readable device specification, got {path}: {fault}'
+        ) from fault
     except StimulationError as fault:
         raise StimulationError(f'{path}: {fault}') from fault
     try:
@@ -78,7 +80,7 @@ def load_profile(name: str) -> Profile:
         raise StimulationError(f'{path}: limits: {fault}') from fault
 
 
-def _read(content: object) -> Profile:
+def _read(content: object) -> DeviceSpecification:
     document = as_mapping(content, '')
     refuse_unknown(document, _KEYS, '')
     limits = as_mapping(document.get('limits'), 'limits')
@@ -89,7 +91,7 @@ def _read(content: object) -> Profile:
     for figure in figures:
         if not isinstance(sources.get(figure), str):
             raise DescriptionError('sources', f'expected the source of {figure}, got none')
-    return Profile(
+    return DeviceSpecification(
         name=_text(document, 'name'),
         description=_text(document, 'description'),
         limits=Limits(**read_bounded(Limits, limits, 'limits')),

@@ -62,7 +62,7 @@ def _run(feedback: tuple[int, ...], symbols: int, longest: int) -> tuple[int, ..
 
 
 @dataclass(frozen=True)
-class Multilevel(Repetitive):
+class MultilevelPRBS(Repetitive):
     """A maximal-length sequence of ``level_count`` levels from ``low`` to ``high``.
 
     Attributes
@@ -77,7 +77,7 @@ class Multilevel(Repetitive):
         Where in its period the sequence begins; drawn from the schedule's seed if it is missing.
     """
 
-    kind: ClassVar[str] = 'multilevel'
+    kind: ClassVar[str] = 'multilevel_prbs'
     low: float = share(0.0)
     high: float = share(1.0)
     level_count: int = bounded(Bound(2, 7, whole=True), 5)

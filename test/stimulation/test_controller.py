@@ -10,13 +10,13 @@ from rpms_ros.stimulation import Pause
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import Single
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.core import StimulatorCore
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices import SimulatedFaults
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.profile import load_profile
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import TRANSITIONS
 from rpms_ros.stimulation.states import Command
@@ -39,26 +39,26 @@ def driver_in(virtual):
 
 def brought_to(state, driver):
     if state is State.FAULT:
-        driver.core.fail('test', 'a test')
+        driver.controller.fail('test', 'a test')
     if state in (State.DISARMED, State.ARMED, State.RUNNING):
-        driver.core.configure()
+        driver.controller.configure()
     if state in (State.ARMED, State.RUNNING):
-        driver.core.arm()
+        driver.controller.arm()
     if state is State.RUNNING:
-        driver.core.start(TRAIN)
-    assert driver.core.state is state
+        driver.controller.start(TRAIN)
+    assert driver.controller.state is state
     return driver
 
 
 DO = {
-    Command.CONFIGURE: lambda core: core.configure(),
-    Command.ARM: lambda core: core.arm(),
-    Command.START: lambda core: core.start(TRAIN),
-    Command.FINISH: lambda core: core.cancel(),
-    Command.DISARM: lambda core: core.disarm(),
-    Command.CLEANUP: lambda core: core.cleanup(),
-    Command.FAIL: lambda core: core.fail('test', 'a test'),
-    Command.STOP: lambda core: core.stop('test', 'a test'),
+    Command.CONFIGURE: lambda controller: controller.configure(),
+    Command.ARM: lambda controller: controller.arm(),
+    Command.START: lambda controller: controller.start(TRAIN),
+    Command.FINISH: lambda controller: controller.cancel(),
+    Command.DISARM: lambda controller: controller.disarm(),
+    Command.CLEANUP: lambda controller: controller.cleanup(),
+    Command.FAIL: lambda controller: controller.fail('test', 'a test'),
+    Command.STOP: lambda controller: controller.stop('test', 'a test'),
 }
 # What may be asked of a driver anywhere and then does what is needed, or nothing.
 LENIENT = {Command.FINISH, Command.DISARM, Command.CLEANUP}
@@ -70,27 +70,27 @@ def test_every_transition_legal_or_not(state, command, driver_in):
     driver = driver_in(state)
     target = TRANSITIONS.get((state, command))
     if target is None and command in LENIENT:
-        DO[command](driver.core)
-        assert driver.core.state in (state, State.UNCONFIGURED)
-        assert driver.core.state not in (State.ARMED, State.RUNNING) or state is State.ARMED
+        DO[command](driver.controller)
+        assert driver.controller.state in (state, State.UNCONFIGURED)
+        assert driver.controller.state not in (State.ARMED, State.RUNNING) or state is State.ARMED
     elif target is None:
         with pytest.raises(StimulationError, match=f'{command.value}: expected .*{state.name}'):
-            DO[command](driver.core)
-        assert driver.core.state is state
+            DO[command](driver.controller)
+        assert driver.controller.state is state
     else:
-        DO[command](driver.core)
-        assert driver.core.state is target
-    assert driver.device.armed == (driver.core.state in (State.ARMED, State.RUNNING))
+        DO[command](driver.controller)
+        assert driver.controller.state is target
+    assert driver.device.armed == (driver.controller.state in (State.ARMED, State.RUNNING))
 
 
 class StoppedMidway(SimulatedDevice):
     """A device during whose every call somebody presses the emergency stop."""
 
-    core = None
+    controller = None
 
     def _press(self):
-        if self.core is not None:
-            self.core.stop('test', 'stop in the middle')
+        if self.controller is not None:
+            self.controller.stop('test', 'stop in the middle')
 
     def open(self):
         super().open()
@@ -115,38 +115,38 @@ def test_stop_in_the_middle_of_every_transition(state, command, driver_in):
     driver = driver_in(state)
     device = StoppedMidway(clock=driver.clock)
     device.opened, device.armed = driver.device.opened, driver.device.armed
-    driver.core.device = driver.device = device
-    device.core = driver.core
+    driver.controller.device = driver.device = device
+    device.controller = driver.controller
     during = command in (Command.CONFIGURE, Command.ARM, Command.CLEANUP)
     legal = (state, command) in TRANSITIONS
     try:
-        DO[command](driver.core)
+        DO[command](driver.controller)
     except StimulationError:
         assert not legal or command is Command.ARM
     if not during or not legal:
-        driver.core.stop('test', 'stop right after')
-    assert driver.core.interlocks.latched
-    assert driver.core.state not in (State.ARMED, State.RUNNING)
+        driver.controller.stop('test', 'stop right after')
+    assert driver.controller.interlocks.latched
+    assert driver.controller.state not in (State.ARMED, State.RUNNING)
     assert not device.armed
     driver.advance(1.0)
     assert not device.fired
     with pytest.raises(StimulationError):
-        driver.core.start(TRAIN)
+        driver.controller.start(TRAIN)
     with pytest.raises(StimulationError):
-        driver.core.arm()
+        driver.controller.arm()
 
 
 def test_stop_while_the_device_is_firing(driver_in):
     driver = driver_in(State.ARMED)
     device = StoppedMidway(clock=driver.clock)
     device.opened = device.armed = True
-    driver.core.device = device
-    driver.core.start(TRAIN)
-    device.core = driver.core
+    driver.controller.device = device
+    driver.controller.start(TRAIN)
+    device.controller = driver.controller
     driver.advance(1.0)
     assert not device.fired
-    assert driver.core.interlocks.latched
-    assert driver.core.state is State.DISARMED
+    assert driver.controller.interlocks.latched
+    assert driver.controller.state is State.DISARMED
 
 
 def test_table_has_stop_and_fail_everywhere():
@@ -159,20 +159,24 @@ def test_table_has_stop_and_fail_everywhere():
 
 def test_train_is_delivered_on_time_and_counted(driver_in):
     driver = driver_in(State.ARMED)
-    run = driver.core.start(TRAIN)
+    run = driver.controller.start(TRAIN)
     driver.advance(1.0)
     assert run.completed
     assert run.ended == 'completed'
-    assert driver.core.state is State.ARMED
+    assert driver.controller.state is State.ARMED
     onsets = [time for time, _ in driver.device.commands]
     assert onsets == [run.start_ns + pulse * 50 * MILLISECOND for pulse in range(10)]
-    assert (driver.core.commanded, driver.core.delivered, driver.core.dropped) == (10, 10, 0)
-    assert driver.core.lateness.max_s == 0.0
+    assert (
+        driver.controller.commanded,
+        driver.controller.delivered,
+        driver.controller.dropped,
+    ) == (10, 10, 0)
+    assert driver.controller.lateness.max_s == 0.0
 
 
 def test_late_pulses_are_dropped_and_counted_never_sent_in_a_burst(driver_in):
     driver = driver_in(State.ARMED)
-    run = driver.core.start(TRAIN)
+    run = driver.controller.start(TRAIN)
     driver.advance(0.2)
     given = len(driver.device.commands)
     driver.clock.now += 170 * MILLISECOND
@@ -184,12 +188,12 @@ def test_late_pulses_are_dropped_and_counted_never_sent_in_a_burst(driver_in):
     assert min(gaps) == 50 * MILLISECOND
     assert len(driver.device.commands) > given
     assert run.ended == 'ended with 3 pulses missing'
-    assert driver.core.fault_counts() == {'late': 3}
+    assert driver.controller.fault_counts() == {'late': 3}
 
 
 def test_pulse_after_a_late_one_waits_for_its_interval(virtual):
     driver = virtual(Limits(maximum_rate_hz=20.0, interval_tolerance_s=1e-3)).armed()
-    run = driver.core.start(TRAIN)
+    run = driver.controller.start(TRAIN)
     driver.advance(0.06)
     driver.advance(0.05, late_ns=8 * MILLISECOND)
     driver.advance(1.0)
@@ -201,11 +205,11 @@ def test_pulse_after_a_late_one_waits_for_its_interval(virtual):
 
 def test_lateness_within_the_limit_is_measured(driver_in):
     driver = driver_in(State.ARMED)
-    run = driver.core.start(TRAIN)
+    run = driver.controller.start(TRAIN)
     driver.advance(1.0, late_ns=2 * MILLISECOND)
     assert run.completed
-    assert driver.core.lateness.max_s == pytest.approx(2e-3, abs=1e-12)
-    assert driver.core.lateness.mean_s == pytest.approx(2e-3, abs=1e-12)
+    assert driver.controller.lateness.max_s == pytest.approx(2e-3, abs=1e-12)
+    assert driver.controller.lateness.mean_s == pytest.approx(2e-3, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -224,22 +228,22 @@ def test_difference_between_commanded_and_delivered_is_a_fault(faults, name, dri
     before = len(driver.device.commands)
     driver.faults = faults
     driver.advance(1.0)
-    assert driver.core.state is State.FAULT
-    assert driver.core.fault_counts() == {name: 1}
+    assert driver.controller.state is State.FAULT
+    assert driver.controller.fault_counts() == {name: 1}
     assert len(driver.device.commands) - before <= 1
     assert not driver.device.armed
-    assert driver.core.run.ended == driver.core.reason
+    assert driver.controller.run.ended == driver.controller.reason
     with pytest.raises(StimulationError, match='start: expected state ARMED, got FAULT'):
-        driver.core.start(TRAIN)
+        driver.controller.start(TRAIN)
 
 
 def test_device_that_vanishes_while_nothing_fires_is_noticed(driver_in):
     driver = driver_in(State.DISARMED)
     driver.device.keep_alive()
-    driver.core.device.temperature = vanished
+    driver.controller.device.temperature = vanished
     driver.advance(1.0)
-    assert driver.core.state is State.FAULT
-    assert 'expected the device, got nothing' in driver.core.reason
+    assert driver.controller.state is State.FAULT
+    assert 'expected the device, got nothing' in driver.controller.reason
 
 
 def vanished():
@@ -248,10 +252,10 @@ def vanished():
 
 def test_device_that_cannot_be_disarmed_is_left_to_its_own_watchdog(driver_in):
     driver = driver_in(State.ARMED)
-    driver.core.device.disarm = vanished
-    driver.core.disarm()
-    assert driver.core.state is State.FAULT
-    assert driver.core.fault_counts() == {'disarm': 1}
+    driver.controller.device.disarm = vanished
+    driver.controller.disarm()
+    assert driver.controller.state is State.FAULT
+    assert driver.controller.fault_counts() == {'disarm': 1}
     before = driver.device._last_sign_ns
     driver.advance(2.0)
     assert driver.device._last_sign_ns == before
@@ -260,28 +264,28 @@ def test_device_that_cannot_be_disarmed_is_left_to_its_own_watchdog(driver_in):
 
 def test_device_that_cannot_be_closed_is_let_go(driver_in):
     driver = driver_in(State.DISARMED)
-    driver.core.device.close = vanished
-    driver.core.cleanup()
-    assert driver.core.state is State.UNCONFIGURED
-    assert driver.core.reason == 'device closed; expected the device, got nothing'
+    driver.controller.device.close = vanished
+    driver.controller.cleanup()
+    assert driver.controller.state is State.UNCONFIGURED
+    assert driver.controller.reason == 'device closed; expected the device, got nothing'
 
 
 @pytest.mark.parametrize('call', ['open', 'arm'])
 def test_device_that_does_not_answer(call, driver_in):
     driver = driver_in(State.UNCONFIGURED)
-    setattr(driver.core.device, call, vanished)
+    setattr(driver.controller.device, call, vanished)
     with pytest.raises(DeviceError, match='expected the device, got nothing'):
         driver.armed()
-    assert driver.core.state is (State.UNCONFIGURED if call == 'open' else State.FAULT)
+    assert driver.controller.state is (State.UNCONFIGURED if call == 'open' else State.FAULT)
 
 
 def test_idle_driver_disarms_itself(virtual):
     driver = virtual(Limits(idle_disarm_s=5.0)).armed()
     driver.advance(4.9)
-    assert driver.core.state is State.ARMED
+    assert driver.controller.state is State.ARMED
     driver.advance(0.2)
-    assert driver.core.state is State.DISARMED
-    assert driver.core.reason == 'idle: no pulse for 5 s while armed'
+    assert driver.controller.state is State.DISARMED
+    assert driver.controller.reason == 'idle: no pulse for 5 s while armed'
     assert not driver.device.armed
 
 
@@ -296,37 +300,37 @@ def test_armed_device_is_kept_alive(driver_in):
 @pytest.mark.parametrize('silent', ['executor', 'heartbeat'])
 def test_missing_sign_of_life_stops_before_the_next_pulse(silent, virtual):
     driver = virtual(heartbeat_timeout_s=0.3 if silent == 'heartbeat' else 0.0).armed()
-    driver.core.start(constant(0.5, 5.0, 20.0))
+    driver.controller.start(constant(0.5, 5.0, 20.0))
     driver.advance(1.0)
     driver.alive = False
     lost_at = driver.clock.now
     driver.advance(2.0)
     limit = 300 if silent == 'heartbeat' else 500
     assert driver.device.commands[-1][0] <= lost_at + limit * MILLISECOND
-    assert driver.core.interlocks.latched
-    assert silent in driver.core.reason
+    assert driver.controller.interlocks.latched
+    assert silent in driver.controller.reason
     with pytest.raises(StimulationError, match=f'reset: expected {silent} to come again'):
-        driver.core.reset()
+        driver.controller.reset()
     driver.alive = True
     driver.look()
-    driver.core.reset()
-    driver.core.arm()
+    driver.controller.reset()
+    driver.controller.arm()
 
 
 def test_pulse_is_not_fired_when_nobody_supervises(virtual):
     driver = virtual(executor_timeout_s=5.0).armed()
-    driver.core.start(constant(0.5, 5.0, 20.0))
+    driver.controller.start(constant(0.5, 5.0, 20.0))
     for _ in range(50):
-        driver.clock.now = driver.core.due_ns() or driver.clock.now
-        driver.core.fire_next()
-    assert 'supervisor: expected a sign of life within 0.5 s' in driver.core.reason
+        driver.clock.now = driver.controller.due_ns() or driver.clock.now
+        driver.controller.fire_next()
+    assert 'supervisor: expected a sign of life within 0.5 s' in driver.controller.reason
     assert len(driver.device.commands) <= 11
 
 
 def test_gate_refusal_in_a_run_ends_it_with_its_limit(virtual):
     driver = virtual(Limits(maximum_intensity_step=0.3)).armed()
     steps = tuple(Constant(20.0, 0.05, intensity=value) for value in (0.3, 0.6, 0.9))
-    run = driver.core.start(Schedule(steps))
+    run = driver.controller.start(Schedule(steps))
     # the second pulse comes too late, so the step from the first to the third is too large
     driver.advance(0.06)
     driver.clock.now += 55 * MILLISECOND
@@ -334,47 +338,47 @@ def test_gate_refusal_in_a_run_ends_it_with_its_limit(virtual):
     driver.advance(1.0)
     assert run.ended.startswith('maximum_intensity_step: expected a step of at most 0.3 from 0.3')
     assert [value for _, value in driver.device.commands] == [0.3]
-    assert driver.core.state is State.ARMED
+    assert driver.controller.state is State.ARMED
 
 
 def test_second_schedule_is_refused_while_one_runs(driver_in):
     driver = driver_in(State.RUNNING)
     with pytest.raises(StimulationError, match='start: expected state ARMED, got RUNNING'):
-        driver.core.start(TRAIN)
-    assert driver.core.run.schedule is TRAIN
+        driver.controller.start(TRAIN)
+    assert driver.controller.run.schedule is TRAIN
 
 
 def test_schedule_beyond_the_session_is_refused(virtual):
     driver = virtual(Limits(session_pulses=15)).armed()
-    driver.core.start(TRAIN)
+    driver.controller.start(TRAIN)
     driver.advance(1.0)
     with pytest.raises(Refused, match='expected at most 5 more pulses in this session, got 10'):
-        driver.core.start(TRAIN)
-    driver.core.cleanup()
+        driver.controller.start(TRAIN)
+    driver.controller.cleanup()
     driver.armed()
     with pytest.raises(Refused, match='expected at most 5 more pulses in this session, got 10'):
-        driver.core.start(TRAIN)
+        driver.controller.start(TRAIN)
 
 
 def test_rest_of_the_coil_counts_from_schedule_to_schedule(virtual):
-    driver = virtual(profile='rapid2-240v').armed()
+    driver = virtual(specification='rapid2-240v').armed()
     hard = constant(0.7, 10.0, 20.0)
-    driver.core.start(hard)
+    driver.controller.start(hard)
     driver.advance(10.8)
-    assert driver.core.coil_temperature > 24.0
+    assert driver.controller.coil_temperature > 24.0
     with pytest.raises(Refused, match=r'wait: expected a wait of 13\.5 s after a train of 200'):
-        driver.core.start(hard)
+        driver.controller.start(hard)
     driver.advance(13.6)
-    driver.core.start(hard)
+    driver.controller.start(hard)
 
 
 def test_undeliverable_schedule_is_refused_with_power_and_offer(virtual):
-    driver = virtual(profile='rapid2-240v').armed()
+    driver = virtual(specification='rapid2-240v').armed()
     with pytest.raises(Refused, match=r'mean power 5040 W; at 20 Hz .* 0.456 can be') as caught:
-        driver.core.start(constant(1.0, 90.0, 20.0))
+        driver.controller.start(constant(1.0, 90.0, 20.0))
     assert caught.value.limit == 'rate_limits_hz'
     with pytest.raises(Refused, match=r'idle_disarm_s: expected at most 60 s'):
-        driver.core.start(Schedule((Pause(61.0), Single())))
+        driver.controller.start(Schedule((Pause(61.0), Single())))
     assert driver.device.commands == []
 
 
@@ -382,45 +386,47 @@ def test_profile_for_simulation_is_refused_for_a_real_device():
     class Real(SimulatedDevice):
         real = True
 
-    with pytest.raises(StimulationError, match='expected the profile of a real device'):
-        StimulatorCore(Real(), load_profile('simulated'), DriverSettings())
+    with pytest.raises(
+        StimulationError, match='expected the device specification of a real device'
+    ):
+        StimulationController(Real(), load_device_specification('simulated'), DriverSettings())
 
 
 def test_temperature_and_force_close_again_but_stay_latched(driver_in):
     driver = driver_in(State.RUNNING)
-    driver.core.temperature(41.0)
-    assert driver.core.reason == 'temperature: expected at most 40 Celsius, got 41 Celsius'
+    driver.controller.temperature(41.0)
+    assert driver.controller.reason == 'temperature: expected at most 40 Celsius, got 41 Celsius'
     with pytest.raises(StimulationError, match='reset: expected the cause temperature gone'):
-        driver.core.reset()
-    driver.core.temperature(30.0)
-    assert driver.core.interlocks.latched
-    driver.core.reset()
-    driver.core.arm()
+        driver.controller.reset()
+    driver.controller.temperature(30.0)
+    assert driver.controller.interlocks.latched
+    driver.controller.reset()
+    driver.controller.arm()
 
 
 def test_condition_that_opens_while_disarmed_only_refuses(driver_in):
     driver = driver_in(State.DISARMED)
-    driver.core.temperature(41.0)
-    assert not driver.core.interlocks.latched
+    driver.controller.temperature(41.0)
+    assert not driver.controller.interlocks.latched
     with pytest.raises(Refused, match='temperature: expected at most 40'):
-        driver.core.arm()
-    driver.core.temperature(30.0)
-    driver.core.arm()
+        driver.controller.arm()
+    driver.controller.temperature(30.0)
+    driver.controller.arm()
 
 
 def test_nothing_is_due_once_the_permit_is_taken_back(driver_in):
     driver = driver_in(State.RUNNING)
-    assert driver.core.due_ns() is not None
+    assert driver.controller.due_ns() is not None
     # as a stop does before it waits for the lock: a thread that went on asking would keep it
-    driver.core._silence()
-    assert driver.core.due_ns() is None
+    driver.controller._silence()
+    assert driver.controller.due_ns() is None
     driver.clock.now += 60 * MILLISECOND
-    assert driver.core.fire_next() is None
+    assert driver.controller.fire_next() is None
     assert driver.device.commands == []
 
 
 def test_stop_keeps_its_first_cause(driver_in):
     driver = driver_in(State.RUNNING)
-    driver.core.stop('one', 'first')
-    driver.core.stop('two', 'second')
-    assert driver.core.interlocks.latched_reason == 'first'
+    driver.controller.stop('one', 'first')
+    driver.controller.stop('two', 'second')
+    assert driver.controller.interlocks.latched_reason == 'first'

@@ -1,4 +1,4 @@
-"""The laboratory end to end: in one process, and as three with a recording."""
+"""The launcher end to end: in one process, and as three with a recording."""
 
 import os
 import signal
@@ -16,9 +16,9 @@ from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
 from rpms_ros.nodes import qos
 from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.laboratory import Laboratory
-from rpms_ros.nodes.laboratory import LaboratorySettings
 from rpms_ros.nodes.plant_simulator import PlantSimulator
+from rpms_ros.nodes.simulation_launcher import SimulationLauncher
+from rpms_ros.nodes.simulation_launcher import SimulationSettings
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.recording import read_recording
 
@@ -110,20 +110,20 @@ def test_no_process_is_left_behind(
 
 
 def test_a_process_that_ends_too_early_is_named_with_its_last_words(tmp_path: Path) -> None:
-    settings = LaboratorySettings(plant={'rate': 1000}, driver={}, identifier={})
+    settings = SimulationSettings(plant={'rate': 1000}, driver={}, identifier={})
     lines = r'expected plant_simulator to run, got exit code 2: error: parameter rate: expected'
     with (
-        Laboratory(tmp_path / 'session', settings) as laboratory,
+        SimulationLauncher(tmp_path / 'session', settings) as launcher,
         pytest.raises(NodeError, match=lines),
     ):
-        laboratory.step(30.0)
+        launcher.step(30.0)
     assert processes_of(tmp_path) == []
 
 
 def test_a_folder_that_exists_is_not_overwritten(tmp_path: Path) -> None:
-    settings = LaboratorySettings(plant={}, driver={}, identifier={})
+    settings = SimulationSettings(plant={}, driver={}, identifier={})
     with (
         pytest.raises(NodeError, match=f'expected a new folder {tmp_path}, got'),
-        Laboratory(tmp_path, settings),
+        SimulationLauncher(tmp_path, settings),
     ):
         pass
