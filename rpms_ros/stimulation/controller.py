@@ -163,6 +163,7 @@ class StimulationController(SafetyMonitor):
             since = self._firing_since_ns = self._clock()
         try:
             with self._device_lock:
+                self.device.prepare(pulse.intensity)
                 delivery = self.device.fire(pulse.intensity, pulse.width_s)
         except DeviceError as error:
             self.fail('device', str(error))
@@ -219,9 +220,7 @@ class StimulationController(SafetyMonitor):
         if not self._device_lock.acquire(blocking=False):
             return
         try:
-            if self.state in POSSIBLE:
-                self.device.keep_alive()
-            celsius = self.device.temperature()
+            celsius = self.device.keep_alive().temperature
         except DeviceError as error:
             self.fail('device', str(error))
             return

@@ -221,7 +221,7 @@ class SafetyMonitor:
         self._stops += 1
         self._permit = False
         try:
-            self.device.disarm()
+            self.device.silence()
         except DeviceError as error:
             # nothing is sent to it any more, keep-alives neither: it disarms by itself
             with self._lock:

@@ -240,7 +240,7 @@ def test_difference_between_commanded_and_delivered_is_a_fault(faults, name, dri
 def test_device_that_vanishes_while_nothing_fires_is_noticed(driver_in):
     driver = driver_in(State.DISARMED)
     driver.device.keep_alive()
-    driver.controller.device.temperature = vanished
+    driver.controller.device.keep_alive = vanished
     driver.advance(1.0)
     assert driver.controller.state is State.FAULT
     assert 'expected the device, got nothing' in driver.controller.reason
@@ -252,7 +252,7 @@ def vanished():
 
 def test_device_that_cannot_be_disarmed_is_left_to_its_own_watchdog(driver_in):
     driver = driver_in(State.ARMED)
-    driver.controller.device.disarm = vanished
+    driver.controller.device.silence = vanished
     driver.controller.disarm()
     assert driver.controller.state is State.FAULT
     assert driver.controller.fault_counts() == {'disarm': 1}

@@ -16,6 +16,8 @@ import serial
 
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import DeviceError
+from rpms_ros.stimulation.devices.interface import DeviceStatus
+from rpms_ros.stimulation.devices.interface import quantized_down
 
 BAUD = 9600
 _TIMEOUT_S = 0.15
@@ -42,14 +44,14 @@ def framed(body: bytes) -> bytes:
 
 
 def power(intensity: float) -> bytes:
-    """Return the command that sets an intensity (share 0..1), in whole percent."""
-    return b'@%03d' % round(100 * intensity)
+    """Return the command that sets an intensity (share 0..1), in whole percent downwards."""
+    return b'@%03d' % round(100 * quantized_down(intensity, 100))
 
 
 class SerialDevice:
     """One stimulator on one serial line.
 
-    The device knows whole percents: an intensity is rounded to the nearest.
+    The device knows whole percents: an intensity is rounded downwards.
 
     Parameters
     ----------
@@ -83,6 +85,15 @@ class SerialDevice:
         """True: a coil hangs on it."""
         return True
 
+    @property
+    def trigger_s(self) -> float:
+        """Time that the frame of a trigger takes on the line [s]."""
+        return _FRAME_NS / 1e9
+
+    def quantized(self, intensity: float) -> float:
+        """Return the largest whole percent that is not above ``intensity`` (share)."""
+        return quantized_down(intensity, 100)
+
     def open(self) -> None:
         """Connect, take remote control, intensity zero."""
         try:
@@ -103,16 +114,22 @@ class SerialDevice:
         self._ask(DISARM)
         self._set_percent(0)
 
-    def arm(self) -> None:
+    def arm(self) -> DeviceStatus:
         """Charge, at intensity zero; refused while the device reports an error or no coil."""
         self._silenced.clear()
         self._set_percent(0)
         status = self._ask(ARM)
         if status & (ERROR | REPLACE_COIL) or not status & COIL_PRESENT or not status & ARMED:
-            self.disarm()
+            self.silence()
             raise DeviceError(f'expected an armed device with a coil, got status {status:#04x}')
+        return _as_status(status)
 
-    def disarm(self) -> None:
+    def rest(self) -> None:
+        """Set intensity zero."""
+        if not self._silenced.is_set():
+            self._set_percent(0)
+
+    def silence(self) -> None:
         """Set intensity zero, then disarm; written at once, no answer is waited for."""
         self._silenced.set()
         self._percent = -1
@@ -132,7 +149,7 @@ class SerialDevice:
         if line is None:
             return
         try:
-            self.disarm()
+            self.silence()
             line.write(framed(DISABLE))
             line.flush()
         except (serial.SerialException, OSError) as error:
@@ -141,36 +158,35 @@ class SerialDevice:
             self._line = None
             line.close()
 
-    def keep_alive(self) -> None:
-        """Ask anything: every exchange is a sign of life; an error of the device shows here."""
-        status = self._ask(ENABLE)
-        if status & ERROR:
-            raise DeviceError(f'expected a device without error, got status {status:#04x}')
+    def keep_alive(self) -> DeviceStatus:
+        """Ask anything: every exchange is a sign of life."""
+        status = _as_status(self._ask(ENABLE))
+        reply = self._exchanged(TEMPERATURE)
+        try:
+            return status._replace(temperature=int(reply[2:5]) / 10)
+        except ValueError as error:
+            raise DeviceError(f'expected a temperature, got {reply!r}') from error
+
+    def prepare(self, intensity: float) -> None:
+        """Set the intensity of the next pulse, so that only the trigger is left to send."""
+        if not self._silenced.is_set():
+            self._set_percent(round(100 * self.quantized(intensity)))
 
     def fire(self, intensity: float, width_s: float) -> Delivery | None:
-        """Set the intensity if it changed, then trigger; the device has one width."""
-        del width_s
-        self.prepare(intensity)
+        """Trigger; the device has one width."""
+        del intensity, width_s
         if self._silenced.is_set():
             return None
         # the device fires when it has the whole frame
         onset_ns = self._clock() + _FRAME_NS
         percent = self._percent
         status = self._ask(FIRE)
-        return Delivery(onset_ns, percent / 100) if status & ARMED else None
-
-    def prepare(self, intensity: float) -> None:
-        """Set the intensity of the next pulse, so that only the trigger is left to send."""
-        if not self._silenced.is_set():
-            self._set_percent(round(100 * intensity))
-
-    def temperature(self) -> float | None:
-        """Return the coil's temperature [Celsius]."""
-        reply = self._exchanged(TEMPERATURE)
-        try:
-            return int(reply[2:5]) / 10
-        except ValueError as error:
-            raise DeviceError(f'expected a temperature, got {reply!r}') from error
+        if not status & ARMED:
+            return None
+        if status & (ERROR | REPLACE_COIL) or not status & COIL_PRESENT or not status & READY:
+            raise DeviceError(f'expected a ready device with a coil, got status {status:#04x}')
+        unverified = frozenset(('delivery', 'intensity'))
+        return Delivery(onset_ns, percent / 100, unverified)
 
     def _set_percent(self, percent: int) -> None:
         if percent != self._percent:
@@ -207,3 +223,14 @@ class SerialDevice:
                 f'from {self._port}, got {reply!r}'
             )
         return reply
+
+
+def _as_status(status: int) -> DeviceStatus:
+    """Return what a status byte says."""
+    return DeviceStatus(
+        armed=bool(status & ARMED),
+        ready=bool(status & READY),
+        coil_present=bool(status & COIL_PRESENT),
+        replace_coil=bool(status & REPLACE_COIL),
+        error=bool(status & ERROR),
+    )

@@ -9,6 +9,8 @@ import numpy as np
 
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import DeviceError
+from rpms_ros.stimulation.devices.interface import DeviceStatus
+from rpms_ros.stimulation.devices.interface import quantized_down
 from rpms_ros.stimulation.fields import Bound
 from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import check_bounds
@@ -29,29 +31,64 @@ class SimulatedFaults:
         Probability that a pulse is not given and nothing said about it.
     extra_intensity : float
         Added to the intensity of every pulse (share).
+    foreign_intensity : float or None
+        Set by somebody else on the line, whatever is prepared (share).
     slow_s : float
         Delay from the command to the pulse [s].
     stuck_s : float
-        How long a command hangs, interrupted only by disarming [s].
+        How long a trigger hangs, interrupted only by silencing [s].
     heating_per_pulse : float
         Rise of temperature with every pulse [K].
     vanish_after : int
         Pulses after which the device is gone; 0 for never.
+    coil_absent, replace_coil, error, not_ready : bool
+        What it says of itself, in every answer.
+    disarms : bool
+        Whether it disarms by itself, at any moment.
     """
 
     silent_loss: float = share(0.0)
     extra_intensity: float = bounded(Bound(-1.0, 1.0), 0.0)
+    foreign_intensity: float | None = bounded(Bound(0.0, 1.0, optional=True), None)
     slow_s: float = bounded(_SECONDS, 0.0)
     stuck_s: float = bounded(_SECONDS, 0.0)
     heating_per_pulse: float = bounded(Bound(0.0, 100.0, 'K'), 0.0)
     vanish_after: int = bounded(Bound(0, 10_000_000, whole=True), 0)
+    coil_absent: bool = False
+    replace_coil: bool = False
+    error: bool = False
+    not_ready: bool = False
+    disarms: bool = False
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class WireTimes:
+    """How long the exchanges of a simulated device take; by default no time.
+
+    Attributes
+    ----------
+    prepare_s, keep_alive_s : float
+        From the call to the answer [s].
+    trigger_s : float
+        From the call of a trigger to the pulse [s].
+    answer_s : float
+        From the pulse to the answer to its trigger [s].
+    """
+
+    prepare_s: float = bounded(_SECONDS, 0.0)
+    keep_alive_s: float = bounded(_SECONDS, 0.0)
+    trigger_s: float = bounded(_SECONDS, 0.0)
+    answer_s: float = bounded(_SECONDS, 0.0)
 
     def __post_init__(self) -> None:
         check_bounds(self)
 
 
 class SimulatedDevice:
-    """Gives pulses at once, in mind only.
+    """Gives pulses in mind only.
 
     Parameters
     ----------
@@ -60,7 +97,13 @@ class SimulatedDevice:
     clock : callable
         Monotonic time [ns].
     wait : callable
-        Waits for a duration [s]; disarming cannot be waited for in another way in a test.
+        Waits for a duration [s]; silencing cannot be waited for in another way in a test.
+    seed : int
+        Of its losses.
+    wire : WireTimes
+        How long it takes over everything.
+    steps : int
+        How many intensities above zero it can be set to; 0 for any.
     """
 
     def __init__(
@@ -69,15 +112,20 @@ class SimulatedDevice:
         clock: Callable[[], int] = time.monotonic_ns,
         wait: Callable[[float], None] = time.sleep,
         seed: int = 0,
+        wire: WireTimes | None = None,
+        steps: int = 0,
     ) -> None:
         self.faults = faults or SimulatedFaults()
         self.opened = False
         self.armed = False
+        self.intensity = 0.0
         # the last ones only: a session has no end
         self.fired: deque[Delivery] = deque(maxlen=10_000)
         self._clock = clock
         self._wait = wait
         self._random = np.random.default_rng(seed)
+        self._wire = wire or WireTimes()
+        self._steps = steps
         self._last_sign_ns = 0
         self._heat = 0.0
         self._count = 0
@@ -87,63 +135,99 @@ class SimulatedDevice:
         """False: nobody can be hurt."""
         return False
 
+    @property
+    def trigger_s(self) -> float:
+        """Time from the call of `fire` to the pulse [s]."""
+        return self._wire.trigger_s
+
+    def quantized(self, intensity: float) -> float:
+        """Return the largest step that is not above ``intensity``."""
+        return quantized_down(intensity, self._steps) if self._steps else intensity
+
     def open(self) -> None:
         """Connect."""
         self._require_present()
         self.opened = True
-        self.armed = False
+        self.silence()
 
-    def arm(self) -> None:
+    def arm(self) -> DeviceStatus:
         """Make pulses possible."""
         self._require_present()
         if not self.opened:
             raise DeviceError('expected an open device to arm, got a closed one')
         self._last_sign_ns = self._clock()
-        self.armed = True
+        self.intensity, self.armed = 0.0, True
+        return self._status()
 
-    def disarm(self) -> None:
-        """Make pulses impossible."""
-        self.armed = False
-
-    def close(self) -> None:
-        """Disarm and let go."""
-        self.disarm()
-        self.opened = False
-
-    def keep_alive(self) -> None:
-        """Note that the driver is there."""
+    def prepare(self, intensity: float) -> DeviceStatus:
+        """Set the intensity of the next pulse."""
         self._require_present()
-        self._last_sign_ns = self._clock()
-
-    def prepare(self, intensity: float) -> None:
-        """Nothing takes time here."""
-        del intensity
+        self._hang(self._wire.prepare_s)
+        if self.armed:
+            self.intensity = intensity
+        return self._status()
 
     def fire(self, intensity: float, width_s: float) -> Delivery | None:
         """Give one pulse, or do what the faults say."""
-        del width_s
+        del intensity, width_s
         self._require_present()
-        if self._clock() - self._last_sign_ns > KEEP_ALIVE_LIMIT_NS:
-            self.disarm()
-        self._hang(self.faults.slow_s + self.faults.stuck_s)
-        if not self.armed:
+        self._hang(self._wire.trigger_s + self.faults.slow_s + self.faults.stuck_s)
+        status = self._status()
+        if not status.armed:
             return None
+        if status.error or status.replace_coil or not (status.coil_present and status.ready):
+            raise DeviceError(f'expected a device in order with a coil, got {status}')
         self._count += 1
         if self.faults.silent_loss > 0 and self._random.random() < self.faults.silent_loss:
             return None
         self._heat += self.faults.heating_per_pulse
-        given = Delivery(self._clock(), intensity + self.faults.extra_intensity)
+        strength = status.intensity or 0.0
+        given = Delivery(self._clock(), strength + self.faults.extra_intensity)
         self.fired.append(given)
+        self._hang(self._wire.answer_s)
         return given
 
-    def temperature(self) -> float | None:
-        """Return the simulated temperature, None unless it is part of a fault."""
-        return 25.0 + self._heat if self.faults.heating_per_pulse > 0 else None
+    def keep_alive(self) -> DeviceStatus:
+        """Note that the driver is there."""
+        self._require_present()
+        self._hang(self._wire.keep_alive_s)
+        self._last_sign_ns = self._clock()
+        return self._status()
+
+    def rest(self) -> None:
+        """Set intensity zero."""
+        self._require_present()
+        self.intensity = 0.0
+
+    def silence(self) -> None:
+        """Make pulses impossible."""
+        self.intensity, self.armed = 0.0, False
+
+    def close(self) -> None:
+        """Disarm and let go."""
+        self.silence()
+        self.opened = False
+
+    def _status(self) -> DeviceStatus:
+        unheard = self._clock() - self._last_sign_ns > KEEP_ALIVE_LIMIT_NS
+        faults = self.faults
+        if unheard or faults.disarms:
+            self.silence()
+        foreign = faults.foreign_intensity
+        return DeviceStatus(
+            armed=self.armed,
+            ready=self.armed and not faults.not_ready,
+            coil_present=not faults.coil_absent,
+            replace_coil=faults.replace_coil,
+            error=faults.error,
+            intensity=self.intensity if foreign is None else foreign,
+            temperature=25.0 + self._heat if faults.heating_per_pulse > 0 else None,
+        )
 
     def _hang(self, duration: float) -> None:
         end = self._clock() + round(duration * 1e9)
         while self.armed and self._clock() < end:
-            self._wait(1e-3)
+            self._wait(min(1e-3, (end - self._clock()) / 1e9))
 
     def _require_present(self) -> None:
         if 0 < self.faults.vanish_after <= self._count:

@@ -1,0 +1,91 @@
+"""The interface of a device, and the simulated one behind it."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpms_ros.stimulation.devices import DeviceError
+from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.devices import SimulatedFaults
+from rpms_ros.stimulation.devices import WireTimes
+from rpms_ros.stimulation.devices.interface import quantized_down
+
+WIDTH = 100e-6
+
+
+@given(st.floats(0.0, 1.0), st.sampled_from([1, 3, 7, 100, 255]))
+def test_a_quantized_intensity_is_the_largest_step_not_above(intensity, steps):
+    found = quantized_down(intensity, steps)
+    assert found in [step / steps for step in range(steps + 1)]
+    assert found <= intensity
+    assert found == 1.0 or round(found * steps + 1) / steps > intensity
+
+
+def test_every_percent_stays_what_it_is():
+    assert [quantized_down(percent / 100, 100) for percent in range(101)] == [
+        percent / 100 for percent in range(101)
+    ]
+    assert quantized_down(0.455, 100) == 0.45
+    assert quantized_down(0.555, 100) == 0.55
+
+
+def ready(**options):
+    now = [0]
+
+    def wait(seconds):
+        now[0] += round(seconds * 1e9)
+
+    device = SimulatedDevice(clock=lambda: now[0], wait=wait, **options)
+    device.open()
+    device.arm()
+    device.prepare(0.5)
+    return device, now
+
+
+@pytest.mark.parametrize('flag', ['coil_absent', 'replace_coil', 'error', 'not_ready'])
+def test_what_the_device_says_of_itself_is_in_every_answer(flag):
+    device, _ = ready(faults=SimulatedFaults(**{flag: True}))
+    status = device.keep_alive()
+    said = {
+        'coil_absent': not status.coil_present,
+        'replace_coil': status.replace_coil,
+        'error': status.error,
+        'not_ready': not status.ready,
+    }
+    assert [name for name, is_said in said.items() if is_said] == [flag]
+    assert device.prepare(0.5) == status
+    with pytest.raises(DeviceError, match='expected a device in order with a coil, got'):
+        device.fire(0.5, WIDTH)
+    assert not device.fired
+
+
+def test_foreign_intensity_is_read_back_and_fired():
+    device, _ = ready(faults=SimulatedFaults(foreign_intensity=1.0))
+    assert device.prepare(0.2).intensity == 1.0
+    assert device.fire(0.2, WIDTH).intensity == 1.0
+
+
+def test_device_that_disarms_by_itself_says_so_and_gives_nothing():
+    device, _ = ready(faults=SimulatedFaults(disarms=True))
+    assert not device.keep_alive().armed
+    assert device.fire(0.5, WIDTH) is None
+
+
+def test_rest_is_intensity_zero_and_silence_is_disarmed_too():
+    device, _ = ready()
+    device.rest()
+    assert (device.intensity, device.armed) == (0.0, True)
+    device.prepare(0.5)
+    device.silence()
+    assert (device.intensity, device.armed) == (0.0, False)
+
+
+def test_exchanges_take_their_time_on_the_wire():
+    device, now = ready(wire=WireTimes(0.005, 0.003, 0.003, 0.004), steps=100)
+    assert now[0] == 5_000_000
+    assert device.trigger_s == 0.003
+    assert device.fire(0.5, WIDTH).time_ns == 8_000_000
+    assert now[0] == 12_000_000
+    device.keep_alive()
+    assert now[0] == 15_000_000
+    assert device.quantized(0.455) == 0.45
