@@ -46,7 +46,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--duration', type=float, default=60.0, help='seconds of stimulation')
     arguments = parser.parse_args(argv)
     settings = SimulationSettings(
-        plant={'rate': FORCE_RATE, 'noise': 0.02, 'hold_back': 0.05},
+        plant={'rate': FORCE_RATE, 'noise': 0.02, 'publication_delay': 0.05},
         driver={'duration': arguments.duration},
         identifier={},
     )

@@ -126,7 +126,7 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
             # the identified model does not know about rates: Eq. (11) at the nominal one
             'fixed_rate': RATE,
             # late pulses of a busy machine still come before their force
-            'hold_back': 0.05,
+            'publication_delay': 0.05,
         },
         driver={
             'schedule': arguments.schedule,

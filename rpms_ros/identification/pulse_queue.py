@@ -29,15 +29,15 @@ class PulseQueue:
     ----------
     memory_ns : int
         How long a pulse acts on the force [ns].
-    look_ahead_ns : int
+    pulse_look_ahead_ns : int
         How far before a gap in the sequence is known samples are spared from it [ns].
     counter : FaultCounter
         Where faults are counted.
     """
 
-    def __init__(self, memory_ns: int, look_ahead_ns: int, counter: FaultCounter) -> None:
+    def __init__(self, memory_ns: int, pulse_look_ahead_ns: int, counter: FaultCounter) -> None:
         self._memory_ns = memory_ns
-        self._look_ahead_ns = look_ahead_ns
+        self._pulse_look_ahead_ns = pulse_look_ahead_ns
         self._counter = counter
         self._arrived: list[PulseTrain] = []
         self._ordered = PulseTrain.of([])
@@ -99,7 +99,7 @@ class PulseQueue:
         Pulses that came too late just now may have been the first ones of the new time line,
         faster than its first force sample.
         """
-        recent_ns = self._settled_ns - 2 * self._look_ahead_ns - self._memory_ns
+        recent_ns = self._settled_ns - 2 * self._pulse_look_ahead_ns - self._memory_ns
         self._arrived = [train for since_ns, train in self._rejected if since_ns >= recent_ns]
         self._rejected.clear()
         self._ordered = PulseTrain.of([])
@@ -143,7 +143,7 @@ class PulseQueue:
             self._counter.add(faults.PULSE_SEQUENCE_RESTART)
         elif step > 1:
             self._counter.add(faults.PULSE_LOST, step - 1)
-            start = max(self._last_onset_ns, onset_ns - self._look_ahead_ns)
+            start = max(self._last_onset_ns, onset_ns - self._pulse_look_ahead_ns)
             self.exclude(start, onset_ns + self._memory_ns)
         return True
 

@@ -1,6 +1,6 @@
 """From messages in any order to an estimator that sees time pass once.
 
-Stamps are the truth.  A force sample is held back until the newest one is `hold_back` later;
+Stamps are the truth.  A force sample is held back until the newest one is `reorder_delay` later;
 by then every pulse that could act on it has come.  What is done with a sample depends on stamps
 and sequence numbers alone, so a replay of a recording gives the on-line estimates bit for bit,
 however it is cut into blocks.
@@ -36,27 +36,27 @@ class StreamSettings:
 
     Attributes
     ----------
-    hold_back : float
+    reorder_delay : float
         How long a sample waits for pulses [s].
-    look_ahead : float
+    pulse_look_ahead : float
         How far beyond a sample pulses are looked at before it is used [s]; the rest of
-        `hold_back` is what a pulse may be late.
+        `reorder_delay` is what a pulse may be late.
     estimate_period : float
         Stamps between two estimates [s].
     longest_gap : float
         Longest pause of the force that does not count as a gap [s].
     """
 
-    hold_back: float = 0.2
-    look_ahead: float = 0.1
+    reorder_delay: float = 0.2
+    pulse_look_ahead: float = 0.1
     estimate_period: float = 0.1
     longest_gap: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.look_ahead <= self.hold_back < math.inf:
+        if not 0 <= self.pulse_look_ahead <= self.reorder_delay < math.inf:
             raise IdentificationError(
-                'expected 0 <= look_ahead <= hold_back, got '
-                f'{self.look_ahead} and {self.hold_back}'
+                'expected 0 <= pulse_look_ahead <= reorder_delay, got '
+                f'{self.pulse_look_ahead} and {self.reorder_delay}'
             )
         if not (0 < self.estimate_period < math.inf and 0 < self.longest_gap < math.inf):
             raise IdentificationError(
@@ -90,11 +90,11 @@ class IdentificationStream:
         self._trace = trace
         self._counter = FaultCounter()
         self._memory_ns = nanoseconds(estimator.memory)
-        self._hold_back_ns = nanoseconds(self.settings.hold_back)
-        self._look_ahead_ns = nanoseconds(self.settings.look_ahead)
+        self._reorder_delay_ns = nanoseconds(self.settings.reorder_delay)
+        self._pulse_look_ahead_ns = nanoseconds(self.settings.pulse_look_ahead)
         self._period_ns = nanoseconds(self.settings.estimate_period)
         self._gap_ns = nanoseconds(self.settings.longest_gap)
-        self._queue = PulseQueue(self._memory_ns, self._look_ahead_ns, self._counter)
+        self._queue = PulseQueue(self._memory_ns, self._pulse_look_ahead_ns, self._counter)
         self._waiting: list[tuple[IntArray, FloatArray]] = []
         self._newest_ns: int | None = None
         self._cell: int | None = None
@@ -140,7 +140,7 @@ class IdentificationStream:
     def advance(self) -> list[Estimate]:
         """Process what no pulse can still change; return the estimates that fell due."""
         if self._newest_ns is not None:
-            self._release(self._newest_ns - self._hold_back_ns)
+            self._release(self._newest_ns - self._reorder_delay_ns)
         finished, self._finished = self._finished, []
         return finished
 
@@ -253,7 +253,7 @@ class IdentificationStream:
         self._cell = cell
 
     def _process(self, stamps: IntArray, values: FloatArray) -> None:
-        onset, intensity = self._queue.settle(int(stamps[-1]) + self._look_ahead_ns)
+        onset, intensity = self._queue.settle(int(stamps[-1]) + self._pulse_look_ahead_ns)
         self.estimator.add_pulses(onset, intensity)
         usable = ~self._queue.unknown(stamps)
         prediction = self.estimator.update(stamps, values, usable)

@@ -40,17 +40,17 @@ class IdentifierParameters(NodeParameters):
     best_effort_force: bool = parameter(
         False, 'Hear a force sensor that publishes best effort; samples may then be lost.'
     )
-    hold_back: float = parameter(
-        _STREAM.hold_back,
+    reorder_delay: float = parameter(
+        _STREAM.reorder_delay,
         'How long a sample waits for pulses.',
         unit='s',
         minimum=0.0,
         maximum=10.0,
     )
-    look_ahead: float = parameter(
-        _STREAM.look_ahead,
-        'How far beyond a sample pulses are looked at; the rest of hold_back is what a pulse may '
-        'be late.',
+    pulse_look_ahead: float = parameter(
+        _STREAM.pulse_look_ahead,
+        'How far beyond a sample pulses are looked at; the rest of reorder_delay is what a pulse '
+        'may be late.',
         unit='s',
         minimum=0.0,
         maximum=10.0,
@@ -87,8 +87,8 @@ class IdentifierParameters(NodeParameters):
 def stream_settings(settings: IdentifierParameters) -> StreamSettings:
     """Return how samples and pulses are brought together."""
     return StreamSettings(
-        hold_back=settings.hold_back,
-        look_ahead=settings.look_ahead,
+        reorder_delay=settings.reorder_delay,
+        pulse_look_ahead=settings.pulse_look_ahead,
         estimate_period=settings.estimate_period,
         longest_gap=settings.longest_gap,
     )

@@ -75,7 +75,7 @@ class PlantParameters(NodeParameters):
     )
     axis: str = parameter('z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'))
     frame_id: str = parameter('force_sensor', 'Frame of the wrench.')
-    hold_back: float = parameter(
+    publication_delay: float = parameter(
         0.01,
         'Samples are published this much after their stamp, so that pulses arrive before them.',
         unit='s',

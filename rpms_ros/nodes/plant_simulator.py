@@ -50,7 +50,7 @@ class PlantSimulator(Node):
             else None
         )
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
-        self._hold_back_ns = round(self.settings.hold_back * NANOSECONDS_PER_SECOND)
+        self._delay_ns = round(self.settings.publication_delay * NANOSECONDS_PER_SECOND)
         self._jump = JumpDetector()
         self._origin_ns = self.get_clock().now().nanoseconds
         self._steady_origin_ns = time.monotonic_ns()
@@ -79,7 +79,7 @@ class PlantSimulator(Node):
             self._clock_publisher.publish(ClockMessage(clock=stamp))
         self._begin_if_needed(now_ns)
         if self._begun:
-            self._publish_due(now_ns - self._hold_back_ns)
+            self._publish_due(now_ns - self._delay_ns)
 
     def _begin_if_needed(self, now_ns: int) -> None:
         """Begin to sample once somebody listens, and anew when the clock has jumped."""

@@ -85,17 +85,17 @@ def spoiled(record) -> tuple[PulseTrain, ForceTrace]:
 
 @settings(deadline=None, max_examples=30)
 @given(st.sets(st.integers(1, 1999), max_size=15), st.randoms(), st.sampled_from([0.0, 0.1]))
-def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, look_ahead) -> None:
+def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, pulse_look_ahead) -> None:
     pulses, forces = spoiled(record)
     # With nothing held back a pulse may not be late at all.
-    waiting = StreamSettings(hold_back=2 * look_ahead, look_ahead=look_ahead)
+    waiting = StreamSettings(reorder_delay=2 * pulse_look_ahead, pulse_look_ahead=pulse_look_ahead)
     whole = Run(waiting).feed(forces, pulses)
     whole.finish()
     pieces = Run(waiting)
     left = list(range(len(pulses)))
     edges = [0, *sorted(cuts), 2000]
     for start, stop in pairwise(edges):
-        # every pulse up to look_ahead beyond what can be released by then, and some more
+        # every pulse up to pulse_look_ahead beyond what can be released by then, and some more
         limit = START_NS + stop * MILLISECOND
         due = [index for index in left if pulses.onset_ns[index] <= limit]
         early = [index for index in left if index not in due and random.random() < 0.2]
@@ -247,8 +247,8 @@ def test_a_fault_found_before_the_stream_is_counted() -> None:
 @pytest.mark.parametrize(
     ('values', 'message'),
     [
-        ({'look_ahead': 0.3}, r'expected 0 <= look_ahead <= hold_back, got 0\.3 and 0\.2'),
-        ({'hold_back': math.inf}, 'expected 0 <= look_ahead <= hold_back'),
+        ({'pulse_look_ahead': 0.3}, r'<= pulse_look_ahead <= reorder_delay, got 0\.3 and 0\.2'),
+        ({'reorder_delay': math.inf}, 'expected 0 <= pulse_look_ahead <= reorder_delay'),
         ({'estimate_period': 0.0}, 'expected an estimate period and a longest gap above 0 s'),
         ({'longest_gap': math.nan}, 'expected an estimate period and a longest gap above 0 s'),
     ],

@@ -97,7 +97,7 @@ def test_the_estimates_are_those_of_the_recording_bit_for_bit(graph) -> None:
     bench = Bench(graph)
     bench.send_pulses(pulses)
     bench.send_forces(forces)
-    # the newest cell of the estimates' grid that lies before the hold-back
+    # the newest cell of the estimates' grid that lies before the reorder delay
     bench.wait_until(START_NS + 1_699 * MILLISECOND)
     expected = offline(pulses, forces, bench.identifier.settings)
     assert len(bench.estimates) >= 17
@@ -110,7 +110,7 @@ def test_a_pulse_may_come_a_little_later_than_its_force(graph) -> None:
     pulses, forces = recording()
     bench = Bench(graph)
     for start in range(0, 2000, 50):
-        # 50 ms late: look_ahead and lateness together stay below the hold-back
+        # 50 ms late: pulse_look_ahead and lateness together stay below the reorder delay
         bench.send_forces(
             ForceTrace(forces.stamp_ns[start : start + 50], forces.force[start : start + 50])
         )
@@ -216,7 +216,7 @@ def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) 
     [
         ({'sign': 0}, 'expected a sign of 1 or -1, got 0'),
         ({'axis': 'up'}, "expected axis x, y, z, .* got 'up'"),
-        ({'look_ahead': 0.5}, r'expected 0 <= look_ahead <= hold_back, got 0\.5 and 0\.2'),
+        ({'pulse_look_ahead': 0.5}, r'<= pulse_look_ahead <= reorder_delay, got 0\.5 and 0\.2'),
         ({'preset': 'table_9'}, "preset: expected one of table_4, .* got 'table_9'"),
     ],
 )

@@ -48,7 +48,7 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
         qos.ESTIMATE,
     )
     identifier = graph.add(Identifier)
-    graph.add(PlantSimulator, subject='simulation', minimum_subscribers=1, hold_back=0.05)
+    graph.add(PlantSimulator, subject='simulation', minimum_subscribers=1, publication_delay=0.05)
     graph.add(
         StimulatorDriver,
         autostart=True,
