@@ -40,9 +40,9 @@ class NotingDevice(SimulatedDevice):
         self.commands = []
         self.clock = clock
 
-    def fire(self, intensity, width_s):
+    def fire(self, intensity, width_s, latest_ns=None):
         assert self.armed
-        given = super().fire(intensity, width_s)
+        given = super().fire(intensity, width_s, latest_ns)
         self.commands.append((given.time_ns if given else self.clock.now, intensity))
         return given
 

@@ -100,9 +100,9 @@ class StoppedMidway(SimulatedDevice):
         super().arm()
         self._press()
 
-    def fire(self, intensity, width_s):
+    def fire(self, intensity, width_s, latest_ns=None):
         self._press()
-        return super().fire(intensity, width_s)
+        return super().fire(intensity, width_s, latest_ns)
 
     def close(self):
         self._press()

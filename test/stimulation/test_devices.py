@@ -1,5 +1,6 @@
 """The interface of a device, and the simulated one behind it."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,6 +8,7 @@ from hypothesis import strategies as st
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices import SimulatedFaults
+from rpms_ros.stimulation.devices import TooLate
 from rpms_ros.stimulation.devices import WireTimes
 from rpms_ros.stimulation.devices.interface import quantized_down
 
@@ -18,6 +20,7 @@ def test_a_quantized_intensity_is_the_largest_step_not_above(intensity, steps):
     found = quantized_down(intensity, steps)
     assert found in [step / steps for step in range(steps + 1)]
     assert found <= intensity
+    assert quantized_down(np.array([intensity]), steps).tolist() == [found]
     assert found == 1.0 or round(found * steps + 1) / steps > intensity
 
 
@@ -89,3 +92,11 @@ def test_exchanges_take_their_time_on_the_wire():
     device.keep_alive()
     assert now[0] == 15_000_000
     assert device.quantized(0.455) == 0.45
+
+
+def test_trigger_after_its_latest_time_is_not_given():
+    device, now = ready()
+    assert device.fire(0.5, WIDTH, now[0]) is not None
+    with pytest.raises(TooLate, match='expected a trigger until -1 ns, got one at 0'):
+        device.fire(0.5, WIDTH, now[0] - 1)
+    assert len(device.fired) == 1

@@ -5,6 +5,7 @@ from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.devices.interface import DeviceStatus
+from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.simulated import SimulatedDevice
 from rpms_ros.stimulation.devices.simulated import SimulatedFaults
 from rpms_ros.stimulation.devices.simulated import WireTimes
@@ -17,5 +18,6 @@ __all__ = [
     'DeviceStatus',
     'SimulatedDevice',
     'SimulatedFaults',
+    'TooLate',
     'WireTimes',
 ]

@@ -3,12 +3,23 @@
 import math
 from typing import NamedTuple
 from typing import Protocol
+from typing import TypeVar
+
+import numpy as np
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import FloatArray
+
+Shares = TypeVar('Shares', float, FloatArray)
+"""One intensity or an array of them (share)."""
 
 
 class DeviceError(StimulationError):
     """A device did not answer, refused, or answered nonsense."""
+
+
+class TooLate(DeviceError):
+    """A trigger came after its latest time and was certainly not given to the device."""
 
 
 class DeviceStatus(NamedTuple):
@@ -66,7 +77,7 @@ class Delivery(NamedTuple):
 class Device(Protocol):
     """A stimulator.  Every method but `silence` is called by one thread, its owner.
 
-    Whatever a method raises, of any type, is taken as a fault of the device.
+    Whatever a method raises, of any type, is taken as a fault of the device, `TooLate` excepted.
     """
 
     @property
@@ -74,11 +85,19 @@ class Device(Protocol):
         """Whether it can hurt somebody."""
 
     @property
+    def arm_s(self) -> float:
+        """Longest time that `arm` may take, charging included [s]."""
+
+    @property
+    def prepare_s(self) -> float:
+        """Longest time from the call of `prepare` to a device that is ready to fire [s]."""
+
+    @property
     def trigger_s(self) -> float:
         """Time from the call of `fire` to the onset that the device takes for itself [s]."""
 
-    def quantized(self, intensity: float) -> float:
-        """Return the largest intensity it can be set to that is not above ``intensity``."""
+    def quantized(self, intensity: Shares) -> Shares:
+        """Return the largest intensities it can be set to that are not above ``intensity``."""
 
     def open(self) -> None:
         """Connect; intensity zero, disarmed."""
@@ -86,18 +105,32 @@ class Device(Protocol):
     def arm(self) -> DeviceStatus:
         """Make pulses possible, at intensity zero."""
 
-    def prepare(self, intensity: float) -> DeviceStatus | None:
-        """Set the intensity of the next pulse, verified as far as the device tells."""
+    def prepare(self, intensity: float, spare_s: float = math.inf) -> DeviceStatus | None:
+        """Set the intensity of the next pulse, verified as far as the device tells.
 
-    def fire(self, intensity: float, width_s: float) -> Delivery | None:
+        Parameters
+        ----------
+        intensity : float
+            Share of the maximum, as `quantized` returns it.
+        spare_s : float
+            Time left until the trigger [s]: what does not fit in is left out.
+        """
+
+    def fire(
+        self, intensity: float, width_s: float, latest_ns: int | None = None
+    ) -> Delivery | None:
         """Trigger a pulse of the intensity that was prepared; return None if it did not come.
 
         Raises on any doubt: no coil or one to be replaced, an error, not ready, not armed, as far
-        as the answer to the trigger tells.
+        as the answer to the trigger tells.  Raises `TooLate` if the trigger could not be written
+        before ``latest_ns``, monotonic clock [ns].
         """
 
     def keep_alive(self) -> DeviceStatus:
         """Tell the device that its driver is there; an armed one disarms by itself without."""
+
+    def beat(self) -> None:
+        """Say that the owner is alive: at least every 50 ms, without waiting for anything."""
 
     def rest(self) -> None:
         """Set intensity zero, armed or not as it is."""
@@ -112,15 +145,13 @@ class Device(Protocol):
         """Silence it and let go of it."""
 
 
-def quantized_down(intensity: float, steps: int) -> float:
-    """Return the largest multiple of ``1 / steps`` that is not above ``intensity`` (share).
+def quantized_down(intensity: Shares, steps: int) -> Shares:
+    """Return the largest multiples of ``1 / steps`` that are not above ``intensity`` (share).
 
     A share that is written as a multiple, such as 0.29 of a hundred, stays what it is, although
     its product with the number of steps is rounded.
     """
-    step = math.floor(intensity * steps)
-    while step + 1 <= steps and (step + 1) / steps <= intensity:
-        step += 1
-    while step > 0 and step / steps > intensity:
-        step -= 1
-    return step / steps
+    step = np.floor(np.multiply(intensity, steps))
+    step = np.where((step + 1) / steps <= intensity, step + 1, step)
+    found = np.where(step / steps > intensity, step - 1, step) / steps
+    return found if isinstance(intensity, np.ndarray) else float(found)

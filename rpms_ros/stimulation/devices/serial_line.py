@@ -8,6 +8,7 @@ This has been tested against a simulated instrument on a pseudo-terminal only.  
 hardware: hold it against the manual of your device before a coil is connected.
 """
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -17,6 +18,8 @@ import serial
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.devices.interface import DeviceStatus
+from rpms_ros.stimulation.devices.interface import Shares
+from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.interface import quantized_down
 
 BAUD = 9600
@@ -86,12 +89,22 @@ class SerialDevice:
         return True
 
     @property
+    def arm_s(self) -> float:
+        """Longest time that the exchanges of arming may take [s]."""
+        return 2 * self._timeout_s
+
+    @property
+    def prepare_s(self) -> float:
+        """Longest time of an exchange [s]."""
+        return self._timeout_s
+
+    @property
     def trigger_s(self) -> float:
         """Time that the frame of a trigger takes on the line [s]."""
         return _FRAME_NS / 1e9
 
-    def quantized(self, intensity: float) -> float:
-        """Return the largest whole percent that is not above ``intensity`` (share)."""
+    def quantized(self, intensity: Shares) -> Shares:
+        """Return the largest whole percents that are not above ``intensity`` (share)."""
         return quantized_down(intensity, 100)
 
     def open(self) -> None:
@@ -167,14 +180,22 @@ class SerialDevice:
         except ValueError as error:
             raise DeviceError(f'expected a temperature, got {reply!r}') from error
 
-    def prepare(self, intensity: float) -> None:
+    def beat(self) -> None:
+        """Nobody is told."""
+
+    def prepare(self, intensity: float, spare_s: float = math.inf) -> None:
         """Set the intensity of the next pulse, so that only the trigger is left to send."""
+        del spare_s
         if not self._silenced.is_set():
             self._set_percent(round(100 * self.quantized(intensity)))
 
-    def fire(self, intensity: float, width_s: float) -> Delivery | None:
+    def fire(
+        self, intensity: float, width_s: float, latest_ns: int | None = None
+    ) -> Delivery | None:
         """Trigger; the device has one width."""
         del intensity, width_s
+        if latest_ns is not None and self._clock() > latest_ns:
+            raise TooLate(f'expected a trigger until {latest_ns} ns, got one at {self._clock()}')
         if self._silenced.is_set():
             return None
         # the device fires when it has the whole frame

@@ -1,5 +1,6 @@
 """A stimulator that exists only as a program, with the faults that real ones have."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -10,6 +11,8 @@ import numpy as np
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.devices.interface import DeviceStatus
+from rpms_ros.stimulation.devices.interface import Shares
+from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.interface import quantized_down
 from rpms_ros.stimulation.fields import Bound
 from rpms_ros.stimulation.fields import bounded
@@ -136,12 +139,22 @@ class SimulatedDevice:
         return False
 
     @property
+    def arm_s(self) -> float:
+        """No time at all."""
+        return 0.0
+
+    @property
+    def prepare_s(self) -> float:
+        """Time that `prepare` takes [s]."""
+        return self._wire.prepare_s
+
+    @property
     def trigger_s(self) -> float:
         """Time from the call of `fire` to the pulse [s]."""
         return self._wire.trigger_s
 
-    def quantized(self, intensity: float) -> float:
-        """Return the largest step that is not above ``intensity``."""
+    def quantized(self, intensity: Shares) -> Shares:
+        """Return the largest steps that are not above ``intensity``."""
         return quantized_down(intensity, self._steps) if self._steps else intensity
 
     def open(self) -> None:
@@ -159,24 +172,32 @@ class SimulatedDevice:
         self.intensity, self.armed = 0.0, True
         return self._status()
 
-    def prepare(self, intensity: float) -> DeviceStatus:
+    def prepare(self, intensity: float, spare_s: float = math.inf) -> DeviceStatus:
         """Set the intensity of the next pulse."""
+        del spare_s
         self._require_present()
         self._hang(self._wire.prepare_s)
         if self.armed:
             self.intensity = intensity
-        return self._status()
+        status = self._status()
+        self._last_sign_ns = self._clock()
+        return status
 
-    def fire(self, intensity: float, width_s: float) -> Delivery | None:
+    def fire(
+        self, intensity: float, width_s: float, latest_ns: int | None = None
+    ) -> Delivery | None:
         """Give one pulse, or do what the faults say."""
         del intensity, width_s
         self._require_present()
+        if latest_ns is not None and self._clock() > latest_ns:
+            raise TooLate(f'expected a trigger until {latest_ns} ns, got one at {self._clock()}')
         self._hang(self._wire.trigger_s + self.faults.slow_s + self.faults.stuck_s)
         status = self._status()
         if not status.armed:
             return None
         if status.error or status.replace_coil or not (status.coil_present and status.ready):
             raise DeviceError(f'expected a device in order with a coil, got {status}')
+        self._last_sign_ns = self._clock()
         self._count += 1
         if self.faults.silent_loss > 0 and self._random.random() < self.faults.silent_loss:
             return None
@@ -193,6 +214,9 @@ class SimulatedDevice:
         self._hang(self._wire.keep_alive_s)
         self._last_sign_ns = self._clock()
         return self._status()
+
+    def beat(self) -> None:
+        """Nobody is told."""
 
     def rest(self) -> None:
         """Set intensity zero."""
