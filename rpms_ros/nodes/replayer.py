@@ -154,12 +154,12 @@ class Replayer(Node):
 def _order(recording: Recording) -> tuple[BoolArray, IntArray, IntArray]:
     """Return kind, index and time after the first [ns] of all messages (messages,), as received.
 
-    A pulse goes before a sample that was received at the same time.
+    Where the clock was set back, messages are due at the time of what came before them.
     """
-    received = np.concatenate([recording.pulse_received_ns, recording.force_received_ns])
     counts = len(recording.pulses), len(recording.forces)
     is_pulse = np.repeat([True, False], counts)
     index = np.concatenate([np.arange(count, dtype=np.int64) for count in counts])
-    order = np.argsort(received, kind='stable')
-    due = received[order] - received.min()
-    return is_pulse[order], index[order], due
+    samples_before = np.concatenate([recording.samples_before_pulse, index[counts[0] :]])
+    order = np.lexsort((~is_pulse, samples_before))
+    received = np.concatenate([recording.pulse_received_ns, recording.force_received_ns])[order]
+    return is_pulse[order], index[order], np.maximum.accumulate(received) - received[0]

@@ -12,11 +12,11 @@ from typing import Protocol
 import yaml
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.compression import unpack_file
 from rpms_ros.recording.findings import Findings
 from rpms_ros.recording.mcap_reading import McapFile
 from rpms_ros.recording.records import Channel
-from rpms_ros.recording.records import Records
 from rpms_ros.recording.sqlite_reading import SqliteFile
 
 METADATA_NAME = 'metadata.yaml'
@@ -27,11 +27,11 @@ PACKED_SUFFIX = '.zstd'
 class StorageFile(Protocol):
     """One file with messages."""
 
-    def channels(self) -> list[Channel]:
-        """Return the channels that were met so far."""
+    channels: dict[int, Channel]
+    """Channels that were met so far, by number."""
 
-    def blocks(self) -> Iterator[tuple[Channel, Records]]:
-        """Yield the messages."""
+    def batches(self) -> Iterator[Batch]:
+        """Yield the messages in the order of the file."""
 
 
 READERS: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.db3': SqliteFile}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.compression import COMPRESSORS
 from rpms_ros.recording.compression import unpacked
 from rpms_ros.recording.findings import Findings
@@ -23,7 +24,6 @@ from rpms_ros.recording.mcap_records import messages_of
 from rpms_ros.recording.mcap_records import walk
 from rpms_ros.recording.records import ByteArray
 from rpms_ros.recording.records import Channel
-from rpms_ros.recording.records import Records
 
 # Start and end time, size and checksum of the content, before the name of the compression.
 _CHUNK_HEAD = 28
@@ -51,7 +51,7 @@ class McapFile:
         self._path = path
         self._findings = findings
         self._schemas: dict[int, _Schema] = {0: ('', '', '')}
-        self._channels: dict[int, Channel] = {}
+        self.channels: dict[int, Channel] = {}
         size = path.stat().st_size
         with path.open('rb') as file:
             magic = file.read(len(MAGIC))
@@ -60,20 +60,19 @@ class McapFile:
             raise RecordingError(f'expected an mcap file at {path}, got {found}')
         self._data: ByteArray = np.asarray(np.memmap(path, np.uint8, 'r', shape=(size,)))
 
-    def channels(self) -> list[Channel]:
-        """Return the channels that were met so far."""
-        return list(self._channels.values())
-
-    def blocks(self) -> Iterator[tuple[Channel, Records]]:
-        """Yield the messages, in the order of the file but for channels within a block."""
+    def batches(self) -> Iterator[Batch]:
+        """Yield the messages in the order of the file."""
         frame = walk(self._data, len(MAGIC))
-        yield from self._messages(self._data, frame)
-        for start, end in frame.of_kind(CHUNK):
-            yield from self._chunk(start, end)
+        after = 0
+        for chunk in np.flatnonzero(frame.kind == CHUNK).tolist():
+            yield from self._messages(self._data, frame.part(after, chunk))
+            yield from self._chunk(int(frame.start[chunk]), int(frame.end[chunk]))
+            after = chunk + 1
+        yield from self._messages(self._data, frame.part(after, len(frame.kind)))
         if not len(frame.kind) or frame.kind[-1] != FOOTER:
             yield from self._cut_off(frame.stop)
 
-    def _cut_off(self, stop: int) -> Iterator[tuple[Channel, Records]]:
+    def _cut_off(self, stop: int) -> Iterator[Batch]:
         lost = len(self._data) - stop
         self._findings.add(
             'truncated_file', f'{self._path.name} has no end: {lost} bytes from a cut-off record'
@@ -81,7 +80,7 @@ class McapFile:
         if lost > RECORD_HEAD + _CHUNK_HEAD and self._data[stop] == CHUNK:
             yield from self._chunk(stop + RECORD_HEAD, len(self._data))
 
-    def _chunk(self, start: int, end: int) -> Iterator[tuple[Channel, Records]]:
+    def _chunk(self, start: int, end: int) -> Iterator[Batch]:
         try:
             content = self._unpacked(start, end)
         except struct.error:
@@ -121,25 +120,14 @@ class McapFile:
             return None
         return content
 
-    def _messages(self, data: ByteArray, frame: Frame) -> Iterator[tuple[Channel, Records]]:
+    def _messages(self, data: ByteArray, frame: Frame) -> Iterator[Batch]:
         for start, end in frame.of_kind(SCHEMA):
             self._add_schema(Content(data[start:end].tobytes()))
         for start, end in frame.of_kind(CHANNEL):
             self._add_channel(Content(data[start:end].tobytes()))
-        table = messages_of(data, frame)
-        for number in np.unique(table.channel).tolist():
-            chosen = table.channel == number
-            if number not in self._channels:
-                self._findings.add(
-                    'unknown_channel',
-                    f'messages of channel {number} left out: the file does not describe it',
-                    int(chosen.sum()),
-                )
-                continue
-            yield (
-                self._channels[number],
-                Records(data, table.start[chosen], table.end[chosen], table.time_ns[chosen]),
-            )
+        batch = messages_of(data, frame)
+        if len(batch):
+            yield batch
 
     def _add_schema(self, content: Content) -> None:
         number, name = content.number('H'), content.text()
@@ -150,4 +138,4 @@ class McapFile:
         number, schema = content.number('H'), content.number('H')
         topic, serialization = content.text(), content.text()
         name, encoding, text = self._schemas.get(schema, ('', '', ''))
-        self._channels[number] = Channel(topic, name, text, encoding, serialization)
+        self.channels[number] = Channel(topic, name, text, encoding, serialization)

@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rpms_ros.pulses import IntArray
+from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.records import ByteArray
+from rpms_ros.recording.records import Records
 from rpms_ros.recording.records import gather
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -43,6 +45,11 @@ class Frame:
     start: IntArray
     end: IntArray
     stop: int
+
+    def part(self, begin: int, end: int) -> 'Frame':
+        """Return the records from number `begin` up to `end`."""
+        chosen = slice(begin, end)
+        return Frame(self.kind[chosen], self.start[chosen], self.end[chosen], self.stop)
 
     def of_kind(self, kind: int) -> list[tuple[int, int]]:
         """Return start and end of every record of one kind."""
@@ -90,36 +97,13 @@ def walk(data: ByteArray, begin: int = 0) -> Frame:
     return Frame(frame.kind, frame.start, frame.end, int(frame.end[-1]) if count else begin)
 
 
-@dataclass(frozen=True)
-class MessageTable:
-    """Messages of a frame.
-
-    Attributes
-    ----------
-    channel : ndarray of int64, shape (messages,)
-        Numbers of their channels.
-    time_ns : ndarray of int64, shape (messages,)
-        When they were logged [ns].
-    start, end : ndarray of int64, shape (messages,)
-        Their data, as places in the walked bytes.
-    """
-
-    channel: IntArray
-    time_ns: IntArray
-    start: IntArray
-    end: IntArray
-
-
-def messages_of(data: ByteArray, frame: Frame) -> MessageTable:
+def messages_of(data: ByteArray, frame: Frame) -> Batch:
     """Return the messages of a frame in the order of the file."""
     chosen = (frame.kind == MESSAGE) & (frame.end - frame.start >= MESSAGE_HEAD)
     start = frame.start[chosen]
-    return MessageTable(
-        gather(data, start, '<u2').astype(np.int64),
-        gather(data, start + 6, '<u8').astype(np.int64),
-        start + MESSAGE_HEAD,
-        frame.end[chosen],
-    )
+    time_ns = gather(data, start + 6, '<u8').astype(np.int64)
+    records = Records(data, start + MESSAGE_HEAD, frame.end[chosen], time_ns)
+    return Batch(gather(data, start, '<u2').astype(np.int64), records)
 
 
 class Content:

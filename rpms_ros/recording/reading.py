@@ -83,6 +83,8 @@ class Recording:
         When each pulse was received [ns].
     force_received_ns : ndarray of int64, shape (samples,)
         When each sample was received [ns].
+    samples_before_pulse : ndarray of int64, shape (pulses,)
+        How many samples had been received when each pulse was.
     facts : RecordingFacts
         Everything else.
     """
@@ -91,6 +93,7 @@ class Recording:
     forces: ForceTrace
     pulse_received_ns: IntArray
     force_received_ns: IntArray
+    samples_before_pulse: IntArray
     facts: RecordingFacts
 
 
@@ -155,8 +158,22 @@ def read_recording(
         _force_trace(force_values, direction, sign),
         pulse_values.received_ns,
         force_values.received_ns,
+        _samples_before_pulse(pulse_values, force_values),
         _facts(scan, {'pulses': pulse_values.frame_ids, 'force': force_values.frame_ids}),
     )
+
+
+def _samples_before_pulse(pulses: TopicValues, force: TopicValues) -> IntArray:
+    """Return how many samples were received before each pulse (pulses,).
+
+    Where the clock of reception was set back, only the order of the recording tells.  Otherwise
+    the times do, since a recording may also have been written one topic after the other; a pulse
+    comes before a sample of the same time.
+    """
+    rising = all((np.diff(topic.received_ns) >= 0).all() for topic in (pulses, force))
+    if rising:
+        return np.searchsorted(force.received_ns, pulses.received_ns, side='left')
+    return np.searchsorted(force.place, pulses.place)
 
 
 def _facts(scan: Scan, frame_ids: Mapping[str, tuple[str, ...]] | None = None) -> RecordingFacts:

@@ -49,31 +49,39 @@ class Records:
         Where each message starts and ends in the buffer.
     time_ns : ndarray of int64, shape (messages,)
         When each was received [ns].
+    place : ndarray of int64, shape (messages,), or None
+        Which message of the recording each is, over all topics; None before that is counted.
     """
 
     buffer: ByteArray
     start: IntArray
     end: IntArray
     time_ns: IntArray
+    place: IntArray | None = None
 
     def __len__(self) -> int:
         return len(self.start)
 
     def select(self, chosen: slice | npt.NDArray[Any]) -> 'Records':
         """Return the messages of a slice, a mask or indices."""
-        return Records(self.buffer, self.start[chosen], self.end[chosen], self.time_ns[chosen])
+        place = None if self.place is None else self.place[chosen]
+        return Records(
+            self.buffer, self.start[chosen], self.end[chosen], self.time_ns[chosen], place
+        )
 
     def message(self, index: int) -> bytes:
         """Return the bytes of one message."""
         return self.buffer[self.start[index] : self.end[index]].tobytes()
 
     @classmethod
-    def of(cls, messages: Sequence[bytes], time_ns: IntArray) -> 'Records':
+    def of(
+        cls, messages: Sequence[bytes], time_ns: IntArray, place: IntArray | None = None
+    ) -> 'Records':
         """Return messages that come as one object each."""
         end = np.cumsum(np.fromiter(map(len, messages), np.int64, len(messages)))
         start = np.zeros_like(end)
         start[1:] = end[:-1]
-        return cls(np.frombuffer(b''.join(messages), np.uint8), start, end, time_ns)
+        return cls(np.frombuffer(b''.join(messages), np.uint8), start, end, time_ns, place)
 
 
 def windows(buffer: ByteArray, kind: npt.DTypeLike) -> npt.NDArray[Any]:

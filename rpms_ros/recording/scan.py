@@ -4,11 +4,13 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.compression import ZSTD_MAGIC
 from rpms_ros.recording.compression import unpacked
 from rpms_ros.recording.files import RecordingFiles
@@ -74,6 +76,7 @@ class Scan:
     topics: dict[tuple[str, str], TopicFacts] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self._count = 0
         self.files: RecordingFiles = find_files(self.path, self.findings)
 
     def blocks(self, progress: Progress | None = None) -> Iterator[tuple[Channel, Records]]:
@@ -96,16 +99,32 @@ class Scan:
 
     def _file(self, path: Path, progress: Progress | None) -> Iterator[tuple[Channel, Records]]:
         with opened(path, self.findings) as file:
-            for channel, packed in file.blocks():
-                records = _unpacked(packed)
+            for batch in file.batches():
+                for number, records in self._placed(batch):
+                    if number not in file.channels:
+                        self._unknown(path, number, len(records))
+                        continue
+                    channel = file.channels[number]
+                    self._facts(channel)
+                    key = channel.topic, channel.type_name
+                    self.topics[key] = self.topics[key].with_records(records)
+                    if progress:
+                        progress(len(records))
+                    yield channel, _unpacked(records)
+            for channel in file.channels.values():
                 self._facts(channel)
-                key = channel.topic, channel.type_name
-                self.topics[key] = self.topics[key].with_records(records)
-                if progress:
-                    progress(len(records))
-                yield channel, records
-            for channel in file.channels():
-                self._facts(channel)
+
+    def _placed(self, batch: Batch) -> Iterator[tuple[int, Records]]:
+        """Yield the messages of each topic with its number, and count their places."""
+        place = np.arange(self._count, self._count + len(batch), dtype=np.int64)
+        self._count += len(batch)
+        whole = replace(batch.records, place=place)
+        for number in np.unique(batch.topic).tolist():
+            yield number, whole.select(batch.topic == number)
+
+    def _unknown(self, path: Path, number: int, count: int) -> None:
+        remark = f'messages of topic number {number} left out: {path.name} does not describe it'
+        self.findings.add('unknown_channel', remark, count)
 
     def _facts(self, channel: Channel) -> None:
         key = channel.topic, channel.type_name
@@ -129,4 +148,5 @@ def _unpacked(records: Records) -> Records:
             for message in messages
         ],
         records.time_ns,
+        records.place,
     )

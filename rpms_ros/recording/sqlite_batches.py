@@ -14,6 +14,7 @@ import apsw
 import numpy as np
 
 from rpms_ros.pulses import IntArray
+from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.records import Records
 
 _ROWS = 8192
@@ -29,11 +30,9 @@ _PACKED = (
 _SINGLE = f'SELECT topic_id, timestamp, data {_RANGE} ORDER BY id'
 _LAST_ID = 2**63 - 1
 
-TopicsAndRecords = tuple[IntArray, Records]
 
-
-def batches(connection: apsw.Connection) -> Iterator[TopicsAndRecords]:
-    """Yield numbers of topics (messages,) with their messages, in the order of their ids.
+def batches(connection: apsw.Connection) -> Iterator[Batch]:
+    """Yield messages in the order of their ids.
 
     Raises
     ------
@@ -55,7 +54,7 @@ def _one(connection: apsw.Connection, query: str, *values: int) -> tuple[Any, ..
     return tuple(connection.execute(query, values).fetchall()[0])
 
 
-def _packed(connection: apsw.Connection, begin: int, end: int) -> TopicsAndRecords | None:
+def _packed(connection: apsw.Connection, begin: int, end: int) -> Batch | None:
     """Return a batch, or None if it has to be read row by row."""
     usual = connection.limit(apsw.SQLITE_LIMIT_LENGTH, _LARGEST)
     try:
@@ -73,10 +72,10 @@ def _packed(connection: apsw.Connection, begin: int, end: int) -> TopicsAndRecor
     stop = np.cumsum(length)
     records = Records(np.frombuffer(data, np.uint8), stop - length, stop, time_ns)
     order = np.argsort(number, kind='stable')
-    return topic[order], records.select(order)
+    return Batch(topic[order], records.select(order))
 
 
-def _singly(connection: apsw.Connection, begin: int, end: int) -> Iterator[TopicsAndRecords]:
+def _singly(connection: apsw.Connection, begin: int, end: int) -> Iterator[Batch]:
     cursor = connection.execute(_SINGLE, (begin, end))
     while True:
         rows: list[tuple[Any, ...]] = []
@@ -91,11 +90,11 @@ def _singly(connection: apsw.Connection, begin: int, end: int) -> Iterator[Topic
         yield _of_rows(rows)
 
 
-def _of_rows(rows: list[tuple[Any, ...]]) -> TopicsAndRecords:
+def _of_rows(rows: list[tuple[Any, ...]]) -> Batch:
     """Return rows as a batch; what is not of its type cannot be decoded, or belongs nowhere."""
     topics, times, messages = zip(*rows, strict=True)
     data = [message if isinstance(message, bytes) else b'' for message in messages]
-    return _whole(topics), Records.of(data, _whole(times))
+    return Batch(_whole(topics), Records.of(data, _whole(times)))
 
 
 def _whole(values: tuple[Any, ...]) -> IntArray:

@@ -8,13 +8,11 @@ from contextlib import closing
 from pathlib import Path
 
 import apsw
-import numpy as np
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import IntArray
+from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.findings import Findings
 from rpms_ros.recording.records import Channel
-from rpms_ros.recording.records import Records
 from rpms_ros.recording.sqlite_batches import batches
 
 MAGIC = b'SQLite format 3\0'
@@ -43,19 +41,15 @@ class SqliteFile:
     def __init__(self, path: Path, findings: Findings) -> None:
         self._path = path
         self._findings = findings
-        self._channels: dict[int, Channel] = {}
+        self.channels: dict[int, Channel] = {}
         with path.open('rb') as file:
             magic = file.read(len(MAGIC))
         if magic != MAGIC:
             found = repr(magic) if magic else 'an empty file'
             raise RecordingError(f'expected a sqlite3 file at {path}, got {found}')
 
-    def channels(self) -> list[Channel]:
-        """Return the channels; empty before the first block was asked for."""
-        return list(self._channels.values())
-
-    def blocks(self) -> Iterator[tuple[Channel, Records]]:
-        """Yield the messages, in the order of the file but for channels within a block."""
+    def batches(self) -> Iterator[Batch]:
+        """Yield the messages in the order of the file."""
         hot = [name for name in JOURNALS if _size(_beside(self._path, name))]
         size, promised = _size(self._path), _promised_size(self._path)
         if not hot and size >= promised:
@@ -79,40 +73,27 @@ class SqliteFile:
                 os.truncate(copy, size - size % _page_size(self._path))
             yield from self._read(copy.as_uri(), cut_off=not hot)
 
-    def _read(self, uri: str, cut_off: bool = False) -> Iterator[tuple[Channel, Records]]:
+    def _read(self, uri: str, cut_off: bool = False) -> Iterator[Batch]:
         flags = apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_URI
         try:
             with closing(apsw.Connection(uri, flags)) as connection:
                 if cut_off:
                     # Lets SQLite open a file that is shorter than its header says.
                     connection.execute('PRAGMA writable_schema = ON')
-                self._channels = _channels(connection)
+                self.channels = _channels(connection)
                 yield from self._messages(connection)
         except apsw.Error as error:
             raise RecordingError(
                 f'expected tables of rosbag2 in {self._path}, got {error}'
             ) from error
 
-    def _messages(self, connection: apsw.Connection) -> Iterator[tuple[Channel, Records]]:
+    def _messages(self, connection: apsw.Connection) -> Iterator[Batch]:
         try:
-            for number, records in batches(connection):
-                yield from self._block(number, records)
+            yield from batches(connection)
         except apsw.Error as error:
             self._findings.add(
                 'truncated_file', f'{self._path.name} cannot be read to its end: {error}'
             )
-
-    def _block(self, number: IntArray, records: Records) -> Iterator[tuple[Channel, Records]]:
-        for value in np.unique(number).tolist():
-            chosen = number == value
-            if value not in self._channels:
-                self._findings.add(
-                    'unknown_channel',
-                    f'messages of topic number {value} left out: the file does not describe it',
-                    int(chosen.sum()),
-                )
-                continue
-            yield self._channels[value], records.select(chosen)
 
 
 def _beside(path: Path, suffix: str) -> Path:

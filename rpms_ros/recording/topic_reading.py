@@ -64,7 +64,7 @@ FORCE_TYPES = {
 
 @dataclass(frozen=True)
 class TopicValues:
-    """Numbers of a topic in the order of reception.
+    """Numbers of a topic in the order of the recording, which is that of reception.
 
     Attributes
     ----------
@@ -73,7 +73,9 @@ class TopicValues:
     number : mapping of str to ndarray, shape (messages,)
         Wanted fields.
     received_ns : ndarray of int64, shape (messages,)
-        When each message was received [ns].
+        When each message was received [ns], by a clock that may have been set back.
+    place : ndarray of int64, shape (messages,)
+        Which message of the recording each is, over all topics.
     frame_ids : tuple of str
         All that occur, sorted.
     """
@@ -81,6 +83,7 @@ class TopicValues:
     type_name: str
     number: Mapping[str, npt.NDArray[Any]]
     received_ns: IntArray
+    place: IntArray
     frame_ids: tuple[str, ...]
 
     def stamp_ns(self) -> IntArray:
@@ -97,6 +100,7 @@ class _Candidate:
     """Messages of a topic and type that may be the wanted one."""
 
     columns: list[Columns] = field(default_factory=list)
+    place: list[IntArray] = field(default_factory=list)
     received_ns: list[IntArray] = field(default_factory=list)
     decoders: dict[Channel, Decoder] = field(default_factory=dict)
     problem: RecordingError | None = None
@@ -134,6 +138,8 @@ class TopicReading:
             return
         candidate.columns.append(candidate.decoders[channel].decode(records))
         candidate.received_ns.append(records.time_ns)
+        assert records.place is not None, 'a scan counts the places'
+        candidate.place.append(records.place)
 
     def values(self, scan: Scan) -> TopicValues:
         """Return the numbers of the topic, after the pass over the recording.
@@ -193,7 +199,7 @@ class TopicReading:
 def _joined(
     topic: str, type_name: str, fields: Fields, candidate: _Candidate, scan: Scan
 ) -> TopicValues:
-    """Return all blocks as one, in the order of reception; note what was left out."""
+    """Return all blocks as one, in the order of the recording; note what was left out."""
     received_ns = np.concatenate(candidate.received_ns)
     good = np.concatenate([columns.good for columns in candidate.columns])
     if bad := int(np.count_nonzero(~good)):
@@ -206,18 +212,11 @@ def _joined(
     if len(frame_ids) > 1:
         names = ', '.join(map(repr, frame_ids))
         scan.findings.add('mixed_frame_ids', f'{topic} has frame ids {names}', len(frame_ids) - 1)
-    order = _order(received_ns, good)
+    order = slice(None) if good.all() else np.flatnonzero(good)
+    place = np.concatenate(candidate.place)
     number = {
         # Taken out of the blocks: what is joined need not be there twice.
         path: np.concatenate([columns.number.pop(path) for columns in candidate.columns])[order]
         for path in fields.wanted
     }
-    return TopicValues(type_name, number, received_ns[order], tuple(frame_ids))
-
-
-def _order(received_ns: IntArray, good: npt.NDArray[np.bool_]) -> slice | IntArray:
-    """Return what puts messages in the order of reception and leaves the bad ones out."""
-    if good.all() and (received_ns[1:] >= received_ns[:-1]).all():
-        return slice(None)
-    order = np.argsort(received_ns, kind='stable')
-    return order[good[order]]
+    return TopicValues(type_name, number, received_ns[order], place[order], tuple(frame_ids))

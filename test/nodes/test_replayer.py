@@ -58,6 +58,7 @@ def test_a_factor_paces_a_replay(recording: Recording) -> None:
         recording,
         pulses=recording.pulses[:20],
         pulse_received_ns=recording.pulse_received_ns[:20],
+        samples_before_pulse=recording.samples_before_pulse[:20],
         forces=forces,
         force_received_ns=recording.force_received_ns[second],
     )
@@ -78,6 +79,7 @@ def test_faults_of_a_recording_are_those_of_its_replay(recording: Recording) -> 
         forces=changed(recording.forces, force=force),
         pulses=recording.pulses[kept],
         pulse_received_ns=recording.pulse_received_ns[kept],
+        samples_before_pulse=recording.samples_before_pulse[kept],
     )
     done = replay(spoiled)
     assert compare(done.expected, done.estimates).exact

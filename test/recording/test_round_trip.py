@@ -6,10 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2 import Reader
@@ -25,7 +21,6 @@ from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
 from rpms_ros.recording.definitions import PULSE
 from rpms_ros.recording.definitions import WRENCH_STAMPED
-from rpms_ros.recording.definitions import known_types
 
 Session = tuple[PulseTrain, ForceTrace]
 WriteWithRosbags = Callable[..., Path]
@@ -94,36 +89,6 @@ def test_what_rosbags_wrote_is_read(
     assert recording.forces.force.tolist() == [0.5 * i for i in range(50)]
     assert recording.forces.stamp_ns.tolist() == list(range(7, 57))
     assert recording.facts.faults == {}
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
-@given(times=st.lists(st.integers(0, 2**50), min_size=1, max_size=30), lz4=st.booleans())
-def test_order_of_reception_is_that_of_rosbags(
-    tmp_path_factory: pytest.TempPathFactory, times: list[int], lz4: bool
-) -> None:
-    path = tmp_path_factory.mktemp('order') / 'bag'
-    with RecordingWriter(path, compression='lz4' if lz4 else '') as writer:
-        numbers = writer.add_topic('/pulses', PULSE), writer.add_topic('/force', WRENCH_STAMPED)
-        types = known_types().types
-        for index, time_ns in enumerate(times):
-            header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2), 'x')
-            message = types[PULSE](header, index, 0.5, 1e-4)
-            raw = bytes(known_types().serialize_cdr(message, PULSE))
-            writer.append(numbers[0], time_ns, raw)
-            if index % 5 == 4:
-                writer.flush()
-        vector = types['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
-        force = types[WRENCH_STAMPED](header, types['geometry_msgs/msg/Wrench'](vector, vector))
-        writer.append(numbers[1], 1, bytes(known_types().serialize_cdr(force, WRENCH_STAMPED)))
-    recording = read_recording(path)
-    with Reader(path) as reader:
-        connections = [each for each in reader.connections if each.topic == '/pulses']
-        slow = [
-            (time_ns, known_types().deserialize_cdr(raw, PULSE).sequence)
-            for _, time_ns, raw in reader.messages(connections)
-        ]
-    assert recording.pulse_received_ns.tolist() == [time_ns for time_ns, _ in slow]
-    assert recording.pulses.sequence.tolist() == [number for _, number in slow]
 
 
 def test_topics_below_a_namespace(write_with_rosbags: WriteWithRosbags, make: Any) -> None:

@@ -29,9 +29,9 @@ def database(rows: dict[int, tuple[int, int, Any]]) -> apsw.Connection:
 
 def read(connection: apsw.Connection) -> list[tuple[int, int, bytes]]:
     return [
-        (int(topic), int(time_ns), records.message(index))
-        for topics, records in batches(connection)
-        for index, (topic, time_ns) in enumerate(zip(topics, records.time_ns, strict=True))
+        (int(batch.topic[index]), int(batch.records.time_ns[index]), batch.records.message(index))
+        for batch in batches(connection)
+        for index in range(len(batch))
     ]
 
 
