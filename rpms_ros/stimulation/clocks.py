@@ -1,0 +1,83 @@
+"""Clocks of this machine for what has to outlive a process: monotonic, since boot, and wall time.
+
+Only the time since boot survives a restart of the process without being set by anybody, and only
+the wall clock survives a restart of the machine; ``boot_id`` tells the two apart.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rpms_ros.errors import StimulationError
+
+_BOOT_ID = Path('/proc/sys/kernel/random/boot_id')
+# Before this software existed [ns since 1970]: a wall clock that says so has not been set.
+EARLIEST_WALL_NS = 1_735_689_600 * 1_000_000_000
+
+
+def read_boot_id() -> str:
+    """Return the identifier of this boot of the machine.
+
+    Raises
+    ------
+    StimulationError
+        If the operating system does not tell.
+    """
+    try:
+        return _BOOT_ID.read_text(encoding='ascii').strip()
+    except (OSError, UnicodeDecodeError) as fault:
+        raise StimulationError(f'expected a boot identifier in {_BOOT_ID}, got {fault}') from fault
+
+
+def _since_boot_ns() -> int:
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Three clocks [ns] and the boot that they belong to.
+
+    Attributes
+    ----------
+    monotonic_ns : callable
+        Never set, stands still while the machine sleeps; the clock of pulses.
+    boot_ns : callable
+        Since the machine was started, sleep included.
+    wall_ns : callable
+        Since 1970, in UTC; may be set at any time.
+    boot_id : callable
+        Another text after every start of the machine.
+    """
+
+    monotonic_ns: Callable[[], int] = time.monotonic_ns
+    boot_ns: Callable[[], int] = _since_boot_ns
+    wall_ns: Callable[[], int] = time.time_ns
+    boot_id: Callable[[], str] = read_boot_id
+
+    def age_ns(self, boot_id: str, boot_ns: int, wall_ns: int) -> int:
+        """Return how long ago something was, at least [ns].
+
+        Parameters
+        ----------
+        boot_id : str
+            Boot in which it happened.
+        boot_ns : int
+            When, since that boot [ns].
+        wall_ns : int
+            When, on the wall clock [ns].
+
+        Returns
+        -------
+        int
+            Within one boot the time since boot decides, whatever was done to the wall clock.
+            Across boots it is at least the time since this boot; the wall clock may add to that
+            only where it had been set both times.
+        """
+        if boot_id == self.boot_id():
+            return max(0, self.boot_ns() - boot_ns)
+        certain = self.boot_ns()
+        now = self.wall_ns()
+        if min(now, wall_ns) < EARLIEST_WALL_NS:
+            return certain
+        return max(certain, now - wall_ns)

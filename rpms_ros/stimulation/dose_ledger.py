@@ -1,0 +1,302 @@
+"""Dose ledger: what a device gave and what a patient got, on the disk before a pulse is fired.
+
+Pulses are reserved ahead, some at a time.  After a crash everything reserved and not given back
+counts as delivered.  There is one ledger a device (its coil, its rest) and one a patient (the
+dose, whichever device gave it); each reservation stands in both.
+"""
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from typing import Self
+from urllib.parse import quote
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation.chained_file import ChainedFile
+from rpms_ros.stimulation.clocks import Clocks
+from rpms_ros.stimulation.dose import BookedPulse
+from rpms_ros.stimulation.dose import DoseAccount
+from rpms_ros.stimulation.dose import DoseLimits
+from rpms_ros.stimulation.dose import DoseTotals
+from rpms_ros.stimulation.dose import LedgerError
+from rpms_ros.stimulation.dose import PlannedPulse
+from rpms_ros.stimulation.ledger_reading import RESERVE
+from rpms_ros.stimulation.ledger_reading import SETTLE
+from rpms_ros.stimulation.ledger_reading import LedgerReader
+from rpms_ros.stimulation.ledger_reading import Past
+from rpms_ros.stimulation.ledger_reading import agreed
+from rpms_ros.stimulation.ledger_reading import readable
+
+PURPOSE = 'dose ledger'
+SHORTEST_HISTORY_H = 24.0
+LONGEST_NAME = 64
+# of a reservation that has to be written once more: when it was made stays what it was
+_COPIED = ('batch', 'device', 'patient', 'pulses', 'time', 'boot_id', 'boot_ns')
+
+
+class MemoryLedger:
+    """A dose ledger for a simulated device: nothing outlives the process.
+
+    Parameters
+    ----------
+    dose : DoseLimits, optional
+        What the patient may get; no bound without.
+    clock : callable
+        Monotonic time [ns].
+    """
+
+    def __init__(
+        self, dose: DoseLimits | None = None, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.account = DoseAccount(dose, clock)
+
+    def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
+        """Return no pulses: there was nothing before."""
+        del now_monotonic_ns
+        return ()
+
+    def reserve(self, pulses: Sequence[PlannedPulse]) -> range:
+        """Count pulses that are going to be fired; return a number for each.
+
+        Raises
+        ------
+        LedgerError
+            If they cannot be counted; DoseExceeded if they are more than the patient may get.
+        """
+        self.account.check(pulses)
+        return self.account.add(pulses)
+
+    def take(self, number: int) -> None:
+        """Say that a reserved pulse is going to be triggered now; each can be taken once.
+
+        Waits for no file.
+
+        Raises
+        ------
+        LedgerError
+            If the pulse is not reserved, was taken or was given back.
+        """
+        self.account.take(number)
+
+    def settle(self, numbers: Iterable[int] | None = None) -> None:
+        """Give reserved pulses back that were not taken, so certainly never triggered.
+
+        Parameters
+        ----------
+        numbers : iterable of int, optional
+            Which ones; all by default.
+
+        Raises
+        ------
+        LedgerError
+            If one of them is not reserved or was taken.
+        """
+        self.account.give_back(numbers)
+
+    def totals(self) -> DoseTotals:
+        """Return what the patient got within the window of the dose, reserved pulses included."""
+        return self.account.totals
+
+    def close(self) -> None:
+        """Give back what was not taken."""
+        self.settle()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class DoseLedger(MemoryLedger):
+    """A dose ledger in two files of a folder, locked as long as it is open.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the ledgers are kept; made if it is not there.
+    device, patient : str
+        Names of the device and (a pseudonym) of the patient, printable ASCII.
+    dose : DoseLimits, optional
+        What the patient may get; no bound without.
+    clocks : Clocks
+        Of this machine.
+
+    Raises
+    ------
+    LedgerError
+        If the device's or the patient's ledger is open elsewhere, damaged, or cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        device: str,
+        patient: str,
+        dose: DoseLimits | None = None,
+        clocks: Clocks | None = None,
+    ) -> None:
+        self._clocks = clocks if clocks is not None else Clocks()
+        super().__init__(dose, self._clocks.monotonic_ns)
+        hours = max(SHORTEST_HISTORY_H, dose.window_h if dose is not None else 0.0)
+        horizon = nanoseconds(hours * 3600.0)
+        self.device, self.patient = device, patient
+        self._session = secrets.token_hex(4)
+        self._batches = 0
+        self._places: dict[int, tuple[str, int]] = {}
+        self._lock = threading.Lock()
+        self._files: list[ChainedFile] = []
+        self._broken: str | None = None
+        self._opened_ns = self._clocks.boot_ns()
+        readers = [
+            LedgerReader('device', device, patient, self._clocks, horizon),
+            LedgerReader('patient', patient, device, self._clocks, horizon),
+        ]
+        try:
+            for reader in readers:
+                self._files.append(_opened(folder, reader))
+            self._past = self._agree(*readers)
+        except StimulationError as fault:
+            self.close()
+            raise LedgerError(str(fault)) from fault
+        past = self.history(self._clocks.monotonic_ns())
+        self.account.add([pulse for pulse in past if pulse.on_patient], reserved=False)
+
+    def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
+        """Return the pulses of earlier processes that may still count, oldest first.
+
+        Parameters
+        ----------
+        now_monotonic_ns : int
+            Now, on the clock that the answer is wanted on [ns].
+
+        Returns
+        -------
+        tuple of BookedPulse
+            Of the last 24 h, or of the window of the dose if that is longer, from this device or
+            of this patient.
+        """
+        since = self._clocks.boot_ns() - self._opened_ns
+        return tuple(
+            pulse._replace(time_ns=now_monotonic_ns + pulse.time_ns - since)
+            for pulse in self._past
+        )
+
+    def reserve(self, pulses: Sequence[PlannedPulse]) -> range:
+        """Put pulses that are going to be fired on the disk; return a number for each.
+
+        Raises
+        ------
+        LedgerError
+            If they cannot be written; DoseExceeded if they are more than the patient may get.
+            None of them may be fired then.
+        """
+        with self._lock:
+            self.account.check(pulses)
+            if not pulses:
+                return range(0)
+            batch = self._write(pulses)
+            numbers = self.account.add(pulses)
+            self._places.update((number, (batch, i)) for i, number in enumerate(numbers))
+            return numbers
+
+    def take(self, number: int) -> None:
+        """Say that a reserved pulse is going to be triggered now; each can be taken once."""
+        self.account.take(number)
+        self._places.pop(number, None)
+
+    def settle(self, numbers: Iterable[int] | None = None) -> None:
+        """Give reserved pulses back that were not taken, so certainly never triggered.
+
+        Raises
+        ------
+        LedgerError
+            If one of them is not reserved or was taken, or the files cannot be written.
+        """
+        with self._lock:
+            given = self.account.give_back(numbers)
+            places = [self._places.pop(number) for number in given]
+            if places:
+                self._append([{'kind': SETTLE, 'unfired': places}], sync=False)
+
+    def close(self) -> None:
+        """Give back what was not taken and let go of the files; again is allowed."""
+        # what cannot be given back any more counts as delivered
+        with suppress(LedgerError):
+            self.settle()
+        self._broken = self._broken or 'a closed ledger'
+        for file in self._files:
+            file.close()
+
+    def _write(self, pulses: Sequence[PlannedPulse]) -> str:
+        ahead = self._clocks.boot_ns() - self._clocks.monotonic_ns()
+        batch = f'{self._session}-{self._batches}'
+        self._batches += 1
+        rows = [
+            [int(pulse.time_ns) + ahead, float(pulse.intensity), float(pulse.energy_j)]
+            for pulse in pulses
+        ]
+        parties = {'device': self.device, 'patient': self.patient}
+        self._append([{'kind': RESERVE, 'batch': batch, **parties, 'pulses': rows}])
+        return batch
+
+    def _append(self, contents: Sequence[dict[str, Any]], sync: bool = True) -> None:
+        if self._broken is not None:
+            raise LedgerError(f'expected a working ledger, got {self._broken}')
+        try:
+            for file in self._files:
+                file.append(contents, sync)
+        except StimulationError as fault:
+            # the two must never differ by more than one reservation
+            self._broken = str(fault)
+            raise LedgerError(str(fault)) from fault
+
+    def _agree(self, device: LedgerReader, patient: LedgerReader) -> tuple[BookedPulse, ...]:
+        """Return the past of both ledgers, after what a crash left out was put in."""
+        lost = agreed(device, patient)
+        if lost is not None:
+            content = {name: lost.content[name] for name in _COPIED if name in lost.content}
+            self._files[1].append([{'kind': RESERVE, **content}])
+        cut = [*readable(self._files[0].torn, device), *readable(self._files[1].torn, device)]
+        if cut:
+            now = self._clocks.monotonic_ns()
+            self._write([PlannedPulse(now, past.intensity, past.energy_j) for past in cut])
+        return _past(device, patient, cut)
+
+
+def _opened(folder: Path, reader: LedgerReader) -> ChainedFile:
+    name = reader.name
+    if not (name.isascii() and name.isprintable() and name.strip() and len(name) <= LONGEST_NAME):
+        raise LedgerError(
+            f'expected a name of 1 to {LONGEST_NAME} printable characters for the '
+            f'{reader.owner}, got {name[:LONGEST_NAME]!r}'
+        )
+    # in lower case: a patient must not have two ledgers by a slip of the typist
+    path = folder / f'{reader.owner}-{quote(name.casefold(), safe="")}.ledger'
+    owner = {'owner': reader.owner, 'name': name}
+    return ChainedFile(path, PURPOSE, clocks=reader.clocks, read=reader.take, begin=owner)
+
+
+def _past(
+    device: LedgerReader, patient: LedgerReader, cut: Sequence[Past]
+) -> tuple[BookedPulse, ...]:
+    """Return all pulses, oldest first, with their (negative) age in place of a time."""
+    found = [BookedPulse(-past.age_ns, past.intensity, past.energy_j) for past in cut]
+    for reader in (device, patient):
+        for batch in reader.batches.values():
+            on_device = batch.content['device'] == device.name
+            if reader is patient and on_device:
+                continue
+            on_patient = batch.content['patient'] == patient.name
+            found.extend(
+                BookedPulse(-past.age_ns, past.intensity, past.energy_j, on_device, on_patient)
+                for past in batch.pulses.values()
+            )
+    return tuple(sorted(found, key=lambda pulse: pulse.time_ns))

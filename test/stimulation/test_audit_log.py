@@ -1,0 +1,203 @@
+"""The audit log: it only grows, nobody can change it unseen, and nothing hostile breaks it."""
+
+import itertools
+import json
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.audit_log import AuditLog
+from rpms_ros.stimulation.audit_log import verify
+from rpms_ros.stimulation.record_chain import FIRST
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / 'logs' / 'audit.jsonl'
+
+
+def filled(path, count=3, key=None):
+    with AuditLog(path, key) as log:
+        for number in range(count):
+            log.append('refusal', who='operator', limit='maximum_rate_hz', pulse=number)
+    return path.read_bytes().splitlines(keepends=True)
+
+
+def test_every_line_is_json_with_number_time_and_boot_and_chained(path):
+    lines = [json.loads(line) for line in filled(path)]
+    assert [line['number'] for line in lines] == [0, 1, 2, 3]
+    assert [line['kind'] for line in lines] == ['begin', 'refusal', 'refusal', 'refusal']
+    assert lines[0]['purpose'] == 'audit log'
+    assert lines[0]['previous'] == FIRST
+    for before, line in itertools.pairwise(lines):
+        assert line['previous'] == before['hash']
+        assert line['time'].endswith('Z')
+        assert len(line['boot_id']) == 36
+    assert lines[3]['pulse'] == 2
+    found = verify(path)
+    assert found.intact
+    assert [record.content for record in found.records] == lines
+    assert found.hash == lines[-1]['hash']
+
+
+def test_it_goes_on_where_it_ended(path):
+    filled(path)
+    before = path.read_bytes()
+    filled(path)
+    assert path.read_bytes().startswith(before)
+    assert verify(path).intact
+    assert len(verify(path).records) == 7
+
+
+def test_one_process_at_a_time(path):
+    with (
+        AuditLog(path),
+        pytest.raises(StimulationError, match='write and lock, got it in use by another process'),
+    ):
+        AuditLog(path)
+    AuditLog(path).close()
+
+
+@pytest.mark.parametrize(
+    ('change', 'line'),
+    [
+        (lambda lines: [lines[0], lines[2], lines[3]], 2),
+        (lambda lines: [lines[0], lines[2], lines[1], lines[3]], 2),
+        (lambda lines: [*lines[:2], lines[2].replace(b'operator', b'somebody'), lines[3]], 3),
+        (lambda lines: [*lines, lines[3]], 5),
+        (lambda lines: [b'\n', *lines], 1),
+        (lambda lines: lines[1:], 1),
+        (lambda lines: [*lines, b'{}\n'], 5),
+        (lambda lines: [*lines[:3], lines[3].replace(b'"pulse":2', b'"pulse":1')], 4),
+    ],
+)
+def test_a_change_is_found_at_its_first_record_and_nothing_is_added(path, change, line):
+    lines = filled(path)
+    path.write_bytes(b''.join(change(lines)))
+    found = verify(path)
+    assert not found.intact
+    assert found.line == line
+    assert len(found.records) == line - 1
+    assert f'line {line}: expected the next record of the chain' in found.fault
+    with pytest.raises(StimulationError, match=f'line {line}: expected the next record'):
+        AuditLog(path)
+
+
+@pytest.mark.parametrize('cut', [1, 10, 200])
+def test_a_line_cut_off_by_a_kill_is_marked_and_the_log_goes_on(path, cut):
+    filled(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-cut])
+    assert verify(path).torn > 0
+    filled(path, 1)
+    found = verify(path)
+    assert found.intact
+    kinds = [record.content['kind'] for record in found.records]
+    # only the end of the line was missing: the record itself is whole
+    kept = 3 if cut == 1 else 2
+    marks = [] if cut == 1 else ['torn']
+    assert kinds == ['begin', *['refusal'] * kept, *marks, 'refusal']
+    assert path.read_bytes().startswith(whole[:-cut])
+    # what was cut off cannot be changed afterwards either
+    data = bytearray(path.read_bytes())
+    data[len(whole) - cut - 5] ^= 1
+    path.write_bytes(data)
+    assert verify(path).line == 4
+
+
+def test_a_first_line_cut_off_begins_again(path):
+    path.parent.mkdir()
+    path.write_bytes(b'{"number":0,"ki')
+    filled(path, 1)
+    assert verify(path).intact
+    assert [record.line for record in verify(path).records] == [2, 3]
+
+
+def test_with_a_key_nobody_else_can_go_on(path):
+    filled(path, key=b'secret')
+    assert verify(path, b'secret').intact
+    for key in (None, b'guess'):
+        assert 'record 0 or was made with another key' in verify(path, key).fault
+        with pytest.raises(StimulationError, match='was made with another key'):
+            AuditLog(path, key)
+
+
+def test_a_file_of_another_kind_is_refused(path):
+    path.parent.mkdir()
+    path.write_text('{"not": "ours"}\n')
+    with pytest.raises(StimulationError, match='line 1: expected the next record'):
+        AuditLog(path)
+    assert path.read_text() == '{"not": "ours"}\n'
+    path.write_text('')
+    assert 'expected at least one record, got none' in verify(path).fault
+    assert 'expected a readable file' in verify(path.parent / 'absent').fault
+    (path.parent / 'long').write_bytes(b'x' * 2_000_000)
+    assert 'expected a shorter line' in verify(path.parent / 'long').fault
+
+
+def test_what_is_logged_is_bounded_and_anything_printable_or_not_is_kept(path):
+    with AuditLog(path) as log:
+        log.append('refusal', reason='\ud800\n\x00"', long='x' * 5000, many=list(range(500)))
+        log.append('limits', figures={'rate': 20.0, 'none': None, 'nan': float('nan')})
+        log.append('big', huge=10**5000, names={'b', 'a'}, on=True)
+        with pytest.raises(StimulationError, match='expected text, a number, a list or a mapping'):
+            log.append('wrong', value=object())
+        with pytest.raises(StimulationError, match='expected fields other than hash, number'):
+            log.append('wrong', number=3, hash='x')
+        deep = []
+        for _ in range(100):
+            deep = [deep]
+        with pytest.raises(StimulationError, match='expected a field of at most 6 levels'):
+            log.append('wrong', value=deep)
+    found = verify(path)
+    assert found.intact
+    _, first, second, third = (record.content for record in found.records)
+    assert first['reason'] == '\ud800\n\x00"'
+    assert first['long'].endswith('... (3000 more characters)')
+    assert len(first['many']) == 201
+    assert second['figures'] == {'rate': 20.0, 'none': None, 'nan': 'nan'}
+    assert third['names'] == ['a', 'b']
+    assert third['on'] is True
+
+
+KILLED = """
+    import sys
+    from pathlib import Path
+    from rpms_ros.stimulation.audit_log import AuditLog
+    log = AuditLog(Path(sys.argv[1]))
+    number = 0
+    while True:
+        log.append('arm', pulse=number)
+        print(number, flush=True)
+        number += 1
+"""
+
+
+def test_what_append_returned_from_survives_a_kill(path):
+    for _ in range(3):
+        command = [sys.executable, '-c', textwrap.dedent(KILLED), str(path)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            said = [process.stdout.readline() for _ in range(20)]
+            process.send_signal(signal.SIGKILL)
+            said.extend(process.stdout.readlines())
+        last = int(said[-1])
+        filled(path, 1)
+        found = verify(path)
+        assert found.intact
+        pulses = [r.content['pulse'] for r in found.records if r.content['kind'] == 'arm']
+        # one more may have been written than could be said
+        assert pulses[-1] in (last, last + 1)
+
+
+def test_a_log_that_cannot_be_written_says_so(path, tmp_path):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(StimulationError, match=r'expected .* to write and lock, got'):
+        AuditLog(tmp_path / 'file' / 'audit.jsonl')
+    log = AuditLog(path)
+    log.close()
+    with pytest.raises(StimulationError, match=r'expected a writable .*, got a closed file'):
+        log.append('arm')

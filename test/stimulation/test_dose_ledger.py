@@ -1,0 +1,424 @@
+"""The dose ledger: what was reserved counts, whatever happens to process, clock, file and disk."""
+
+import subprocess
+import sys
+import textwrap
+
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.clocks import EARLIEST_WALL_NS
+from rpms_ros.stimulation.clocks import Clocks
+from rpms_ros.stimulation.dose import DoseExceeded
+from rpms_ros.stimulation.dose import DoseLimits
+from rpms_ros.stimulation.dose import LedgerError
+from rpms_ros.stimulation.dose import PlannedPulse
+from rpms_ros.stimulation.dose_ledger import DoseLedger
+from rpms_ros.stimulation.dose_ledger import MemoryLedger
+
+SECOND = 1_000_000_000
+HOUR = 3600 * SECOND
+LIMITS = DoseLimits(pulses=100, energy_j=5000.0, window_h=1.0)
+
+
+class Machine:
+    """A machine whose clocks only the test moves."""
+
+    def __init__(self):
+        self.monotonic = 100 * SECOND
+        self.boot = 200 * SECOND
+        self.wall = EARLIEST_WALL_NS + 1000 * HOUR
+        self.boot_id = 'first'
+
+    @property
+    def clocks(self):
+        return Clocks(
+            lambda: self.monotonic, lambda: self.boot, lambda: self.wall, lambda: self.boot_id
+        )
+
+    def wait(self, seconds):
+        self.monotonic += round(seconds * SECOND)
+        self.boot += round(seconds * SECOND)
+        self.wall += round(seconds * SECOND)
+
+    def restart(self, boot_id, off_s):
+        self.wall += round(off_s * SECOND)
+        self.monotonic = self.boot = 10 * SECOND
+        self.boot_id = boot_id
+
+
+@pytest.fixture
+def machine():
+    return Machine()
+
+
+@pytest.fixture
+def opened(tmp_path, machine):
+    """Open a ledger; whatever is open at the end is closed."""
+    ledgers = []
+
+    def open_ledger(device='coil-1', patient='P01', dose=LIMITS):
+        ledgers.append(DoseLedger(tmp_path, device, patient, dose, machine.clocks))
+        return ledgers[-1]
+
+    yield open_ledger
+    for ledger in ledgers:
+        ledger.close()
+
+
+def planned(machine, count, energy=10.0, ahead_s=0.0):
+    first = machine.monotonic + round(ahead_s * SECOND)
+    return [PlannedPulse(first + i * SECOND // 20, 0.5, energy) for i in range(count)]
+
+
+def killed(ledger):
+    """Let go of the files as the end of a process does, nothing given back."""
+    for file in ledger._files:
+        file.close()
+
+
+@pytest.mark.parametrize('kind', ['memory', 'file'])
+def test_a_pulse_is_reserved_taken_once_or_given_back(kind, machine, opened):
+    ledger = MemoryLedger(LIMITS, lambda: machine.monotonic) if kind == 'memory' else opened()
+    numbers = ledger.reserve(planned(machine, 5))
+    assert len(numbers) == 5
+    assert ledger.totals() == (5, 50.0)
+    ledger.take(numbers[0])
+    with pytest.raises(LedgerError, match='expected a reserved pulse, got number 0'):
+        ledger.take(numbers[0])
+    with pytest.raises(LedgerError, match=r'expected reserved pulses to give back, got .*\[0\]'):
+        ledger.settle([numbers[0]])
+    ledger.settle([numbers[4]])
+    assert ledger.totals() == (4, 40.0)
+    with pytest.raises(LedgerError, match='expected a reserved pulse, got number 4'):
+        ledger.take(numbers[4])
+    ledger.settle()
+    assert ledger.totals() == (1, 10.0)
+    more = ledger.reserve(planned(machine, 1))
+    assert set(more).isdisjoint(numbers)
+    assert ledger.reserve([]) == range(0) or not ledger.reserve([])
+
+
+@pytest.mark.parametrize('kind', ['memory', 'file'])
+def test_more_than_the_dose_is_refused_until_the_window_has_passed(kind, machine, opened):
+    ledger = MemoryLedger(LIMITS, lambda: machine.monotonic) if kind == 'memory' else opened()
+    for number in ledger.reserve(planned(machine, 99, energy=1.0)):
+        ledger.take(number)
+    with pytest.raises(DoseExceeded, match='dose_pulses: expected at most 100 pulses in 1 h, got'):
+        ledger.reserve(planned(machine, 2))
+    with pytest.raises(
+        DoseExceeded, match='dose_energy_j: expected at most 5000 J in 1 h'
+    ) as found:
+        ledger.reserve(planned(machine, 1, energy=4902.0))
+    assert found.value.limit == 'dose_energy_j'
+    assert ledger.totals() == (99, 99.0)
+    machine.wait(3605.1)
+    assert ledger.totals() == (0, 0.0)
+    assert len(ledger.reserve(planned(machine, 100))) == 100
+
+
+def test_what_was_reserved_counts_after_a_kill_and_what_was_given_back_does_not(machine, opened):
+    first = opened()
+    numbers = first.reserve(planned(machine, 10))
+    for number in numbers[:6]:
+        first.take(number)
+    first.settle([numbers[9]])
+    killed(first)
+    machine.wait(7.0)
+    second = opened()
+    assert second.totals() == (9, 90.0)
+    history = second.history(machine.monotonic)
+    assert [pulse.time_ns for pulse in history] == [
+        machine.monotonic - 7 * SECOND + i * SECOND // 20 for i in range(9)
+    ]
+    assert all(pulse[1:] == (0.5, 10.0, True, True) for pulse in history)
+    second.close()
+    # closed in good order: what was fired counts, no more
+    third = opened()
+    for number in third.reserve(planned(machine, 5))[:2]:
+        third.take(number)
+    third.close()
+    assert opened().totals() == (11, 110.0)
+
+
+def test_pulses_that_were_planned_for_later_count_as_now(machine, opened):
+    first = opened()
+    first.reserve(planned(machine, 3, ahead_s=0.5))
+    killed(first)
+    history = opened().history(machine.monotonic)
+    assert [pulse.time_ns for pulse in history] == [machine.monotonic] * 3
+
+
+def test_device_and_patient_are_counted_apart(machine, opened):
+    first = opened('coil-1', 'P01')
+    first.reserve(planned(machine, 4))
+    killed(first)
+    other = opened('coil-1', 'P02')
+    assert other.totals() == (0, 0.0)
+    assert [pulse[3:] for pulse in other.history(0)] == [(True, False)] * 4
+    other.reserve(planned(machine, 3))
+    killed(other)
+    moved = opened('coil-2', 'P01')
+    assert moved.totals() == (4, 40.0)
+    assert [pulse[3:] for pulse in moved.history(0)] == [(False, True)] * 4
+    killed(moved)
+    again = opened('coil-1', 'P01')
+    assert len(again.history(0)) == 7
+    assert again.totals() == (4, 40.0)
+
+
+def test_one_process_at_a_time_for_a_device_and_for_a_patient(opened):
+    opened('coil-1', 'P01')
+    with pytest.raises(LedgerError, match=r'device-coil-1\.ledger .*in use by another process'):
+        opened('coil-1', 'P02')
+    with pytest.raises(LedgerError, match=r'patient-p01\.ledger .*in use by another process'):
+        opened('coil-2', 'P01')
+    opened('coil-2', 'P02')
+
+
+@pytest.mark.parametrize(
+    ('name', 'fault'),
+    [
+        ('', 'expected a name of 1 to 64 printable characters'),
+        ('x' * 65, 'expected a name of 1 to 64'),
+        ('\ud800', 'expected a name of 1 to 64'),
+        ('a\nb', 'expected a name of 1 to 64'),
+    ],
+)
+def test_names_are_bounded(opened, name, fault):
+    with pytest.raises(LedgerError, match=fault):
+        opened(patient=name)
+
+
+def test_names_cannot_leave_the_folder_and_case_makes_no_second_patient(opened, tmp_path):
+    opened(device='../../coil', patient='P01').close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        'device-..%2F..%2Fcoil.ledger', 'patient-p01.ledger',
+    ]  # fmt: skip
+    with pytest.raises(
+        LedgerError, match=r"expected the ledger of patient 'p01', got that of .*P01"
+    ):
+        opened(patient='p01')
+
+
+def test_wall_clock_does_not_matter_within_a_boot(machine, opened):
+    first = opened()
+    first.reserve(planned(machine, 5))
+    killed(first)
+    machine.wait(10.0)
+    machine.wall += 100 * HOUR
+    second = opened()
+    assert second.totals() == (5, 50.0)
+    killed(second)
+    machine.wall -= 300 * HOUR
+    assert opened().totals() == (5, 50.0)
+
+
+@pytest.mark.parametrize(
+    ('off_s', 'counted', 'why'),
+    [
+        (600.0, 5, 'off for ten minutes'),
+        (7200.0, 0, 'off for longer than the window'),
+        (-50 * 3600.0, 5, 'set back while off'),
+        (-1000 * 3600.0 - 1.0, 5, 'not set at all'),
+    ],
+)
+def test_across_boots_the_wall_clock_may_only_add_to_what_is_certain(
+    machine, opened, off_s, counted, why
+):
+    first = opened()
+    first.reserve(planned(machine, 5))
+    killed(first)
+    machine.restart('second', off_s)
+    second = opened()
+    assert second.totals().pulses == counted, why
+    killed(second)
+    # an hour of this boot is certain, whatever the wall clock says
+    machine.boot = machine.monotonic = 3601 * SECOND
+    assert opened().totals().pulses == 0
+
+
+def test_records_of_a_clock_that_was_not_set_stay_until_the_boot_is_old_enough(machine, opened):
+    machine.wall = 5 * SECOND
+    first = opened()
+    first.reserve(planned(machine, 5))
+    killed(first)
+    machine.wall = EARLIEST_WALL_NS + HOUR
+    machine.restart('second', 0.0)
+    assert opened().totals().pulses == 5
+
+
+def ledgers_of(folder):
+    return folder / 'device-coil-1.ledger', folder / 'patient-p01.ledger'
+
+
+def test_a_record_cut_off_counts_as_far_as_it_can_be_read(machine, opened, tmp_path):
+    first = opened()
+    first.reserve(planned(machine, 2))
+    killed(first)
+    device, patient = ledgers_of(tmp_path)
+    before = device.stat().st_size
+    second = opened()
+    second.reserve(planned(machine, 5))
+    killed(second)
+    data = device.read_bytes()
+    assert data[:before] == data[:before]
+    # in the middle of the fourth pulse; the patient's ledger was not written yet
+    end = [i for i in range(len(data)) if data.startswith(b',10.0]', i)][5] - 3
+    device.write_bytes(data[:end])
+    lines = patient.read_bytes().splitlines(keepends=True)
+    patient.write_bytes(b''.join(lines[:-1]))
+    third = opened()
+    assert third.totals().pulses == 2 + 3
+    killed(third)
+    assert opened().totals().pulses == 2 + 3
+
+
+def test_a_reservation_that_reached_one_ledger_only_is_put_into_the_other(
+    machine, opened, tmp_path
+):
+    first = opened()
+    first.reserve(planned(machine, 2))
+    first.reserve(planned(machine, 3))
+    killed(first)
+    patient = ledgers_of(tmp_path)[1]
+    data = patient.read_bytes()
+    lines = data.splitlines(keepends=True)
+    for cut in (b''.join(lines[:-1]), data[:-100]):
+        patient.write_bytes(cut)
+        again = opened()
+        assert again.totals().pulses == 5
+        killed(again)
+        moved = opened('coil-2', 'P01')
+        assert moved.totals().pulses == 5
+        killed(moved)
+
+
+@pytest.mark.parametrize('which', [0, 1])
+def test_lost_records_and_lost_ledgers_are_refused(machine, opened, tmp_path, which):
+    first = opened()
+    for _ in range(4):
+        first.reserve(planned(machine, 2))
+    killed(first)
+    path = ledgers_of(tmp_path)[which]
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b''.join(lines[:-2]))
+    with pytest.raises(LedgerError, match=r'the 4 reservations .* got 2: records are missing'):
+        opened()
+    path.unlink()
+    with pytest.raises(LedgerError, match=r'the 4 reservations .* got 0: records are missing'):
+        opened()
+
+
+def test_a_flipped_bit_anywhere_is_refused_or_changes_nothing(machine, tmp_path, opened):
+    first = opened()
+    for _ in range(3):
+        first.reserve(planned(machine, 4))
+    killed(first)
+    paths = ledgers_of(tmp_path)
+    whole = [path.read_bytes() for path in paths]
+    refused = 0
+    # a prime step goes through all bits of a byte and all fields of a record
+    for position in range(0, len(whole[0]) * 8, 37):
+        for path, data in zip(paths, whole, strict=True):
+            path.write_bytes(data)
+        flipped = bytearray(whole[0])
+        flipped[position // 8] ^= 1 << position % 8
+        paths[0].write_bytes(flipped)
+        try:
+            ledger = opened()
+        except LedgerError:
+            refused += 1
+            continue
+        # the end of the last line: the record looks cut off, and counts as far as it can be read
+        assert position // 8 == len(whole[0]) - 1
+        assert ledger.totals().pulses >= 12
+        killed(ledger)
+    assert refused > 300
+
+
+@given(st.binary(max_size=200), st.integers(0, 2000))
+@settings(max_examples=60, deadline=None)
+def test_any_tail_is_refused_or_only_adds(tmp_path_factory, tail, cut):
+    folder = tmp_path_factory.mktemp('ledger')
+    machine = Machine()
+    first = DoseLedger(folder, 'coil-1', 'P01', None, machine.clocks)
+    first.reserve(planned(machine, 3))
+    size = ledgers_of(folder)[0].stat().st_size
+    first.reserve(planned(machine, 3))
+    killed(first)
+    device, patient = ledgers_of(folder)
+    data = device.read_bytes()
+    device.write_bytes(data[: max(size, len(data) - cut)] + tail)
+    if len(data) - cut < len(data):
+        lines = patient.read_bytes().splitlines(keepends=True)
+        patient.write_bytes(b''.join(lines[:-1]))
+    try:
+        ledger = DoseLedger(folder, 'coil-1', 'P01', None, machine.clocks)
+    except LedgerError:
+        return
+    with ledger:
+        assert len([p for p in ledger.history(0) if p.on_patient]) >= 3
+
+
+LIMITED = """
+    import resource, sys
+    from pathlib import Path
+    from rpms_ros.stimulation.dose import LedgerError, PlannedPulse
+    from rpms_ros.stimulation.dose_ledger import DoseLedger
+    ledger = DoseLedger(Path(sys.argv[1]), 'coil-1', 'P01')
+    size = max(path.stat().st_size for path in Path(sys.argv[1]).iterdir())
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size + 3000, size + 3000))
+    reserved = 0
+    try:
+        while True:
+            ledger.reserve([PlannedPulse(0, 0.5, 10.0)] * 7)
+            reserved += 7
+    except LedgerError as fault:
+        print(reserved, fault)
+    try:
+        ledger.reserve([PlannedPulse(0, 0.5, 10.0)])
+    except LedgerError as fault:
+        print(fault)
+"""
+
+
+def test_a_full_disk_is_an_error_and_what_was_reserved_before_counts(tmp_path):
+    run = subprocess.run(
+        [sys.executable, '-c', textwrap.dedent(LIMITED), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    first, second = run.stdout.splitlines()
+    reserved = int(first.split()[0])
+    assert reserved > 0
+    assert 'expected a writable' in first
+    assert 'expected a working ledger, got' in second
+    with DoseLedger(tmp_path, 'coil-1', 'P01') as ledger:
+        # the last one, which was refused, counts as far as it can be read
+        assert reserved <= len(ledger.history(0)) <= reserved + 7
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+    file = tmp_path / 'file'
+    file.write_text('')
+    with pytest.raises(LedgerError, match=r'expected .* to write and lock, got'):
+        DoseLedger(file / 'ledgers', 'coil-1', 'P01')
+
+
+def test_a_closed_ledger_reserves_nothing(machine, opened):
+    ledger = opened()
+    ledger.close()
+    ledger.close()
+    with pytest.raises(LedgerError, match='expected a working ledger, got a closed ledger'):
+        ledger.reserve(planned(machine, 1))
+
+
+def test_values_that_no_file_can_hold(machine, opened):
+    with pytest.raises(StimulationError, match='expected a record that JSON can hold'):
+        opened(dose=None).reserve([PlannedPulse(machine.monotonic, float('nan'), 1.0)])
