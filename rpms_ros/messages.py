@@ -103,6 +103,8 @@ def pulse_of(message: Any) -> Pulse:
         float(message.intensity),
         int(message.sequence),
         float(message.width),
+        # older recordings do not have it
+        int(getattr(message, 'unverified', 0)),
     )
 
 
@@ -113,6 +115,7 @@ def pulse_message(pulse: Pulse, types: MessageTypes, frame_id: str = '') -> Any:
         sequence=int(pulse.sequence) % 2**32,
         intensity=float(pulse.intensity),
         width=float(pulse.width),
+        unverified=int(pulse.unverified),
     )
 
 

@@ -33,12 +33,15 @@ class Pulse(NamedTuple):
         Counter of the driver, +1 a pulse.
     width : float
         Duration [s].
+    unverified : int
+        Bits ``UNVERIFIED_*`` of rpms_msgs/Pulse: what the device could not confirm; 0 if nothing.
     """
 
     onset_ns: int
     intensity: float
     sequence: int = 0
     width: float = MAGNETIC_PULSE_WIDTH
+    unverified: int = 0
 
 
 def nanoseconds(seconds: float) -> int:

@@ -173,3 +173,18 @@ def test_arrays_that_belong_together_have_one_length(name: str, length: int) -> 
     shorten(name)(message)
     with pytest.raises(MessageError, match=f'expected {length} elements in {name}'):
         messages.estimate_of(message)
+
+
+def test_what_a_device_could_not_confirm_goes_with_its_pulse() -> None:
+    pulse = Pulse(1, 0.5, 2, 1e-4, 3)
+    message = messages.pulse_message(pulse, MESSAGE_TYPES)
+    assert message.unverified == message.UNVERIFIED_DELIVERY | message.UNVERIFIED_INTENSITY
+    assert messages.pulse_of(message) == pulse
+
+
+def test_a_pulse_of_an_older_definition_has_nothing_unverified() -> None:
+    stamp = SimpleNamespace(sec=0, nanosec=1)
+    old = SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp), sequence=2, intensity=0.5, width=1e-4
+    )
+    assert messages.pulse_of(old) == Pulse(1, 0.5, 2, 1e-4, 0)

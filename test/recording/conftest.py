@@ -47,7 +47,7 @@ class Make:
     def pulse(
         self, stamp_ns: int, sequence: int = 0, intensity: float = 0.5, frame_id: str = 'coil'
     ) -> Any:
-        fields = (self.header(stamp_ns, frame_id), sequence, intensity, 1e-4)
+        fields = (self.header(stamp_ns, frame_id), sequence, intensity, 1e-4, 0)
         return self.of('rpms_msgs/msg/Pulse', *fields)
 
     def wrench(self, x: float, y: float, z: float) -> Any:

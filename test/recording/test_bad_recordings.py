@@ -167,7 +167,7 @@ header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2)
 writer = RecordingWriter(sys.argv[1], sys.argv[2])
 topic = writer.add_topic('/pulses', PULSE)
 for index in range(1000):
-    message = types[PULSE](header, index, 0.5, 1e-4)
+    message = types[PULSE](header, index, 0.5, 1e-4, 0)
     writer.append(topic, index, bytes(known_types().serialize_cdr(message, PULSE)))
     if index % 100 == 99:
         writer.flush()

@@ -38,7 +38,7 @@ def pulse_messages(draw: st.DrawFn) -> Any:
     time = types['builtin_interfaces/msg/Time'](draw(seconds), draw(nanoseconds))
     header = types['std_msgs/msg/Header'](time, draw(frame_ids))
     fields = draw(st.integers(0, 2**32 - 1)), draw(doubles), draw(doubles)
-    return types[PULSE](header, *fields)
+    return types[PULSE](header, *fields, draw(st.integers(0, 255)))
 
 
 def decoder_of(kind: str, paths: tuple[str, ...]) -> Decoder:
@@ -154,7 +154,7 @@ def test_encoded_pulses_are_those_of_rosbags(
     for index, (stamp, level, length) in enumerate(drawn):
         time = types['builtin_interfaces/msg/Time'](*divmod(stamp, 1_000_000_000))
         header = types['std_msgs/msg/Header'](time, frame_id)
-        message = types[PULSE](header, index, level, length)
+        message = types[PULSE](header, index, level, length, 0)
         assert records.message(index) == bytes(
             STORE.serialize_cdr(message, PULSE, little_endian=True)
         )
