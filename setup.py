@@ -18,6 +18,9 @@ setup(
     version='0.1.0',
     description='On-line identification of magnetically or electrically stimulated muscle',
     license='Apache-2.0',
+    url='https://github.com/rpms-ros/rpms_ros',
+    author='rpms_ros contributors',
+    author_email='rpms-ros@users.noreply.github.com',
     maintainer='rpms_ros maintainers',
     maintainer_email='rpms-ros@users.noreply.github.com',
     python_requires='>=3.11',
@@ -34,6 +37,7 @@ setup(
     install_requires=[
         'apsw',
         'backports.zstd',
+        'jinja2>=3.1',
         'lz4',
         'matplotlib>=3.6',
         'numba',
@@ -52,10 +56,10 @@ setup(
     entry_points={
         'console_scripts': [
             'rpms = rpms_ros.cli:main',
-            'identifier = rpms_ros.nodes.identifier:main',
-            'plant_simulator = rpms_ros.nodes.plant_simulator:main',
-            'recorder = rpms_ros.nodes.recorder:main',
-            'stimulator_driver = rpms_ros.nodes.stimulator_driver:main',
+            'identifier = rpms_ros.nodes.executables:identifier',
+            'plant_simulator = rpms_ros.nodes.executables:plant_simulator',
+            'recorder = rpms_ros.nodes.executables:recorder',
+            'stimulator_driver = rpms_ros.nodes.executables:stimulator_driver',
         ],
     },
 )

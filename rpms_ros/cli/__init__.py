@@ -1,11 +1,15 @@
 """The command ``rpms``: one file a command."""
 
 import argparse
+import difflib
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import NoReturn
 
+from rpms_ros import __version__
 from rpms_ros.errors import RpmsError
 
 COMMANDS = (
@@ -27,43 +31,71 @@ SUCCESS, INCOMPLETE, FAILURE, INTERRUPTED = 0, 1, 2, 130
 _DESCRIPTION = """\
 Identify a muscle that is stimulated by repetitive magnetic or electrical pulses.
 
-  rpms demo                              everything at once, live, with a simulated muscle
+  rpms demo                              live, with a simulated muscle
   rpms simulate --out session            a recording of a simulated session
   rpms info session                      what a recording holds
-  rpms identify session --out results    what the recording says about the muscle
+  rpms identify session --out results    recruitment and dynamics of the muscle
   rpms analyze session --out results     latency, twitch, summation, recruitment
-  rpms report session --out report.html  one page that can be read, printed and sent
-  rpms replay session                    through the real nodes: the same estimates again?
+  rpms report session --out report.html  one page to read, print and send
+  rpms replay session                    the recording through the real nodes
   rpms import trial.csv --out trial --time 'Time [s]' --force 'Force [N]' --pulse Gate
 """
 _EPILOG = """\
-Each command explains itself: rpms COMMAND --help
+Help on one command: rpms help COMMAND, or rpms COMMAND --help
 Exit codes: 0 well, 1 done but with something missing or wrong in the data, 2 not possible.
 """
+_NO_ROS = 'the nodes need ROS 2 Jazzy and rpms_msgs (make build, or a sourced workspace)'
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that names what may have been meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message, with the nearest command, choice or option, and exit."""
+        given = re.search(r"invalid choice: '(.*?)'|unrecognized arguments: (--[\w-]+)", message)
+        if given:
+            known = re.findall(r'[\w-]+', message[given.end() :]) if given[1] else []
+            known += re.findall(r'--[\w-]+', self.format_help()) if given[2] else []
+            close = difflib.get_close_matches(given[1] or given[2], known, n=1)
+            message += f'; did you mean {close[0]}?' if close else ''
+        super().error(message)
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
-    result = argparse.ArgumentParser(
+    result = _Parser(
         prog='rpms',
         description=_DESCRIPTION,
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    result.add_argument('--version', action='version', version=f'rpms_ros {__version__}')
     subparsers = result.add_subparsers(metavar='COMMAND', required=True)
     for name in COMMANDS:
         import_module(f'rpms_ros.cli.{name}').add_parser(subparsers)
+    for command in subparsers.choices.values():
+        command.set_defaults(parser=command)
     return result
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
-    arguments = parser().parse_args(argv)
+    texts = list(sys.argv[1:] if argv is None else argv)
+    if texts[:1] == ['help']:
+        texts = [*texts[1:], '--help']
+    arguments, unknown = parser().parse_known_args(texts)
+    if unknown:
+        arguments.parser.error(f'unrecognized arguments: {" ".join(unknown)}')
     try:
         code: int = arguments.run(arguments)
         sys.stdout.flush()
     except RpmsError as error:
         print(f'rpms: error: {error}', file=sys.stderr)
+        return FAILURE
+    except ModuleNotFoundError as error:
+        root = (error.name or '').partition('.')[0]
+        hint = f'; {_NO_ROS}' if root == 'rclpy' or root.endswith(('_msgs', '_srvs')) else ''
+        print(f'rpms: error: {error}{hint}', file=sys.stderr)
         return FAILURE
     except BrokenPipeError:
         # Whoever read our output has seen enough; nothing may be flushed into it any more.

@@ -12,6 +12,7 @@ from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
+from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
@@ -25,7 +26,8 @@ _PAUSE_NS = 10 * NANOSECONDS_PER_SECOND
 _DESCRIPTION = """\
 Characterises a muscle: latency, twitch and its order from single pulses, summation and history
 from trains, the recruitment field from staircases. Finds out what the recording holds, does what
-can be done with it, and says what cannot and why. Several recordings are shown side by side.
+can be done with it, and says what cannot and why. Several recordings are shown as tables with a
+row for each.
 """
 _EXAMPLES = """\
   rpms protocol muscle --out muscle.yaml
@@ -33,7 +35,7 @@ _EXAMPLES = """\
   rpms analyze session
   rpms analyze session --out results            result.json and figures
   rpms analyze session --json | jq .twitches.order.order
-  rpms analyze magnetic electrical              two recordings, side by side
+  rpms analyze magnetic electrical              two recordings, a row for each
   rpms analyze --together trial_1 trial_2       parts of one session, analysed as one
 """
 
@@ -86,9 +88,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(documents if len(documents) > 1 else documents[0], allow_nan=False))
     else:
         print(analysis_text(analyses, names))
-    for name, analysis in zip(names, analyses, strict=True):
-        for finding in analysis.findings:
-            print(f'rpms: {name}: {finding}', file=sys.stderr)
+    warn(
+        (name, finding)
+        for name, one in zip(names, analyses, strict=True)
+        for finding in one.findings
+    )
     if arguments.out:
         _write(arguments.out, names, analyses)
     nothing = any(not _told(analysis) for analysis in analyses)

@@ -93,12 +93,10 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the simulation, then report; return the exit code."""
-    try:
-        from rpms_ros.nodes.plant_parameters import PlantParameters
-        from rpms_ros.nodes.plant_parameters import subject_of
-        from rpms_ros.nodes.simulation_launcher import SimulationLauncher
-    except ModuleNotFoundError as error:
-        raise NodeError(f'expected ROS 2 with rclpy and rpms_msgs, got: {error}') from error
+    from rpms_ros.nodes.plant_parameters import PlantParameters
+    from rpms_ros.nodes.plant_parameters import subject_of
+    from rpms_ros.nodes.simulation_launcher import SimulationLauncher
+
     if not 1.0 <= arguments.duration <= 3600.0:
         raise NodeError(f'expected a duration of 1 to 3600 s, got {arguments.duration}')
     settings = simulation_settings(arguments)

@@ -21,6 +21,8 @@ from rpms_ros.muscle import RecruitmentParameters
 from rpms_ros.muscle import identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
@@ -84,6 +86,15 @@ def identified(
     most = 1 if options.estimator == 'batch' else most_estimates
     settings = StreamSettings(estimate_period=_period(recording, most))
     return identify(estimator, recording.pulses, recording.forces, settings, progress)
+
+
+def compile_estimator(options: IdentificationOptions) -> None:
+    """Run the estimator over two seconds of made-up data: the first run on a machine compiles."""
+    pulses = PulseTrain.regular([0.2, 0.5, 0.8, 1.0] * 10, rate_hz=20.0)
+    stamp_ns = np.arange(2000, dtype=np.int64) * (NANOSECONDS_PER_SECOND // 1000)
+    estimator = estimator_by_name(options.estimator, options.preset, options.seed, options.rate_hz)
+    force = 1.0 - np.cos(stamp_ns * 1e-8)
+    identify(estimator, pulses, ForceTrace(stamp_ns, force), StreamSettings(estimate_period=1.0))
 
 
 def _period(recording: 'Recording', most_estimates: int | None) -> float:

@@ -2,16 +2,19 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.cli.options import COMPILING
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
+from rpms_ros.cli.options import told_if_slow
+from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
+from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
     from rpms_ros.identification import IdentifiedSession
@@ -86,6 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Identify the recording; return 1 if something was wrong with the recording itself."""
     from rpms_ros.cli.identified import IdentificationOptions
     from rpms_ros.cli.identified import as_document
+    from rpms_ros.cli.identified import compile_estimator
     from rpms_ros.cli.identified import identified
 
     options = IdentificationOptions(
@@ -93,6 +97,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
+    with told_if_slow(COMPILING, arguments.quiet):
+        compile_estimator(options)
     with progress('identifying', samples, 'samples', arguments.quiet) as advance:
         # Figures show a path of estimates; the result is the last one.
         most = _MOST_ESTIMATES if arguments.out else 1
@@ -102,8 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(document, allow_nan=False))
     else:
         print(f'{arguments.bag}\n{as_text(document)}')
-    for note in document['notes']:
-        print(f'rpms: warning: {note}', file=sys.stderr)
+    warn(('warning', text) for text in document['notes'])
     if arguments.out:
         _write(arguments.out, document, recording, session, str(arguments.bag))
     return 1 if recording.facts.faults else 0
@@ -123,9 +128,13 @@ def as_text(document: dict[str, Any]) -> str:
         rows.append(
             ('recruitment', '  '.join(f'{name} {value:.4g}' for name, value in recruitment))
         )
-        curve = document['curve']
-        shown = (f'{_at(curve, share)} at {share:g}' for share in _CURVE_SHOWN)
-        rows.append((f'steady force at {document["rate_hz"]:g} Hz', ', '.join(shown)))
+        rows += [
+            (
+                '' if index else f'steady force at {document["rate_hz"]:g} Hz',
+                f'{_at(document["curve"], share)} at intensity {share:g}',
+            )
+            for index, share in enumerate(_CURVE_SHOWN)
+        ]
     else:
         rows.append(('recruitment', 'cannot be told from one intensity'))
     for name, found in document.get('physiology', {}).items():
@@ -140,8 +149,7 @@ def as_text(document: dict[str, Any]) -> str:
     rows.append(('output error', shown_error))
     faults = (f'{name} {count}' for name, count in document['faults'].items())
     rows.append(('faults', ', '.join(faults) or 'none'))
-    width = max(len(label) for label, _ in rows)
-    return '\n'.join(f'  {label:<{width}}  {text}' for label, text in rows)
+    return labelled(rows)
 
 
 def _at(curve: dict[str, list[float]], share: float) -> str:

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import progress
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.report.text import noted
+from rpms_ros.report.text import table
 
 if TYPE_CHECKING:
     from rpms_ros.recording import RecordingFacts
@@ -70,18 +73,12 @@ def as_document(facts: 'RecordingFacts') -> dict[str, Any]:
 
 def as_text(facts: 'RecordingFacts') -> str:
     """Return the facts as a table."""
-    lines = [f'{facts.path}  ({facts.storage})']
-    rows = [('topic', 'type', 'messages', 'duration', 'rate')]
+    rows = []
     for topic in facts.topics:
         duration = (topic.last_ns - topic.first_ns) / NANOSECONDS_PER_SECOND
         rate = f'{(topic.count - 1) / duration:.1f} Hz' if duration > 0 else ''
-        row = (topic.name, topic.type_name, str(topic.count), f'{duration:.3f} s', rate)
-        rows.append(row)
-    widths = [max(len(row[column]) for row in rows) for column in range(5)]
-    for row in rows:
-        texts = (f'{cell:<{width}}' for cell, width in zip(row[:2], widths, strict=False))
-        numbers = (f'{cell:>{width}}' for cell, width in zip(row[2:], widths[2:], strict=True))
-        lines.append(('  ' + '  '.join((*texts, *numbers))).rstrip())
-    lines += [f'  {name}: {value}' for name, value in facts.custom.items()]
-    lines += [f'  warning: {remark}' for remark in facts.remarks]
-    return '\n'.join(lines)
+        rows.append((topic.name, topic.type_name, str(topic.count), f'{duration:.3f} s', rate))
+    topics = table(('topic', 'type', 'messages', 'duration', 'rate'), rows, texts=2)
+    notes = noted([*facts.custom.items(), *(('warning', remark) for remark in facts.remarks)])
+    parts = (f'{facts.path}  ({facts.storage})', textwrap.indent(topics, '  '), notes)
+    return '\n'.join(part for part in parts if part)

@@ -1,16 +1,22 @@
 """Options that several commands share."""
 
 import argparse
+import sys
 from collections.abc import Callable
+from collections.abc import Iterable
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Timer
 from typing import TYPE_CHECKING
+
+from rpms_ros.report.text import collapsed
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
 
 Subparsers = 'argparse._SubParsersAction[argparse.ArgumentParser]'
+COMPILING = 'compiling for this machine, once; this takes about half a minute'
 # Bars appear only for what takes longer [s].
 _BAR_DELAY = 1.0
 
@@ -81,6 +87,25 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
             arguments.sign,
             advance,
         )
+
+
+def warn(findings: Iterable[tuple[str, str]]) -> None:
+    """Print each ``name: text`` on stderr, one line for all that say the same."""
+    for line in collapsed(findings):
+        print(f'rpms: {line}', file=sys.stderr)
+
+
+@contextmanager
+def told_if_slow(text: str, quiet: bool) -> Iterator[None]:
+    """Print `text` on stderr, if that is a terminal, when what is done here takes a second."""
+    timer = Timer(_BAR_DELAY, lambda: print(f'rpms: {text}', file=sys.stderr))
+    timer.daemon = True
+    if sys.stderr.isatty() and not quiet:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @contextmanager

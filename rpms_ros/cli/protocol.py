@@ -76,10 +76,10 @@ def _given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 PROTOCOLS: dict[str, Protocol] = {
     'paper-random': Protocol(
-        'uniform random intensity, 0 to 100 %% at 20 Hz for 90 s', _paper_random
+        'uniform random intensity, 0 to 100 % at 20 Hz for 90 s', _paper_random
     ),
     'paper-sinusoid': Protocol(
-        'sinusoidal intensity of period 9 s, 0 to 100 %% at 20 Hz for 90 s', _paper_sinusoid
+        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s', _paper_sinusoid
     ),
     'twitches': Protocol('single pulses at six intensities, a second apart, shuffled', _twitches),
     'trains': Protocol('trains of 1.5 s at 5 to 35 Hz, single pulses before them', _trains),

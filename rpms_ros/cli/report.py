@@ -2,15 +2,17 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpms_ros.cli.identify import add_estimator_options
+from rpms_ros.cli.options import COMPILING
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
+from rpms_ros.cli.options import told_if_slow
+from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
 
 if TYPE_CHECKING:
@@ -86,8 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(document, allow_nan=False))
     else:
         print(f'{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB')
-    for remark in document['remarks']:
-        print(f'rpms: warning: {remark}', file=sys.stderr)
+    warn(('warning', text) for text in document['remarks'])
     return 1 if analysis.recording.facts.faults else 0
 
 
@@ -111,6 +112,7 @@ def stated_items(texts: list[str]) -> dict[str, str]:
 def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.cli.identified import IdentificationOptions
     from rpms_ros.cli.identified import as_document
+    from rpms_ros.cli.identified import compile_estimator
     from rpms_ros.cli.identified import identified
     from rpms_ros.identification.catalogue import estimator_by_name
     from rpms_ros.report.recorded import recorded_words
@@ -128,6 +130,8 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     )
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
+    with told_if_slow(COMPILING, arguments.quiet):
+        compile_estimator(options)
     with progress('identifying', 2 * samples, 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
         return analyse(

@@ -1,13 +1,13 @@
 """``rpms study``: many recordings, one table."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from rpms_ros.cli.identify import add_estimator_options
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
+from rpms_ros.cli.options import warn
 
 _DESCRIPTION = """\
 Identifies many recordings and writes one table, results.csv and results.parquet, with a row for
@@ -72,9 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
             table.write()
     rows = table.rows()
     failed = [row for row in rows if row['status'] != 'ok']
-    reasons = [f'{row["recording"]}: {row["reason"]}' for row in failed]
-    for remark in (*table.remarks, *reasons):
-        print(f'rpms: warning: {remark}', file=sys.stderr)
+    warn(('warning', remark) for remark in table.remarks)
+    warn((row['recording'], row['reason']) for row in failed)
     done = len(rows) - len(waiting)
     print(f'{arguments.out}: {len(rows)} recordings, {len(failed)} failed, {done} done before')
     return 1 if failed or any(row['faults'] != '{}' for row in rows) else 0

@@ -35,6 +35,8 @@ _SILENCE = 5.0
 class Identifier(Node):
     """On-line identification; keyword arguments go to `rclpy.node.Node`."""
 
+    settings_type = IdentifierParameters
+
     def __init__(self, **options: Any) -> None:
         super().__init__('identifier', **options)
         self.settings = declare_parameters(self, IdentifierParameters)

@@ -36,6 +36,8 @@ _LARGEST_BURST = 500
 class PlantSimulator(Node):
     """Simulated muscle; keyword arguments go to `rclpy.node.Node`."""
 
+    settings_type = PlantParameters
+
     def __init__(self, **options: Any) -> None:
         super().__init__('plant_simulator', **options)
         self.settings = declare_parameters(self, PlantParameters)

@@ -93,6 +93,8 @@ class TopicCount:
 class Recorder(Node):
     """Recorder of a session; keyword arguments go to `rclpy.node.Node`."""
 
+    settings_type = RecorderParameters
+
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', **options)
         self.settings = declare_parameters(self, RecorderParameters)

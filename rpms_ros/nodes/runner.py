@@ -2,8 +2,11 @@
 
 import os
 import sys
+from argparse import ArgumentParser
+from argparse import RawDescriptionHelpFormatter
 from collections.abc import Callable
 from collections.abc import Sequence
+from contextlib import suppress
 
 import rclpy
 from rclpy.exceptions import NameValidationException
@@ -12,9 +15,12 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.discovery import use_fast_discovery
+from rpms_ros.nodes.parameters import NodeParameters
+from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.stop_request import StopRequest
 
 PARENT_VARIABLE = 'RPMS_ROS_PARENT'
@@ -43,6 +49,9 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     int
         0 after a signal or shutdown, 2 if the node could not be made or cannot go on.
     """
+    given = list(sys.argv if args is None else args)
+    with suppress(*_BAD_ARGUMENTS):  # rclpy.init says what is wrong with arguments of ROS
+        _refuse_options(build, remove_ros_args(given)[1:])
     use_fast_discovery()
     stop = StopRequest()
     node: Node | None = None
@@ -64,6 +73,21 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _refuse_options(build: Callable[[], Node], options: Sequence[str]) -> None:
+    """Print the help, or exit with 2: a node takes ROS arguments only."""
+    settings: type[NodeParameters] | None = getattr(build, 'settings_type', None)
+    lines = [
+        f'  {name:<22} {description.doc} {description.conditions()}'.rstrip()
+        for name, description in (descriptions(settings) if settings else {}).items()
+    ]
+    ArgumentParser(
+        usage='%(prog)s [--ros-args -p NAME:=VALUE --params-file FILE -r OLD:=NEW ...]',
+        description=f'{(build.__doc__ or "").partition(";")[0]}.',
+        epilog='\n'.join(['parameters:', *lines]) if lines else None,
+        formatter_class=RawDescriptionHelpFormatter,
+    ).parse_args(options)
 
 
 def _spin(node: Node, stop: StopRequest) -> None:

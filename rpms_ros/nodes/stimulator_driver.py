@@ -60,6 +60,8 @@ Callback = Callable[..., TransitionCallbackReturn]
 class StimulatorDriver(LifecycleNode):
     """Driver of one stimulator; keyword arguments go to `rclpy.node.Node`."""
 
+    settings_type = DriverParameters
+
     def __init__(self, **options: Any) -> None:
         super().__init__('stimulator_driver', **options)
         self.settings = declare_parameters(self, DriverParameters)

@@ -1,4 +1,4 @@
-"""The analysis of one or several recordings as a table for people, side by side."""
+"""The analysis of a recording as a list for people, and of several as tables with a row each."""
 
 import math
 from collections.abc import Callable
@@ -10,23 +10,94 @@ from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.identification.analysis import TwitchAnalysis
 from rpms_ros.identification.analysis.field_fit import Interval
 from rpms_ros.identification.analysis.latency import LatencyTable
+from rpms_ros.report.text import labelled
+from rpms_ros.report.text import table
 
 Row = tuple[str, str]
+Columns = dict[str, str]
 NOTHING = '-'
 
 
 def analysis_text(analyses: Sequence[MuscleAnalysis], names: Sequence[str]) -> str:
-    """Return one column a recording (at least one)."""
-    columns = [dict(_rows(analysis)) for analysis in analyses]
-    labels = list(dict.fromkeys(label for column in columns for label in column))
-    table = [['', *names]]
-    table += [[label, *(column.get(label, NOTHING) for column in columns)] for label in labels]
-    widths = [max(len(row[place]) for row in table) for place in range(len(table[0]))]
-    lines = (
-        '  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        for row in table
+    """Return all that was found in one recording, or the main results of several.
+
+    Several are shown as one table for each kind of stimulation, with a row for each recording.
+    """
+    if len(analyses) == 1:
+        return f'{names[0]}\n{labelled(_rows(analyses[0]))}'
+    kinds: tuple[tuple[str, Callable[[MuscleAnalysis], Columns]], ...] = (
+        ('recording', _force_columns),
+        ('twitches', _twitch_columns),
+        ('trains', _train_columns),
+        ('recruitment', _field_columns),
     )
-    return '\n'.join(line.rstrip() for line in lines)
+    return '\n\n'.join(
+        text
+        for heading, columns_of in kinds
+        if (text := _table(heading, names, [columns_of(analysis) for analysis in analyses]))
+    )
+
+
+def _table(heading: str, names: Sequence[str], columns: Sequence[Columns]) -> str:
+    labels = list(dict.fromkeys(label for row in columns for label in row))
+    rows = [
+        (name, *(row.get(label, NOTHING) for label in labels))
+        for name, row in zip(names, columns, strict=True)
+    ]
+    return table((heading, *labels), rows) if labels else ''
+
+
+def _force_columns(analysis: MuscleAnalysis) -> Columns:
+    return {
+        'pulses': str(analysis.pulses),
+        'samples': str(analysis.samples),
+        'rate [Hz]': f'{analysis.sample_rate_hz:.0f}',
+        'noise [N]': f'{analysis.noise:.3g}',
+    }
+
+
+def _twitch_columns(analysis: MuscleAnalysis) -> Columns:
+    if (found := analysis.twitches) is None:
+        return {}
+    return {
+        'number': str(len(found.fits)),
+        'rejected': str(sum(found.rejected.values())),
+        'order': str(found.choice.order),
+        'T_a [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
+        'latency [ms]': _milliseconds(found.latency.mean, found.latency.spread),
+        'latency, paper [ms]': _milliseconds(
+            found.crossing_latency.mean, found.crossing_latency.spread
+        ),
+    }
+
+
+def _train_columns(analysis: MuscleAnalysis) -> Columns:
+    if (found := analysis.summation) is None:
+        return {}
+    models = (('equal', 'fit, equal [%]'), ('gains', 'gains [%]'), ('law', 'law [%]'))
+    return {
+        'number': str(len(found.trains)),
+        'T_a [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
+        'latency [ms]': _milliseconds(found.latency, found.latency_spread),
+        **{
+            label: f'{found.mean_fit(model):.1f}'
+            for model, label in models
+            if model != 'law' or found.law is not None
+        },
+    }
+
+
+def _field_columns(analysis: MuscleAnalysis) -> Columns:
+    if (found := analysis.recruitment) is None:
+        return {}
+    values = dict(found.parameters)
+    return {
+        'levels': str(len(found.points)),
+        'known to': f'{found.worst_interval:.2%}',
+        'force at 100 %, 20 Hz [N]': f'{found.maximum_force.value:.4g}',
+        'threshold': f'{values["threshold"].value:.1%}',
+        'saturation': f'{values["saturation"].value:.1%}',
+    }
 
 
 def _rows(analysis: MuscleAnalysis) -> list[Row]:
@@ -89,21 +160,20 @@ def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
             _spread(shared.time_constant, shared.time_constant_deviation, 3),
         )
     )
-    for label, table in (('latency', found.latency), ('latency, paper', found.crossing_latency)):
-        rows += _latency_rows(label, table)
-    return rows
+    rows += _latency_rows('latency', found.latency)
+    return rows + _latency_rows('latency, paper', found.crossing_latency)
 
 
-def _latency_rows(label: str, table: LatencyTable) -> list[Row]:
-    how = f'{table.method}, from {table.reference}'
-    rows = [(label, f'{_spread(table.mean, table.spread)} of {table.count} ({how})')]
-    if len(table.rows) > 1:
+def _latency_rows(label: str, found: LatencyTable) -> list[Row]:
+    how = f'{found.method}, from {found.reference}'
+    rows = [(label, f'{_spread(found.mean, found.spread)} of {found.count} ({how})')]
+    if len(found.rows) > 1:
         rows += [
             (
                 f'  {label} at {row.intensity:.0%}',
                 f'{_spread(row.mean, row.spread)} of {row.count}',
             )
-            for row in table.rows
+            for row in found.rows
         ]
     return rows
 
@@ -162,9 +232,12 @@ def _interval(interval: Interval, show: Callable[[float], str]) -> str:
 
 
 def _spread(mean: float, spread: float, digits: int = 2) -> str:
-    if math.isnan(spread):
-        return f'{mean * 1e3:.{digits}f} ms'
-    return f'{mean * 1e3:.{digits}f} +- {spread * 1e3:.{digits}f} ms'
+    return f'{_milliseconds(mean, spread, digits)} ms'
+
+
+def _milliseconds(mean: float, spread: float, digits: int = 2) -> str:
+    interval = '' if math.isnan(spread) else f' +- {spread * 1e3:.{digits}f}'
+    return f'{mean * 1e3:.{digits}f}{interval}'
 
 
 def _plural(kind: str, count: int) -> str:

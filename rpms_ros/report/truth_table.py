@@ -1,11 +1,14 @@
 """True against identified, as a table of text."""
 
+import textwrap
+
 import numpy as np
 
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import twitch
 from rpms_ros.report.agreement import curve_error
+from rpms_ros.report.text import table
 
 _PARAMETERS = {
     'u_thr': 'threshold',
@@ -45,16 +48,8 @@ def truth_table(session: IdentifiedSession, subject: Subject) -> str:
     rows.append(('worst error of the curve', '', f'{100 * curve_error(last, subject):.2f} %'))
     error = session.relative_output_error()
     rows.append(('output error, last fifth', '', f'{100 * error:.2f} %'))
-    return _aligned(rows)
+    return textwrap.indent(table(rows[0], rows[1:]), '  ')
 
 
 def _number(value: float | None) -> str:
     return '' if value is None else f'{value:.4g}'
-
-
-def _aligned(rows: list[tuple[str, str, str]]) -> str:
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
-    return '\n'.join(
-        f'  {label:<{widths[0]}}  {true:>{widths[1]}}  {found:>{widths[2]}}'.rstrip()
-        for label, true, found in rows
-    )

@@ -47,18 +47,18 @@ def test_json_is_one_object_and_nothing_else(rpms: Rpms, magnetic: Path) -> None
     assert document['twitches']['latency']['mean'] == pytest.approx(9.45e-3, abs=0.5e-3)
 
 
-def test_both_ways_of_stimulation_stand_side_by_side(
+def test_several_recordings_are_rows_and_their_remarks_are_collapsed(
     rpms: Rpms, magnetic: Path, electrical: Path
 ) -> None:
     code, out, err = rpms('analyze', magnetic, electrical)
     assert code == 0
-    header, *lines = out.splitlines()
-    assert header.split() == ['rpms-1', 'fes-1']
-    (latency,) = [line for line in lines if line.startswith('latency ')]
-    # the latencies of Table 1, magnetic and electrical
-    means = [float(text) for text in re.findall(r'([0-9.]+) \+-', latency)]
+    rows = [line for line in out.split('\n\n')[1].splitlines() if '+-' in line]
+    assert [row.split()[0] for row in rows] == ['rpms-1', 'fes-1']
+    # behind T_a the latencies of Table 1, magnetic and electrical
+    means = [float(re.findall(r'([0-9.]+) \+-', row)[1]) for row in rows]
     assert means == pytest.approx([9.45, 24.4], abs=0.5)
-    assert 'rpms: fes-1: there is no steady force' in err
+    assert err.count('there is no steady force') == 1
+    assert 'rpms: rpms-1, fes-1: there is no steady force' in err
 
 
 def test_figures_and_json_are_written(rpms: Rpms, magnetic: Path, tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ def test_text(rpms: Rpms, short_session: Path) -> None:
         'Hz',
     ]
     assert '  schedule: paper-random' in lines
+    assert max(map(len, lines)) <= 100
 
 
 def test_json(as_json: Callable[..., dict[str, Any]], short_session: Path) -> None:

@@ -45,6 +45,18 @@ def test_works_where_there_is_no_ros(short_session: Path) -> None:
     assert json.loads(done.stdout)['pulses'] == 200
 
 
+def test_a_command_that_needs_ros_says_so_in_a_line(short_session: Path) -> None:
+    code = (
+        'import sys\nsys.modules["rclpy"] = None\nfrom rpms_ros.cli import main\n'
+        f'sys.exit(main(["replay", {str(short_session)!r}]))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
+    assert 'the nodes need ROS 2 Jazzy and rpms_msgs' in done.stderr
+
+
 def test_a_reader_that_leaves_early_is_no_error(short_session: Path) -> None:
     read_end, write_end = os.pipe()
     os.close(read_end)

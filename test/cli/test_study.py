@@ -84,7 +84,8 @@ def test_failures_are_rows_with_their_reason_and_tried_again(
     code, text, err = rpms('study', folder, missing, '--out', out, '--jobs', 1)
     assert code == 1
     assert text.endswith('3 recordings, 2 failed, 0 done before\n')
-    assert err.count('rpms: warning: ') == 2
+    assert f'rpms: {folder / "bad"}: expected' in err
+    assert f'rpms: {missing}: expected' in err
     bad, good, nothing = table_of(out)
     assert (bad['status'], good['status'], nothing['status']) == ('failed', 'ok', 'failed')
     assert bad['reason'].endswith('got an empty file')

@@ -21,6 +21,9 @@ class Example(NodeParameters):
     rate: float = parameter(20.0, 'Rate.', unit='Hz', minimum=1.0)
 
 class ExampleNode(Node):
+
+    settings_type = Example
+
     def __init__(self, **options):
         super().__init__('example', **options)
         settings = declare_parameters(self, Example)
@@ -124,6 +127,37 @@ def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(
     # rcl may log a line of its own before ours
     assert errors.splitlines()[-1].startswith('error: ')
     assert 'Traceback' not in errors
+
+
+def test_help_tells_the_parameters_and_starts_nothing(domain: int) -> None:
+    with start(domain, '--help') as process:
+        out, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, '')
+    assert '  rate                   Rate. [Hz] at least 1.0\n' in out
+    assert 'running' not in out
+
+
+def test_an_option_that_is_not_of_ros_is_refused(domain: int) -> None:
+    with start(domain, '--rate', '20') as process:
+        out, errors = process.communicate(timeout=20)
+    assert (process.returncode, out) == (2, '')
+    assert 'unrecognized arguments: --rate 20' in errors
+
+
+NAMES = ('identifier', 'plant_simulator', 'recorder', 'stimulator_driver')
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_node_without_ros_says_so_in_a_line(name: str) -> None:
+    code = (
+        'import sys\nsys.modules["rclpy"] = None\n'
+        f'from rpms_ros.nodes.executables import {name}\nsys.exit({name}())\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
+    assert done.stderr.endswith(f'{name} needs ROS 2 Jazzy and rpms_msgs\n')
 
 
 def test_a_user_s_discovery_profile_is_kept() -> None:

@@ -8,6 +8,9 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+from catkin_pkg.changelog import Changelog
+from catkin_pkg.changelog import populate_changelog_from_rst
+from catkin_pkg.package_version import get_forthcoming_label
 
 ROOT = Path(__file__).resolve().parents[2]
 MSGS = ROOT / 'msg_defs'
@@ -35,8 +38,8 @@ def setup_arguments() -> dict[str, object]:
     (setup,) = [c for c in calls if isinstance(c.func, ast.Name) and c.func.id == 'setup']
     literal = {}
     for keyword in setup.keywords:
-        if keyword.arg in ('version', 'license', 'maintainer', 'maintainer_email', 'entry_points'):
-            literal[keyword.arg] = ast.literal_eval(keyword.value)
+        if isinstance(keyword.value, ast.Constant) or keyword.arg == 'entry_points':
+            literal[str(keyword.arg)] = ast.literal_eval(keyword.value)
     return literal
 
 
@@ -77,6 +80,28 @@ def test_package_xml_is_complete(folder: Path) -> None:
     assert root.get('format') == '3'
     assert text(root, 'license') == 'Apache-2.0'
     assert text(root, 'description').endswith('.')
+    assert {url.get('type') for url in root.findall('url')} == {'repository', 'bugtracker'}
+    assert text(root, 'author')
+    license_file = root.find('license')
+    assert license_file is not None
+    assert (folder / license_file.attrib['file']).read_text() == (ROOT / 'LICENSE').read_text()
+
+
+# catkin_pkg calls docutils by an old name
+@pytest.mark.filterwarnings('ignore:nodes.Node.traverse:DeprecationWarning')
+@pytest.mark.parametrize('folder', [ROOT, MSGS], ids=['rpms_ros', 'rpms_msgs'])
+def test_a_release_finds_the_changes_of_its_version(folder: Path) -> None:
+    root = package_xml(folder)
+    rst = (folder / 'CHANGELOG.rst').read_text()
+    assert f'Changelog for package {text(root, "name")}\n' in rst
+    # what catkin_prepare_release does: it puts version and date in the place of this title
+    label, version = get_forthcoming_label(rst), text(root, 'version')
+    assert label == 'Forthcoming'
+    heading = f'{version} (2026-01-01)\n------------------\n'
+    released = rst.replace('Forthcoming\n-----------\n', heading)
+    changelog = populate_changelog_from_rst(Changelog(), released)
+    assert [found for found, *_ in changelog.foreach_version()] == [version]
+    assert changelog.get_content_of_version(version)
 
 
 def test_setup_repeats_package_xml() -> None:
@@ -87,6 +112,8 @@ def test_setup_repeats_package_xml() -> None:
     assert arguments['license'] == text(root, 'license')
     assert arguments['maintainer'] == maintainer.text
     assert arguments['maintainer_email'] == maintainer.get('email')
+    assert arguments['url'] == text(root, 'url')
+    assert arguments['author'] == text(root, 'author')
 
 
 def test_build_types() -> None:
@@ -143,8 +170,10 @@ def test_executables_go_where_ros2_run_looks() -> None:
 # Import name: rosdep key, where they differ.
 ROSDEP = {
     'matplotlib': 'python3-matplotlib',
+    'jinja2': 'python3-jinja2',
     'numba': 'python3-numba',
     'numpy': 'python3-numpy',
+    'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
     'serial': 'python3-serial',
     'tqdm': 'python3-tqdm',

@@ -62,14 +62,26 @@ def test_plain_values_are_what_json_holds():
     assert as_plain(given) == {'a': [1.0, None], '2': [3.0, None], 'c': None}
 
 
-def test_the_table_has_a_column_a_recording(whole, empty):
-    lines = analysis_text([whole, empty], ['full', 'none']).splitlines()
-    assert lines[0].split() == ['full', 'none']
-    rows = {line[:26].strip(): line for line in lines}
+def test_one_recording_is_a_list_of_all_that_was_found(whole):
+    name, *lines = analysis_text([whole], ['full']).splitlines()
+    assert name == 'full'
+    rows = {line[2:28].strip(): line for line in lines}
     assert '7 single pulses' in rows['recording']
-    assert rows['recording'].endswith('no pulses')
-    assert rows['T_a'].endswith('-')
     assert rows['threshold'].split()[1].startswith('48')
+    assert max(map(len, lines)) <= 100
+
+
+def test_several_recordings_are_the_rows_of_tables(whole, empty):
+    text = analysis_text([whole, empty], ['full', 'none'])
+    tables = [part.splitlines() for part in text.split('\n\n')]
+    assert [lines[0].split()[0] for lines in tables] == [
+        'recording', 'twitches', 'trains', 'recruitment',
+    ]  # fmt: skip
+    for _, full, none in tables:
+        assert (full.split()[0], none.split()[0]) == ('full', 'none')
+    assert set(tables[1][2].split()[1:]) == {'-'}
+    assert tables[3][1].split()[-2].startswith('48')
+    assert max(len(line) for lines in tables for line in lines) <= 100
 
 
 def test_every_part_has_its_figure(whole, tmp_path):

@@ -1,0 +1,34 @@
+"""The executables: each runs its node, or says in one line that ROS is missing."""
+
+import sys
+from importlib import import_module
+
+
+def identifier() -> int:
+    """Run the identifier as a process."""
+    return _run('identifier')
+
+
+def plant_simulator() -> int:
+    """Run the plant simulator as a process."""
+    return _run('plant_simulator')
+
+
+def recorder() -> int:
+    """Run the recorder as a process."""
+    return _run('recorder')
+
+
+def stimulator_driver() -> int:
+    """Run the stimulator driver as a process."""
+    return _run('stimulator_driver')
+
+
+def _run(name: str) -> int:
+    try:
+        module = import_module(f'rpms_ros.nodes.{name}')
+    except ModuleNotFoundError as error:
+        print(f'error: {error}; {name} needs ROS 2 Jazzy and rpms_msgs', file=sys.stderr)
+        return 2
+    code: int = module.main()
+    return code

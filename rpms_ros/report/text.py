@@ -1,0 +1,64 @@
+"""Tables of plain text that stay within the width of a terminal."""
+
+import re
+import shutil
+import textwrap
+from collections.abc import Iterable
+from collections.abc import Sequence
+
+_WIDEST = 100
+
+
+def width() -> int:
+    """Return how many columns a line may have: those of the terminal, at most 100."""
+    return min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)
+
+
+def labelled(rows: Iterable[tuple[str, str]]) -> str:
+    """Return a line for each label and text; a long text goes on below its beginning."""
+    rows = list(rows)
+    column = max((len(label) for label, _ in rows), default=0)
+    return '\n'.join(_wrapped(f'  {label:<{column}}  ', text) for label, text in rows)
+
+
+def noted(rows: Iterable[tuple[str, str]]) -> str:
+    """Return ``name: text`` for each, a long text indented on the lines that follow."""
+    return '\n'.join(_wrapped(f'  {label}: ', text, 4) for label, text in rows)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> str:
+    """Return a table; the first `texts` columns are aligned left, the numbers after them right."""
+    cells = [head, *rows]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(head))]
+    return '\n'.join(
+        '  '.join(
+            cell.ljust(size) if column < texts else cell.rjust(size)
+            for column, (cell, size) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in cells
+    )
+
+
+def collapsed(findings: Iterable[tuple[str, str]]) -> list[str]:
+    """Return ``names: text``, one line for all names whose texts differ in numbers only."""
+    alike: dict[str, tuple[str, list[str]]] = {}
+    for name, text in findings:
+        pattern = re.sub(r'\d+', '0', text)
+        if name in alike.get(pattern, ('', []))[1]:
+            pattern = text
+        alike.setdefault(pattern, (text, []))[1].append(name)
+    return [f'{_names(names)}: {text}' for text, names in alike.values()]
+
+
+def _names(names: Sequence[str]) -> str:
+    return ', '.join(names) if len(names) <= 3 else f'{names[0]} and {len(names) - 1} more'
+
+
+def _wrapped(start: str, text: str, indent: int | None = None) -> str:
+    text = ''.join(letter if letter.isprintable() or letter.isspace() else '?' for letter in text)
+    room = max(width(), len(start) + 20)
+    later = ' ' * (len(start) if indent is None else indent)
+    shape = textwrap.TextWrapper(
+        room, initial_indent=start, subsequent_indent=later, break_on_hyphens=False
+    )
+    return shape.fill(text) or start.rstrip()

@@ -1,0 +1,118 @@
+"""The command line itself: help, version, what may have been meant, messages that stay short."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rpms_ros import __version__
+from rpms_ros.cli import COMMANDS
+from rpms_ros.cli import main
+from rpms_ros.cli import options
+from rpms_ros.report.text import collapsed
+from rpms_ros.report.text import labelled
+from rpms_ros.report.text import noted
+
+Rpms = Callable[..., tuple[int, str, str]]
+NAMES = ['import' if name == 'import_csv' else name for name in COMMANDS]
+
+
+def exits(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    """Run what argparse ends by itself; return exit code, stdout and stderr."""
+    with pytest.raises(SystemExit, match=r'\d') as ended:
+        main(arguments)
+    return (int(ended.value.code or 0), *capsys.readouterr())
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exits(capsys, '--version') == (0, f'rpms_ros {__version__}\n', '')
+
+
+def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exits(capsys, 'help') == exits(capsys, '--help')
+    assert exits(capsys, 'help', 'identify') == exits(capsys, 'identify', '--help')
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_no_help_shows_an_escaped_per_cent_sign(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = exits(capsys, name, '--help')
+    assert code == 0
+    assert '%%' not in out
+    assert max(map(len, out.splitlines())) <= 100
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'meant'),
+    [
+        (['identfy', 'x'], 'identify'),
+        (['identify', 'x', '--estimatr', 'batch'], '--estimator'),
+        (['identify', 'x', '--preset', 'table4'], 'table_4'),
+    ],
+)
+def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(
+    arguments: list[str], meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = exits(capsys, *arguments)
+    assert code == 2
+    assert err.endswith(f'; did you mean {meant}?\n')
+
+
+def test_what_resembles_nothing_is_only_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = exits(capsys, 'xyzzy')
+    assert code == 2
+    assert 'did you mean' not in err
+
+
+def test_an_identification_fits_into_a_terminal(
+    rpms: Rpms, short_session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for columns in (80, 200):
+        monkeypatch.setenv('COLUMNS', str(columns))
+        _, out, _ = rpms('identify', short_session, '--estimator', 'horizon')
+        lines = [line for line in out.splitlines() if str(short_session) not in line]
+        assert max(map(len, lines)) <= min(columns, 100)
+
+
+def test_a_long_text_goes_on_below_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('COLUMNS', '29')
+    assert labelled([('a', '1'), ('bcd', 'one two three four five')]) == (
+        '  a    1\n  bcd  one two three four\n       five'
+    )
+    assert noted([('note', 'one two three four five six')]) == (
+        '  note: one two three four\n    five six'
+    )
+
+
+def test_a_text_cannot_command_the_terminal() -> None:
+    assert noted([('note', 'red \x1b[31m and \x07')]) == '  note: red ?[31m and ?'
+
+
+def test_what_many_recordings_have_in_common_is_one_line() -> None:
+    findings = [(f'trial_{k}', f'{k} of 60 pulses are late') for k in range(36)]
+    findings += [('trial_1', 'no force'), ('trial_2', 'no force')]
+    assert collapsed(findings) == [
+        'trial_0 and 35 more: 0 of 60 pulses are late',
+        'trial_1, trial_2: no force',
+    ]
+    of_one = [('warning', 'gap of 1 s'), ('warning', 'gap of 2 s')]
+    assert collapsed(of_one) == ['warning: gap of 1 s', 'warning: gap of 2 s']
+
+
+def test_only_what_is_slow_is_told_and_only_to_a_person(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Waits:
+        """A timer that fires as soon as it is started."""
+
+        def __init__(self, _delay: float, tell: Callable[[], None]) -> None:
+            self.start, self.cancel = tell, lambda: None
+
+    monkeypatch.setattr(options, 'Timer', Waits)
+    for terminal, quiet, told in ((True, False, 1), (False, False, 0), (True, True, 0)):
+        monkeypatch.setattr(sys.stderr, 'isatty', lambda terminal=terminal: terminal)
+        with options.told_if_slow('compiling', quiet):
+            pass
+        assert capsys.readouterr().err.count('rpms: compiling\n') == told
