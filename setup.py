@@ -60,6 +60,7 @@ setup(
             'plant_simulator = rpms_ros.nodes.executables:plant_simulator',
             'recorder = rpms_ros.nodes.executables:recorder',
             'stimulator_driver = rpms_ros.nodes.executables:stimulator_driver',
+            'stimulator_guard = rpms_ros.guard.process:main',
         ],
     },
 )

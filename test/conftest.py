@@ -1,10 +1,14 @@
 """What every test needs.  Real rclpy: a domain, a context and an executor for each test."""
 
+import contextlib
+import importlib.util
 import os
 import time
 from collections.abc import Callable
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
+from typing import Any
 
 import pytest
 
@@ -104,3 +108,16 @@ def wait_for() -> WaitFor:
             time.sleep(pause)
 
     return wait
+
+
+@pytest.fixture
+def instrument() -> Iterator[Callable[..., Any]]:
+    """Build instruments of the Rapid2 class on pseudo-terminals, see `fake_rapid2.py`."""
+    path = Path(__file__).parent / 'fake_rapid2.py'
+    specification = importlib.util.spec_from_file_location('fake_rapid2', path)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    with contextlib.ExitStack() as running:
+        yield lambda **options: running.enter_context(module.FakeRapid2(**options))

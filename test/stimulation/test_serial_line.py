@@ -1,193 +1,372 @@
-"""The serial device against a simulated instrument on a pseudo-terminal."""
+"""The serial device through its guard against an instrument on a pseudo-terminal.
+
+The instrument's own list of triggers is the oracle: what was given, whatever was answered.
+"""
 
 import os
-import select
+import re
+import socket
+import subprocess
+import sys
 import threading
 import time
-import tty
 
 import pytest
 
-from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.guard.process import main
 from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices.serial_line import ARMED
-from rpms_ros.stimulation.devices.serial_line import COIL_PRESENT
-from rpms_ros.stimulation.devices.serial_line import ERROR
-from rpms_ros.stimulation.devices.serial_line import READY
-from rpms_ros.stimulation.devices.serial_line import REMOTE
+from rpms_ros.stimulation.devices import DeviceStatus
+from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
-from rpms_ros.stimulation.devices.serial_line import framed
-from rpms_ros.stimulation.safety_monitor import EXECUTOR
-from rpms_ros.stimulation.settings import DriverSettings
-from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.threads import PulseThread
-from rpms_ros.stimulation.threads import SupervisorThread
 
-LENGTHS = {ord('Q'): 3, ord('R'): 3, ord('F'): 3, ord('E'): 3, ord('@'): 5}
-
-
-class Instrument(threading.Thread):
-    """Plays the stimulator at the other end of the line."""
-
-    def __init__(self):
-        super().__init__(daemon=True)
-        self.master, self.slave = os.openpty()
-        tty.setraw(self.slave)
-        self.port = os.ttyname(self.slave)
-        self.status = COIL_PRESENT
-        self.percent = 0
-        self.celsius = b'253'
-        self.log, self.fired = [], []
-        self.mute = self.garbled = False
-        self._open = True
-
-    def run(self):
-        pending = b''
-        while self._open:
-            if select.select([self.master], [], [], 0.05)[0]:
-                pending += os.read(self.master, 100)
-            while pending and len(pending) >= LENGTHS[pending[0]]:
-                frame, pending = pending[: LENGTHS[pending[0]]], pending[LENGTHS[pending[0]] :]
-                self._obey(frame)
-
-    def _obey(self, frame):
-        assert framed(frame[:-1]) == frame
-        body = frame[:-1]
-        self.log.append(body)
-        if body == b'Q@':
-            self.status |= REMOTE
-        elif body == b'R@':
-            self.status &= ~REMOTE
-        elif body == b'EB':
-            self.status |= ARMED | READY
-        elif body == b'EA':
-            self.status &= ~(ARMED | READY)
-        elif body == b'EH' and self.status & ARMED:
-            self.fired.append(self.percent)
-        elif body[:1] == b'@':
-            self.percent = int(body[1:])
-        data = self.celsius + b'000' if body == b'F@' else b''
-        answer = framed(body[:1] + bytes([self.status]) + data)
-        if self.garbled:
-            answer = answer[:-1] + bytes([answer[-1] ^ 1])
-        if not self.mute:
-            os.write(self.master, answer)
-
-    def close(self):
-        self._open = False
-        self.join()
-        os.close(self.master)
-        os.close(self.slave)
+WIDTH = 100e-6
+# a machine under load may hold up the instrument, the guard or the test
+PATIENT = {'timeout_s': 5.0, 'beat_limit_s': 20.0}
 
 
 @pytest.fixture
-def instrument():
-    playing = Instrument()
-    playing.start()
-    yield playing
-    playing.close()
+def fake(instrument):
+    return instrument(watchdog_s=20.0)
 
 
 @pytest.fixture
-def device(instrument):
-    # a machine under load may hold the instrument up
-    real = SerialDevice(instrument.port, timeout_s=5.0)
+def device(fake):
+    real = SerialDevice(fake.port, **PATIENT)
     real.open()
     yield real
-    instrument.mute = False
     real.close()
 
 
-def test_published_frames_have_their_published_check_bytes():
-    assert framed(b'@050') == b'@050\x2a'
-    assert framed(b'X@') == b'X@\x67'
+def armed(device, intensity=0.5):
+    device.arm()
+    device.prepare(intensity)
+    return device
 
 
-def test_opening_takes_control_at_intensity_zero(instrument, device):
+def test_opening_takes_control_at_intensity_zero_disarmed(fake, device):
     assert device.real
-    assert instrument.log == [b'Q@', b'EA', b'@000']
-    assert instrument.status & REMOTE
+    assert fake.frames == [b'Q@', b'EA', b'EA', b'ND', b'@000', b'\\@']
+    assert (fake.remote, fake.armed, fake.percent) == (True, False, 0)
 
 
-def test_pulse_has_the_intensity_that_was_asked_for(instrument, device):
-    device.arm()
-    assert instrument.percent == 0
-    device.prepare(0.5)
-    given = device.fire(0.5, 100e-6)
+def test_pulse_has_the_intensity_that_was_asked_for_and_read_back(fake, device):
+    status = device.arm()
+    assert (status.armed, status.ready, status.coil_present) == (True, True, True)
+    assert fake.percent == 0
+    assert device.prepare(0.5).intensity == 0.5
+    before = time.monotonic_ns()
+    given = device.fire(0.5, WIDTH)
+    # three bytes of ten bits at 9600 baud from the writing of the trigger to the onset
+    frame_ns = 3_125_000
+    assert device.trigger_s == pytest.approx(frame_ns / 1e9)
+    assert before + frame_ns <= given.time_ns <= time.monotonic_ns() + frame_ns
     assert given.intensity == 0.5
-    # 3 bytes of 10 bits at 9600 baud ahead of the trigger
-    assert abs(given.time_ns - time.monotonic_ns()) < 1_000_000_000
-    device.fire(0.5, 100e-6)
-    device.prepare(0.254)
-    device.fire(0.254, 100e-6)
-    assert instrument.fired == [50, 50, 25]
-    assert instrument.log.count(b'@050') == 1
+    assert given.unverified == {'delivery'}
+    assert fake.fired() == [50]
 
 
-def test_disarming_sets_zero_first_and_waits_for_nobody(instrument, device, wait_for):
+def test_intensities_are_rounded_downwards(fake, device):
     device.arm()
-    device.prepare(0.5)
-    device.fire(0.5, 100e-6)
-    instrument.mute = True
+    for share in (0.455, 0.555, 0.29, 1.0):
+        device.prepare(share)
+        device.fire(share, WIDTH)
+    assert fake.fired() == [45, 55, 29, 100]
+    assert device.quantized(0.455) == 0.45
+
+
+@pytest.mark.parametrize(('version', 'read_back'), [('5.0.0', 21), ('7.1', 22), ('11.0.0', 24)])
+def test_intensity_is_read_back_from_every_published_version(instrument, version, read_back):
+    fake = instrument(version=version, watchdog_s=20.0)
+    device = SerialDevice(fake.port, **PATIENT)
+    device.open()
+    assert device._parameters_length == read_back
+    assert armed(device, 0.37).fire(0.37, WIDTH).unverified == {'delivery'}
+    device.close()
+
+
+def test_instrument_that_does_not_tell_its_version_leaves_the_intensity_unverified(instrument):
+    fake = instrument(watchdog_s=20.0)
+    fake.refuse = {b'ND': b'S'}
+    device = SerialDevice(fake.port, **PATIENT)
+    device.open()
+    assert device.arm().intensity is None
+    assert device.prepare(0.4).intensity is None
+    assert device.fire(0.4, WIDTH).unverified == {'delivery', 'intensity'}
+    assert b'\\@' not in fake.frames
+    device.close()
+
+
+def test_what_does_not_fit_before_the_pulse_is_left_out_and_said(fake):
+    # a clock that stands still: only the time that the line needs counts
+    device = SerialDevice(fake.port, clock=lambda: 10**9, **PATIENT)
+    device.open()
+    armed(device).prepare(0.5, spare_s=0.01)
+    assert fake.frames[-1] == b'@050'
+    assert device.fire(0.5, WIDTH).unverified == {'delivery', 'intensity'}
+    # enough for the temperature or for the intensity, not for both
+    device._temperature_ns = None
+    fake.temperatures = '311', '320'
+    assert device.prepare(0.5, spare_s=0.025).temperature == 32.0
+    assert fake.frames[-2:] == [b'@050', b'F@']
+    assert device.fire(0.5, WIDTH).unverified == {'delivery', 'intensity'}
+    device.prepare(0.5, spare_s=0.05)
+    assert fake.frames[-2:] == [b'@050', b'\\@']
+    assert device.fire(0.5, WIDTH).unverified == {'delivery'}
+    device.close()
+
+
+def test_foreign_command_between_two_pulses_gives_no_pulse_of_its_intensity(
+    fake, device, wait_for
+):
+    armed(device, 0.2).fire(0.2, WIDTH)
+    # not even an answer shows it
+    fake.foreign(b'@100', answered=False)
+    device.prepare(0.2)
+    assert device.fire(0.2, WIDTH).intensity == 0.2
+    assert fake.fired() == [20, 20]
+    # after the preparation its answer shows it
+    device.prepare(0.2)
+    fake.foreign(b'@100')
+    wait_for(lambda: bool(fake.disarmed))
+    with pytest.raises(DeviceError, match=r'expected a .*line, got'):
+        device.fire(0.2, WIDTH)
+    assert fake.fired() == [20, 20]
+
+
+def test_intensity_that_the_instrument_does_not_take(fake, device, wait_for):
+    device.arm()
+    fake.deaf = True
+    with pytest.raises(DeviceError, match='expected intensity 20 % in the device, got 0 %'):
+        device.prepare(0.2)
+    assert device.fire(0.2, WIDTH) is None
+    wait_for(lambda: not fake.armed)
+    assert fake.fired() == []
+
+
+def test_trigger_without_an_armed_device(fake, device):
+    with pytest.raises(DeviceError, match='expected an armed device with an intensity, got none'):
+        device.fire(0.2, WIDTH)
+    assert b'EH' not in fake.frames
+
+
+@pytest.mark.parametrize(
+    ('change', 'said'),
+    [
+        ({'coil': False}, 'no coil'),
+        ({'replace': True}, 'a coil to be replaced'),
+        ({'error': True}, 'an error'),
+    ],
+)
+def test_what_the_instrument_says_is_looked_at_in_every_answer(
+    fake, device, wait_for, change, said
+):
+    armed(device)
+    for name, value in change.items():
+        setattr(fake, name, value)
+    with pytest.raises(DeviceError, match=f'expected a device in order with a coil, got {said}'):
+        device.fire(0.5, WIDTH)
+    wait_for(lambda: not fake.armed)
+    # one trigger was on the line before the instrument could say so; none follows
+    assert fake.fired() == [50]
+    assert device.fire(0.5, WIDTH) is None
+    with pytest.raises(DeviceError, match=f'expected a device in order with a coil, got {said}'):
+        device.arm()
+    assert fake.fired() == [50]
+    assert not fake.armed
+
+
+def test_preparation_sees_it_before_any_trigger(fake, device, wait_for):
+    armed(device)
+    fake.coil = False
+    with pytest.raises(DeviceError, match='got no coil: status'):
+        device.prepare(0.5)
+    wait_for(lambda: not fake.armed)
+    assert fake.fired() == []
+
+
+@pytest.mark.parametrize('letter', [b'S', b'?'])
+@pytest.mark.parametrize('command', [b'EH', b'@', b'EB', b'Q@', b'\\@'])
+def test_refusal_is_never_a_delivery_nor_a_status(fake, device, command, letter):
+    fake.refuse = {command: letter}
+    with pytest.raises(DeviceError, match='expected the instrument to obey'):
+        armed(device).fire(0.5, WIDTH)
+    assert fake.fired() == []
+
+
+def test_pulse_that_was_acknowledged_and_not_given_is_not_said_to_be_sure(fake, device):
+    armed(device)
+    fake.acknowledge_only = True
+    assert 'delivery' in device.fire(0.5, WIDTH).unverified
+    assert fake.fired() == []
+
+
+def test_instrument_that_disarmed_by_itself(fake, device):
+    armed(device)
+    fake.self_disarm()
+    with pytest.raises(DeviceError, match='expected the instrument to obey EH, got S'):
+        device.fire(0.5, WIDTH)
+    armed(device)
+    fake.self_disarm()
+    with pytest.raises(DeviceError, match='got a device that has disarmed by itself'):
+        device.keep_alive()
+    assert fake.fired() == []
+
+
+def test_trigger_that_comes_too_late_is_not_written(fake, device):
+    armed(device)
+    with pytest.raises(TooLate, match='expected a trigger to be written in time'):
+        device.fire(0.5, WIDTH, latest_ns=time.monotonic_ns() - 1)
+    assert b'EH' not in fake.frames
+    assert device.fire(0.5, WIDTH, latest_ns=time.monotonic_ns() + 10**10) is not None
+
+
+def test_device_that_does_not_charge(instrument, monkeypatch):
+    fake = instrument(charge_s=60.0, watchdog_s=20.0)
+    monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line._CHARGE_S', 0.05)
+    device = SerialDevice(fake.port, **PATIENT)
+    device.open()
+    with pytest.raises(DeviceError, match=r'expected a device that is ready within 0\.05 s'):
+        device.arm()
+    device.close()
+    assert not fake.armed
+
+
+def test_instrument_that_is_not_ready_gives_no_pulse(instrument):
+    fake = instrument(recharge_s=60.0, watchdog_s=20.0)
+    device = SerialDevice(fake.port, **PATIENT)
+    device.open()
+    armed(device).fire(0.5, WIDTH)
+    with pytest.raises(DeviceError, match='got S: a command that does not suit its state'):
+        device.fire(0.5, WIDTH)
+    device.close()
+    assert fake.fired() == [50]
+
+
+def test_rest_is_intensity_zero_and_stays_armed(fake, device):
+    armed(device)
+    device.rest()
+    assert (fake.percent, fake.armed) == (0, True)
+
+
+def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for):
+    armed(device)
+    fake.hang = True
+    returned = []
+    hanging = threading.Thread(target=lambda: returned.append(device.keep_alive()))
+    hanging.start()
     began = time.monotonic()
     device.silence()
-    # less than the time-out of an exchange, 5 s
+    device.silence()
+    # far less than the time-out of an exchange, 5 s
     assert time.monotonic() - began < 1.0
-    wait_for(lambda: instrument.log[-2:] == [b'@000', b'EA'])
-    assert not instrument.status & ARMED
-    assert device.fire(0.5, 100e-6) is None
-    assert instrument.fired == [50]
-    # what was never answered is not waited for twice
-    device._timeout_s = device._line.timeout = 0.01
+    # the guard ends the exchange that hangs: nothing is known, and nothing is wrong
+    hanging.join(4.0)
+    assert returned == [DeviceStatus()]
+    fake.hang = False
+    wait_for(lambda: not fake.armed)
+    assert fake.percent == 0
+    rest = fake.frames[fake.frames.index(b'@050') :]
+    assert rest.index(b'@000') < rest.index(b'EA')
+    assert device.fire(0.5, WIDTH) is None
+    assert device.prepare(0.5) is None
+    assert fake.fired() == []
 
 
-def test_rearming_after_disarming_starts_from_zero(instrument, device):
-    device.arm()
-    device.prepare(0.9)
-    device.fire(0.9, 100e-6)
+def test_rearming_after_a_silence_starts_from_zero(fake, device):
+    armed(device, 0.9).fire(0.9, WIDTH)
     device.silence()
     device.arm()
-    assert instrument.percent == 0
-    device.prepare(0.1)
-    assert device.fire(0.1, 100e-6).intensity == 0.1
+    assert fake.percent == 0
+    assert armed(device, 0.1).fire(0.1, WIDTH).intensity == 0.1
+    assert fake.fired() == [90, 10]
 
 
-def test_temperature(instrument, device):
+def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fake, device):
+    armed(device)
+    device.silence()
+    assert device.keep_alive()[:2] == (False, False)
+    fake.obey_disarm = False
+    fake.armed = True
+    device.silence()
+    with pytest.raises(DeviceError, match='expected a device that disarms, got status'):
+        device.keep_alive()
+
+
+def test_temperature_is_asked_for_every_two_seconds(fake, device):
     assert device.keep_alive().temperature == 25.3
-    instrument.celsius = b'xyz'
-    with pytest.raises(DeviceError, match='expected a temperature, got'):
+    device.keep_alive()
+    assert fake.frames.count(b'F@') == 1
+    device._temperature_ns -= 2_000_000_000
+    fake.temperatures = 'xyz', '251'
+    with pytest.raises(DeviceError, match='expected two temperatures in tenths of a degree, got'):
         device.keep_alive()
 
 
-def test_coil_that_is_missing_and_errors_are_refused(instrument, device):
-    instrument.status &= ~COIL_PRESENT
-    with pytest.raises(DeviceError, match='expected an armed device with a coil, got status'):
-        device.arm()
-    instrument.status |= COIL_PRESENT | ERROR
-    with pytest.raises(DeviceError, match='expected an armed device with a coil, got status'):
-        device.arm()
-    assert device.keep_alive().error
+@pytest.mark.parametrize(
+    ('wrong', 'match'),
+    [
+        ({'flip': True}, 'a check byte that fits'),
+        ({'cut': 2}, r'expected an answer .* within .* got none'),
+        ({'silent': True}, r'expected an answer .* within .* got none'),
+        ({'hang': True}, 'expected an answer .* within .* got none'),
+    ],
+)
+def test_noise_silence_and_half_answers(fake, wrong, match, wait_for):
+    device = SerialDevice(fake.port, timeout_s=0.3, beat_limit_s=20.0)
+    device.open()
+    armed(device)
+    for name, value in wrong.items():
+        setattr(fake, name, value)
+    with pytest.raises(DeviceError, match=match):
+        device.fire(0.5, WIDTH)
+    for name in wrong:
+        setattr(fake, name, None if name == 'cut' else False)
+    device.close()
+    wait_for(lambda: not fake.armed)
 
 
-def test_silence_and_noise_on_the_line(instrument, device):
-    device.arm()
-    device.prepare(0.5)
-    instrument.garbled = True
-    with pytest.raises(DeviceError, match='a check byte that fits'):
-        device.fire(0.5, 100e-6)
-    instrument.garbled, instrument.mute = False, True
-    device._line.timeout = 0.1
-    with pytest.raises(DeviceError, match=r"expected 3 bytes that begin with b'Q' .* got b''"):
-        device.keep_alive()
+def test_noise_on_a_line_on_which_nobody_has_asked(fake, device, wait_for):
+    armed(device)
+    fake.noise(b'\xff\x00\x7f')
+    wait_for(lambda: not fake.armed)
+    with pytest.raises(DeviceError, match=r'that nobody has asked for|silenced'):
+        device.fire(0.5, WIDTH)
+    assert armed(device).fire(0.5, WIDTH) is not None
 
 
-def test_device_that_disarmed_by_itself_gives_no_pulse(instrument, device):
-    device.arm()
-    instrument.status &= ~ARMED
-    device.prepare(0.5)
-    assert device.fire(0.5, 100e-6) is None
+def test_cable_that_is_pulled(fake, device):
+    armed(device)
+    fake.vanish()
+    with pytest.raises(DeviceError, match='expected'):
+        device.prepare(0.5)
+    with pytest.raises(DeviceError, match='expected a line that takes a silence'):
+        device.silence()
+
+
+def test_failed_opening_lets_go_of_the_port(fake):
+    fake.refuse = {b'Q@': b'S'}
+    device = SerialDevice(fake.port, **PATIENT)
+    for _ in range(2):
+        with pytest.raises(DeviceError, match='expected the instrument to obey Q@, got S'):
+            device.open()
+        assert device.guard_pid is None
+    fake.refuse = {}
+    device.open()
+    assert fake.remote
+    device.close()
+    assert not fake.remote
+    # and once more
+    device.open()
+    device.close()
+
+
+def test_port_is_held_by_one_driver(fake, device):
+    second = SerialDevice(fake.port, **PATIENT)
+    with pytest.raises(DeviceError, match=r'expected a serial port, got .*lock'):
+        second.open()
+    with pytest.raises(DeviceError, match=r'expected .* to be closed, got an open one'):
+        device.open()
+    assert device.keep_alive().coil_present
 
 
 def test_port_that_is_not_there(tmp_path):
@@ -196,55 +375,88 @@ def test_port_that_is_not_there(tmp_path):
         absent.open()
     with pytest.raises(DeviceError, match='expected an open serial line, got a closed one'):
         absent.keep_alive()
+    absent.beat()
     absent.silence()
     absent.close()
+    (tmp_path / 'file').write_text('no port')
+    with pytest.raises(DeviceError, match='expected a serial port, got'):
+        SerialDevice(str(tmp_path / 'file')).open()
 
 
-def test_device_that_gives_no_remote_control(instrument):
-    instrument.status = COIL_PRESENT
-    instrument._obey = lambda frame: os.write(
-        instrument.master, framed(frame[:1] + bytes([COIL_PRESENT]))
-    )
-    stubborn = SerialDevice(instrument.port, timeout_s=5.0)
-    with pytest.raises(DeviceError, match='expected remote control, got status 0x08'):
-        stubborn.open()
-    stubborn.close()
+def test_triggers_above_the_bound_do_not_pass_the_guard(fake, wait_for):
+    device = SerialDevice(fake.port, maximum_intensity=0.405, **PATIENT)
+    device.open()
+    armed(device, 0.4).fire(0.4, WIDTH)
+    with pytest.raises(DeviceError, match='expected at most 40 percent, got 41'):
+        device.prepare(0.41)
+    wait_for(lambda: not fake.armed)
+    device.close()
+    assert b'@041' not in fake.frames
 
 
-def test_whole_driver_on_the_line(instrument, wait_for):
-    controller = StimulationController(
-        SerialDevice(instrument.port, timeout_s=5.0),
-        load_device_specification('rapid2-240v'),
-        # a machine under load may hold up a thread or two
-        DriverSettings(heartbeat_timeout_s=0.0, lateness_limit_s=0.1, response_limit_s=1.0),
-    )
-    fired = []
-    threads = [PulseThread(controller, fired.append), SupervisorThread(controller)]
-    controller.configure()
-    controller.supervise()
-    for thread in threads:
-        thread.start()
+def test_a_child_of_the_driver_inherits_nothing_that_keeps_it_alive(device):
+    held = (device._line._line, device._line._socket)
+    assert not any(os.get_inheritable(descriptor.number) for descriptor in held)
 
-    def alive():
-        controller.seen(EXECUTOR)
-        return True
 
-    alive()
-    controller.arm()
-    run = controller.start(constant(0.4, 0.5, 20.0))
-    wait_for(lambda: alive() and bool(run.ended))
-    assert run.ended == 'completed'
-    assert instrument.fired == [40] * 10
-    assert {pulse.delivery.intensity for pulse in fired} == {0.4}
-    controller.start(constant(0.4, 5.0, 20.0))
-    wait_for(lambda: alive() and len(instrument.fired) > 12)
-    controller.stop('test', 'a test')
-    wait_for(lambda: instrument.log[-2:] == [b'@000', b'EA'] or instrument.log[-1] == b'F@')
-    assert not instrument.status & ARMED
-    stopped = len(instrument.fired)
-    for thread in threads:
-        thread.close()
-    controller.cleanup()
-    wait_for(lambda: instrument.log[-1] == b'R@')
-    assert len(instrument.fired) == stopped
-    assert controller.state is State.UNCONFIGURED
+def test_guard_that_was_started_by_hand(fake, tmp_path, wait_for):
+    path = tmp_path / 'guard'
+    command = [sys.executable, '-m', 'rpms_ros.guard', '--port', fake.port, '--socket', str(path)]
+    with subprocess.Popen(
+        [*command, '--answer-limit=5', '--beat-limit=20', '--maximum-percent=30'],
+        stderr=subprocess.PIPE,
+    ) as guard:
+        wait_for(path.is_socket)
+        assert path.stat().st_mode & 0o077 == 0
+        for _ in range(2):
+            device = SerialDevice(str(path), **PATIENT)
+            device.open()
+            assert device.guard_pid == guard.pid
+            assert armed(device, 0.3).fire(0.3, WIDTH) is not None
+            device.close()
+            wait_for(lambda: not fake.armed)
+        # the bound is the guard's, whatever the driver was given
+        device.open()
+        with pytest.raises(DeviceError, match=r'percent|maximum'):
+            armed(device, 0.31)
+        device.close()
+        guard.terminate()
+        assert guard.wait(10) == 0
+        said = guard.stderr.read().decode()
+    assert 'drivers find it at' in said
+    assert not path.exists()
+    assert fake.fired() == [30, 30]
+
+
+def test_socket_that_is_no_guard(tmp_path):
+    path = tmp_path / 'other'
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as other:
+        other.bind(str(path))
+        other.listen()
+
+        def answer():
+            with other.accept()[0] as driver:
+                driver.send(b'hello')
+
+        answering = threading.Thread(target=answer)
+        answering.start()
+        with pytest.raises(DeviceError, match='expected a packet of 13 to 213 bytes, got 5'):
+            SerialDevice(str(path)).open()
+        answering.join()
+    with pytest.raises(DeviceError, match=r'expected a serial port, got .*refused'):
+        SerialDevice(str(path)).open()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'match'),
+    [
+        ([], 'expected --port and --socket'),
+        (['--maximum-percent=101'], r'expected a maximum intensity in 0\.\.100 percent, got 101'),
+        (['--beat-limit=0'], r'expected beat_limit_s in \[0\.01, 60\] s, got 0'),
+        (['--beat-limit=nan'], r'expected beat_limit_s in \[0\.01, 60\] s, got nan'),
+        (['--port=/dev/null', '--socket=/dev/null'], 'stimulator_guard: '),
+    ],
+)
+def test_guard_says_what_it_was_given_wrong(arguments, match, capsys):
+    assert main(arguments) == 2
+    assert re.search(match, capsys.readouterr().err)

@@ -1,20 +1,22 @@
-"""A stimulator of the Rapid2 class on a serial line.
+"""A stimulator of the Rapid2 class on a serial line, behind a guard.
 
-The frames are those that users of these devices have published: a command letter, its data and a
-check byte, the complement of the sum of the bytes before it; the device echoes the letter, adds
-its status and its data, and a check byte.  9600 baud, 8 data bits, no parity.
+The protocol stands in `rpms_ros.guard.rapid2`, with its sources.  Every answer is checked: a
+refusal, a status that contradicts itself, no coil, a coil to be replaced or an error raise, in the
+answer in which they show.
 
 This has been tested against a simulated instrument on a pseudo-terminal only.  It has not met
 hardware: hold it against the manual of your device before a coil is connected.
 """
 
+import itertools
 import math
-import threading
 import time
 from collections.abc import Callable
 
-import serial
-
+from rpms_ros.guard import rapid2
+from rpms_ros.guard.rapid2 import wire_s
+from rpms_ros.guard.relay import GuardLimits
+from rpms_ros.stimulation.devices.guarded_line import GuardedLine
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.devices.interface import DeviceStatus
@@ -22,66 +24,60 @@ from rpms_ros.stimulation.devices.interface import Shares
 from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.interface import quantized_down
 
-BAUD = 9600
-_TIMEOUT_S = 0.15
-# three bytes of ten bits each
-_FRAME_NS = round(3 * 10 / BAUD * 1e9)
-_STATUS_BYTES, _TEMPERATURE_BYTES = 3, 9
-
-# bits of the status byte
-ARMED = 0x02
-READY = 0x04
-COIL_PRESENT = 0x08
-REPLACE_COIL = 0x10
-ERROR = 0x20
-REMOTE = 0x80
-
-ENABLE, DISABLE = b'Q@', b'R@'
-DISARM, ARM, FIRE = b'EA', b'EB', b'EH'
-TEMPERATURE = b'F@'
-
-
-def framed(body: bytes) -> bytes:
-    """Return a frame: the body and its check byte."""
-    return body + bytes([~sum(body) & 0xFF])
-
-
-def power(intensity: float) -> bytes:
-    """Return the command that sets an intensity (share 0..1), in whole percent downwards."""
-    return b'@%03d' % round(100 * quantized_down(intensity, 100))
+_SECOND = 1_000_000_000
+_FOREVER_S = 1e6
+_STEPS = 100
+# Published: about 1 s to charge.
+_CHARGE_S = 3.0
+# Published: 10 ms for every percent upwards.
+_FROM_ZERO_S = 1.0
+# The time that instrument and processes take over an exchange besides the line's.
+_TURNAROUND_S = 0.003
+_TEMPERATURE_INTERVAL_NS = 2 * _SECOND
+_FRAME_LENGTH = 3
+_POWER_LENGTH = 5
+# The protocol has no word on whether a trigger gave a pulse.
+_NEVER_VERIFIED = frozenset({'delivery'})
 
 
 class SerialDevice:
     """One stimulator on one serial line.
 
-    The device knows whole percents: an intensity is rounded downwards.
-
     Parameters
     ----------
     port : str
-        Name of the serial port, e.g. ``/dev/ttyUSB0``.
+        Name of the serial port, e.g. ``/dev/ttyUSB0``, or the socket of a guard that runs already.
+    maximum_intensity : float
+        The guard refuses triggers above it (share), rounded down to a whole percent.
     clock : callable
         Monotonic time [ns].
     timeout_s : float
         How long an answer may take [s].
+    beat_limit_s : float
+        Longest silence between the driver and its guard, either way [s].
     """
 
     def __init__(
         self,
         port: str,
+        maximum_intensity: float = 1.0,
         clock: Callable[[], int] = time.monotonic_ns,
-        timeout_s: float = _TIMEOUT_S,
+        timeout_s: float = 0.15,
+        beat_limit_s: float = 1.0,
     ) -> None:
-        self._port = port
-        self._timeout_s = timeout_s
-        self._owed = 0
+        bound = round(_STEPS * quantized_down(maximum_intensity, _STEPS))
+        self._line = GuardedLine(port, GuardLimits(bound, beat_limit_s, timeout_s), clock)
         self._clock = clock
-        self._line: serial.Serial | None = None
-        self._percent = -1
-        # held for one exchange; disarming does not wait for it
-        self._exchange = threading.Lock()
-        self._count = threading.Lock()
-        self._silenced = threading.Event()
+        self._parameters_length: int | None = None
+        # percent that was asked for, and whether it was read back
+        self._set: tuple[int, bool] | None = None
+        self._armed = False
+        self._temperature: float | None = None
+        self._temperature_ns: int | None = None
+        # a silence in the middle of a call shows as another number
+        self._silences = itertools.count(1)
+        self._silenced = 0
+        self._answered_silences = 0
 
     @property
     def real(self) -> bool:
@@ -90,168 +86,252 @@ class SerialDevice:
 
     @property
     def arm_s(self) -> float:
-        """Longest time that the exchanges of arming may take [s]."""
-        return 2 * self._timeout_s
+        """Longest time to charge, and to begin with a quiet line [s]."""
+        return _CHARGE_S + 1.0
 
     @property
     def prepare_s(self) -> float:
-        """Longest time of an exchange [s]."""
-        return self._timeout_s
+        """Time from zero to the largest intensity, as published [s]."""
+        return _FROM_ZERO_S
 
     @property
     def trigger_s(self) -> float:
         """Time that the frame of a trigger takes on the line [s]."""
-        return _FRAME_NS / 1e9
+        return wire_s(_FRAME_LENGTH)
+
+    @property
+    def guard_pid(self) -> int | None:
+        """Process of the guard, None if there is none."""
+        return self._line.guard_pid
 
     def quantized(self, intensity: Shares) -> Shares:
         """Return the largest whole percents that are not above ``intensity`` (share)."""
-        return quantized_down(intensity, 100)
+        return quantized_down(intensity, _STEPS)
 
     def open(self) -> None:
-        """Connect, take remote control, intensity zero."""
+        """Start a guard, take remote control, intensity zero, disarmed; or hold nothing."""
+        self._line.open()
         try:
-            self._line = serial.Serial(
-                self._port,
-                BAUD,
-                timeout=self._timeout_s,
-                write_timeout=self._timeout_s,
-                exclusive=True,
-            )
-            self._line.reset_input_buffer()
-            self._owed = 0
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise DeviceError(f'expected a serial port, got {self._port}: {error}') from error
-        status = self._ask(ENABLE)
-        if not status & REMOTE:
-            raise DeviceError(f'expected remote control, got status {status:#04x}')
-        self._ask(DISARM)
-        self._set_percent(0)
+            self._begin()
+            version = self._line.exchange(rapid2.VERSION, rapid2.UNTIL_ZERO)
+            self._parameters_length = _length_of_parameters(version.answer if version else b'')
+            self._set_percent(0)
+            if self._parameters_length is not None:
+                self._read_back(0, self._parameters_length)
+        except BaseException:
+            self._line.close()
+            raise
 
     def arm(self) -> DeviceStatus:
-        """Charge, at intensity zero; refused while the device reports an error or no coil."""
-        self._silenced.clear()
-        self._set_percent(0)
-        status = self._ask(ARM)
-        if status & (ERROR | REPLACE_COIL) or not status & COIL_PRESENT or not status & ARMED:
-            self.silence()
-            raise DeviceError(f'expected an armed device with a coil, got status {status:#04x}')
-        return _as_status(status)
+        """Charge, at intensity zero; return when the instrument says armed and ready."""
+        self._begin()
+        self._refuse_what_is_wrong(self._set_percent(0), armed=False)
+        self._ask(rapid2.ARM)
+        end = self._clock() + round(_CHARGE_S * _SECOND)
+        while True:
+            status = self._ask(rapid2.ENABLE)
+            self._refuse_what_is_wrong(status, armed=False)
+            if status & rapid2.READY:
+                self._armed = True
+                return self._status_of(status)
+            if self._clock() > end:
+                self.silence()
+                raise DeviceError(
+                    f'expected a device that is ready within {_CHARGE_S:g} s, '
+                    f'got status {status:#04x}'
+                )
 
-    def rest(self) -> None:
-        """Set intensity zero."""
-        if not self._silenced.is_set():
-            self._set_percent(0)
+    def prepare(self, intensity: float, spare_s: float = math.inf) -> DeviceStatus | None:
+        """Set the intensity of the next pulse, again also if it is the same; read it back.
 
-    def silence(self) -> None:
-        """Set intensity zero, then disarm; written at once, no answer is waited for."""
-        self._silenced.set()
-        self._percent = -1
-        line = self._line
-        if line is None:
-            return
-        try:
-            line.write(framed(power(0.0)) + framed(DISARM))
-            with self._count:
-                self._owed += 2 * _STATUS_BYTES
-        except (serial.SerialException, OSError) as error:
-            raise DeviceError(f'expected a device to disarm, got {error}') from error
-
-    def close(self) -> None:
-        """Disarm, give back remote control, let go of the port."""
-        line = self._line
-        if line is None:
-            return
-        try:
-            self.silence()
-            line.write(framed(DISABLE))
-            line.flush()
-        except (serial.SerialException, OSError) as error:
-            raise DeviceError(f'expected a device to close, got {error}') from error
-        finally:
-            self._line = None
-            line.close()
-
-    def keep_alive(self) -> DeviceStatus:
-        """Ask anything: every exchange is a sign of life."""
-        status = _as_status(self._ask(ENABLE))
-        reply = self._exchanged(TEMPERATURE)
-        try:
-            return status._replace(temperature=int(reply[2:5]) / 10)
-        except ValueError as error:
-            raise DeviceError(f'expected a temperature, got {reply!r}') from error
-
-    def beat(self) -> None:
-        """Nobody is told."""
-
-    def prepare(self, intensity: float, spare_s: float = math.inf) -> None:
-        """Set the intensity of the next pulse, so that only the trigger is left to send."""
-        del spare_s
-        if not self._silenced.is_set():
-            self._set_percent(round(100 * self.quantized(intensity)))
+        At 9600 baud setting takes 8 ms, reading back 25 to 28 ms more: that is left out where it
+        does not fit into ``spare_s``, as it is every 2 s where the temperature comes first.
+        """
+        if self._is_silenced:
+            return None
+        end = self._clock() + round(min(spare_s, _FOREVER_S) * _SECOND)
+        percent = round(_STEPS * self.quantized(intensity))
+        status = self._set_percent(percent)
+        if self._temperature_is_due and self._fits(rapid2.TEMPERATURE_LENGTH, end):
+            self._read_temperature()
+        if self._parameters_length is not None and self._fits(self._parameters_length, end):
+            status = self._read_back(percent, self._parameters_length)
+        self._refuse_what_is_wrong(status, self._armed)
+        return self._status_of(status)
 
     def fire(
         self, intensity: float, width_s: float, latest_ns: int | None = None
     ) -> Delivery | None:
         """Trigger; the device has one width."""
         del intensity, width_s
-        if latest_ns is not None and self._clock() > latest_ns:
-            raise TooLate(f'expected a trigger until {latest_ns} ns, got one at {self._clock()}')
-        if self._silenced.is_set():
+        prepared = self._set
+        if self._is_silenced:
             return None
-        # the device fires when it has the whole frame
-        onset_ns = self._clock() + _FRAME_NS
-        percent = self._percent
-        status = self._ask(FIRE)
-        if not status & ARMED:
-            return None
-        if status & (ERROR | REPLACE_COIL) or not status & COIL_PRESENT or not status & READY:
-            raise DeviceError(f'expected a ready device with a coil, got status {status:#04x}')
-        unverified = frozenset(('delivery', 'intensity'))
-        return Delivery(onset_ns, percent / 100, unverified)
+        if prepared is None or not self._armed:
+            raise DeviceError('expected an armed device with an intensity, got none')
+        reply = self._line.exchange(rapid2.TRIGGER, rapid2.STATUS_LENGTH, latest_ns)
+        if reply is None:
+            raise TooLate('expected a trigger to be written in time, got it too late')
+        status = self._checked(rapid2.TRIGGER, reply.answer, rapid2.STATUS_LENGTH).status
+        self._refuse_what_is_wrong(status, armed=True)
+        if not status & rapid2.READY:
+            raise DeviceError(f'expected a ready device, got status {status:#04x}')
+        percent, read_back = prepared
+        onset_ns = reply.written_ns + round(self.trigger_s * _SECOND)
+        unverified = _NEVER_VERIFIED if read_back else _NEVER_VERIFIED | {'intensity'}
+        return Delivery(onset_ns, percent / _STEPS, unverified)
 
-    def _set_percent(self, percent: int) -> None:
-        if percent != self._percent:
-            self._ask(b'@%03d' % percent)
-            self._percent = percent
+    def keep_alive(self) -> DeviceStatus:
+        """Ask for the status, and every 2 s for the temperature.
 
-    def _ask(self, body: bytes) -> int:
-        """Send a command; return the status byte of its answer."""
-        return self._exchanged(body)[1]
-
-    def _read_owed(self, line: serial.Serial) -> None:
-        """Read the answers to disarmings, which nobody has waited for."""
-        with self._count:
-            owed, self._owed = self._owed, 0
-        if owed:
-            line.read(owed)
-
-    def _exchanged(self, body: bytes) -> bytes:
-        letter = body[:1]
-        length = _TEMPERATURE_BYTES if body == TEMPERATURE else _STATUS_BYTES
-        line = self._line
-        if line is None:
-            raise DeviceError('expected an open serial line, got a closed one')
+        After a silence this begins anew on the line, and makes sure that the device is disarmed.
+        """
+        before = self._silenced
         try:
-            with self._exchange:
-                self._read_owed(line)
-                line.write(framed(body))
-                reply: bytes = line.read(length)
-        except (serial.SerialException, OSError) as error:
-            raise DeviceError(f'expected an answer from {self._port}, got {error}') from error
-        if len(reply) != length or reply[:1] != letter or framed(reply[:-1]) != reply:
+            if self._is_silenced:
+                self._begin()
+            status = self._ask(rapid2.ENABLE)
+            if self._temperature_is_due:
+                self._read_temperature()
+        except DeviceError:
+            # silenced meanwhile, by another thread: nothing is wrong with the device
+            if self._silenced != before:
+                return DeviceStatus()
+            raise
+        self._refuse_what_is_wrong(status, self._armed)
+        return self._status_of(status)
+
+    def beat(self) -> None:
+        """Tell the guard that the driver is alive; raise if the guard is not, or has disarmed."""
+        if not self._is_silenced:
+            self._line.beat()
+
+    def rest(self) -> None:
+        """Set intensity zero."""
+        if not self._is_silenced:
+            self._set_percent(0)
+
+    def silence(self) -> None:
+        """Set intensity zero, then disarm; written at once, no answer is waited for."""
+        self._silenced = next(self._silences)
+        if not self._line.silence():
+            raise DeviceError('expected a line that takes a silence, got one that does not')
+
+    def close(self) -> None:
+        """Disarm, give back remote control, let go of the port."""
+        self._silenced = next(self._silences)
+        self._armed, self._set = False, None
+        self._line.close()
+
+    # ---- the line
+
+    @property
+    def _is_silenced(self) -> bool:
+        return self._silenced != self._answered_silences
+
+    def _begin(self) -> None:
+        """Begin anew on a quiet line: remote control, disarmed."""
+        self._armed, self._set = False, None
+        silenced = self._silenced
+        self._line.listen()
+        self._ask(rapid2.ENABLE)
+        # the second answer has the status after the first command
+        self._ask(rapid2.DISARM)
+        status = self._ask(rapid2.DISARM)
+        if status & (rapid2.ARMED | rapid2.READY):
+            raise DeviceError(f'expected a device that disarms, got status {status:#04x}')
+        # one that came meanwhile still counts
+        self._answered_silences = silenced
+
+    def _set_percent(self, percent: int) -> int:
+        """Set an intensity; return the status."""
+        self._set = None
+        status = self._ask(rapid2.power(percent))
+        self._set = percent, False
+        return status
+
+    def _read_back(self, percent: int, length: int) -> int:
+        """Make sure that an intensity is set; return the status."""
+        self._set = None
+        answer = self._checked_exchange(rapid2.PARAMETERS, length)
+        found = _checked_number(rapid2.set_percent, answer.data)
+        if found != percent:
+            self.silence()
+            raise DeviceError(f'expected intensity {percent} % in the device, got {found} %')
+        self._set = percent, True
+        return answer.status
+
+    def _fits(self, answer_length: int, end_ns: int) -> bool:
+        """Whether an exchange is over before a moment [ns]."""
+        needed_s = wire_s(_FRAME_LENGTH + answer_length) + _TURNAROUND_S
+        return self._clock() + needed_s * _SECOND <= end_ns
+
+    @property
+    def _temperature_is_due(self) -> bool:
+        last = self._temperature_ns
+        return last is None or self._clock() - last >= _TEMPERATURE_INTERVAL_NS
+
+    def _read_temperature(self) -> None:
+        answer = self._checked_exchange(rapid2.TEMPERATURE, rapid2.TEMPERATURE_LENGTH)
+        self._temperature = _checked_number(rapid2.celsius, answer.data)
+        self._temperature_ns = self._clock()
+
+    def _ask(self, command: bytes) -> int:
+        """Send a command; return the status in its answer."""
+        return self._checked_exchange(command, rapid2.STATUS_LENGTH).status
+
+    def _checked_exchange(self, command: bytes, length: int) -> rapid2.Answer:
+        reply = self._line.exchange(command, length)
+        return self._checked(command, b'' if reply is None else reply.answer, length)
+
+    def _checked(self, command: bytes, answer: bytes, length: int) -> rapid2.Answer:
+        try:
+            return rapid2.parsed(command, answer, length)
+        except ValueError as error:
+            raise DeviceError(str(error)) from error
+
+    def _refuse_what_is_wrong(self, status: int, armed: bool) -> None:
+        wrong = []
+        if not status & rapid2.COIL_PRESENT:
+            wrong.append('no coil')
+        if status & rapid2.REPLACE_COIL:
+            wrong.append('a coil to be replaced')
+        if status & rapid2.ERROR:
+            wrong.append('an error')
+        if armed and not status & (rapid2.ARMED | rapid2.READY):
+            wrong.append('a device that has disarmed by itself')
+        if wrong:
+            self.silence()
             raise DeviceError(
-                f'expected {length} bytes that begin with {letter!r} and a check byte that fits '
-                f'from {self._port}, got {reply!r}'
+                f'expected a device in order with a coil, got {", ".join(wrong)}: '
+                f'status {status:#04x}'
             )
-        return reply
+
+    def _status_of(self, status: int) -> DeviceStatus:
+        percent, read_back = self._set or (0, False)
+        return DeviceStatus(
+            armed=bool(status & (rapid2.ARMED | rapid2.READY)),
+            ready=bool(status & rapid2.READY),
+            coil_present=bool(status & rapid2.COIL_PRESENT),
+            replace_coil=bool(status & rapid2.REPLACE_COIL),
+            error=bool(status & rapid2.ERROR),
+            intensity=percent / _STEPS if read_back else None,
+            temperature=self._temperature,
+        )
 
 
-def _as_status(status: int) -> DeviceStatus:
-    """Return what a status byte says."""
-    return DeviceStatus(
-        armed=bool(status & ARMED),
-        ready=bool(status & READY),
-        coil_present=bool(status & COIL_PRESENT),
-        replace_coil=bool(status & REPLACE_COIL),
-        error=bool(status & ERROR),
-    )
+def _length_of_parameters(answer: bytes) -> int | None:
+    """Return how long the answer with the intensity is; None if the device has no version."""
+    try:
+        return rapid2.parameters_length(rapid2.version_of(answer))
+    except ValueError as error:
+        if b'?' in answer[:2] or b'S' in answer[:2]:
+            return None
+        raise DeviceError(str(error)) from error
+
+
+def _checked_number(read: Callable[[bytes], float], data: bytes) -> float:
+    try:
+        return read(data)
+    except ValueError as error:
+        raise DeviceError(str(error)) from error

@@ -1,0 +1,4 @@
+"""The process beside the driver that holds the serial port of a stimulator and disarms it.
+
+Standard library only: it is started without `site`, so that nothing of an environment runs in it.
+"""

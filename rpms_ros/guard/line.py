@@ -1,0 +1,111 @@
+"""The serial line as the guard sees it: what was asked, and what came of it."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rpms_ros.guard import rapid2
+
+
+class LineError(Exception):
+    """The line is gone, or does not take what is written."""
+
+
+@dataclass
+class Exchange:
+    """A command that was written, and as much of its answer as came.
+
+    Attributes
+    ----------
+    command : bytes
+        Without its check byte.
+    length : int
+        Of the answer.
+    sequence : int or None
+        Of the driver's request; None for one of the guard itself.
+    written_ns : int
+        When the command was written [ns].
+    answer : bytes
+        What came so far.
+    """
+
+    command: bytes
+    length: int
+    sequence: int | None
+    written_ns: int
+    answer: bytes = b''
+
+    @property
+    def complete(self) -> bool:
+        """Whether the answer is whole."""
+        return rapid2.complete(self.answer, self.length)
+
+
+class Line:
+    """One exchange at a time over an open serial port that does not block.
+
+    Parameters
+    ----------
+    descriptor : int
+        Of the port.
+    clock : callable
+        Monotonic time [ns].
+    """
+
+    def __init__(self, descriptor: int, clock: Callable[[], int] = time.monotonic_ns) -> None:
+        self.descriptor = descriptor
+        self.outstanding: Exchange | None = None
+        self.written_ns = clock()
+        self._clock = clock
+
+    def ask(self, command: bytes, length: int, sequence: int | None = None) -> None:
+        """Write a command; `heard` collects its answer."""
+        self.write(rapid2.framed(command))
+        self.outstanding = Exchange(command, length, sequence, self.written_ns)
+
+    def write(self, raw: bytes) -> None:
+        """Write everything at once.
+
+        Raises
+        ------
+        LineError
+            If the port does not take it: it is gone, or what was written before never left.
+        """
+        try:
+            taken = os.write(self.descriptor, raw)
+        except OSError as error:
+            raise LineError(f'expected a line to write to, got {error}') from error
+        self.written_ns = self._clock()
+        if taken != len(raw):
+            raise LineError(f'expected a line that takes {len(raw)} bytes, got {taken}')
+
+    def read(self) -> bytes:
+        """Return what has come.
+
+        Raises
+        ------
+        LineError
+            If the port is gone.
+        """
+        try:
+            raw = os.read(self.descriptor, 4096)
+        except BlockingIOError:
+            return b''
+        except OSError as error:
+            raise LineError(f'expected a line to read from, got {error}') from error
+        if not raw:
+            raise LineError('expected a line to read from, got its end')
+        return raw
+
+    def heard(self) -> tuple[Exchange | None, bytes]:
+        """Return the exchange that is complete now, if one is, and what nobody has asked for."""
+        raw, asked = self.read(), self.outstanding
+        if asked is None:
+            return None, raw
+        for position in range(len(raw)):
+            asked.answer += raw[position : position + 1]
+            if asked.complete:
+                self.outstanding = None
+                return asked, raw[position + 1 :]
+        return None, b''

@@ -1,0 +1,354 @@
+"""The guard: relays commands while the driver lives, and disarms when it does not."""
+
+import os
+import select
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rpms_ros.guard import packets
+from rpms_ros.guard import rapid2
+from rpms_ros.guard.line import Exchange
+from rpms_ros.guard.line import Line
+from rpms_ros.guard.line import LineError
+from rpms_ros.guard.packets import Packet
+
+_SECOND = 1_000_000_000
+# A driver asks one thing at a time; one more may wait while the guard asks something itself.
+_WAITING = 2
+# Every frame is a sign of life to an instrument that does not obey: after these its own watchdog
+# has to have its turn, which it only has on a line that is quiet.
+_DISARM_ATTEMPTS = 5
+_DISARM_INTERVAL_NS = 100_000_000
+# The end of noise on a line of 9600 baud: about 30 bytes without one.
+_QUIET_NS = 30_000_000
+_LONGEST_NOISE_NS = 500_000_000
+
+
+@dataclass(frozen=True)
+class GuardLimits:
+    """What the guard holds the driver to.
+
+    Attributes
+    ----------
+    maximum_percent : int
+        No trigger above this intensity [percent].
+    beat_limit_s : float
+        Longest silence of the driver [s].
+    answer_limit_s : float
+        Longest wait for an answer of the instrument [s].
+    keep_alive_s : float
+        The instrument hears something at least so often while the driver lives [s].
+    """
+
+    maximum_percent: int = 100
+    beat_limit_s: float = 0.25
+    answer_limit_s: float = 0.2
+    keep_alive_s: float = 0.4
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.maximum_percent <= 100:
+            raise ValueError(
+                f'expected a maximum intensity in 0..100 percent, got {self.maximum_percent}'
+            )
+        for name in ('beat_limit_s', 'answer_limit_s', 'keep_alive_s'):
+            if not 0.01 <= (value := getattr(self, name)) <= 60.0:
+                raise ValueError(f'expected {name} in [0.01, 60] s, got {value}')
+
+
+class Guard:
+    """Serves one driver over one line until the driver leaves or something is wrong.
+
+    Parameters
+    ----------
+    line : int
+        Descriptor of the serial port, not blocking.
+    driver : int
+        Descriptor of the driver's socket, not blocking, that keeps the boundaries of packets.
+    limits : GuardLimits
+        What the driver is held to.
+    wakeup : int
+        Descriptor that becomes readable when this process is asked to end.
+    clock : callable
+        Monotonic time [ns].
+    """
+
+    def __init__(
+        self,
+        line: int,
+        driver: int,
+        limits: GuardLimits,
+        wakeup: int,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.line = Line(line, clock)
+        self.limits = limits
+        self.ended = ''
+        self._driver = driver
+        self._wakeup = wakeup
+        self._clock = clock
+        # nothing is relayed before the driver says that it listens
+        self._live = False
+        self._beat_ns = clock()
+        self._percent: int | None = None
+        self._listening: Packet | None = None
+        self._noise_ns = self._quiet_ns = 0
+        self._waiting: deque[Packet] = deque()
+        self._attempts = 0
+        self._attempt_ns = 0
+        self._heard = b''
+
+    def run(self) -> str:
+        """Serve until the end; return why it ended, with the instrument disarmed."""
+        poll = select.poll()
+        poll.register(self.line.descriptor, select.POLLIN)
+        poll.register(self._driver, select.POLLIN)
+        poll.register(self._wakeup, select.POLLIN)
+        try:
+            while not self.ended or self._attempts:
+                ready = {descriptor for descriptor, _ in poll.poll(self._pause_ms())}
+                self._step(ready)
+                if self.ended and self._driver in ready:
+                    poll.unregister(self._driver)
+                if self._wakeup in ready:
+                    poll.unregister(self._wakeup)
+            self.line.write(rapid2.framed(rapid2.RELEASE))
+        except LineError as error:
+            self._tell(packets.DISARMED, str(error).encode())
+            return str(error)
+        except BaseException:
+            # a mistake in here must not leave it armed
+            os.write(self.line.descriptor, rapid2.SILENCE)
+            raise
+        return self.ended
+
+    def silence(self, reason: str, told: bool = True) -> None:
+        """Set intensity zero and disarm, refuse everything until the driver listens anew."""
+        was_live, self._live, self._percent = self._live, False, None
+        asked, self.line.outstanding = self.line.outstanding, None
+        refused = [] if asked is None or asked.sequence is None else [asked.sequence]
+        refused += [packet.sequence for packet in self._waiting]
+        self._waiting.clear()
+        if self._listening is not None:
+            refused.append(self._listening.sequence)
+            self._listening = None
+        self._heard = b''
+        self._attempts = _DISARM_ATTEMPTS
+        self._disarm()
+        for sequence in refused:
+            self._tell(packets.REFUSED, reason.encode(), sequence)
+        if told and was_live:
+            self._tell(packets.DISARMED, reason.encode())
+
+    def _step(self, ready: set[int]) -> None:
+        if self._wakeup in ready:
+            self._end('the guard was told to end')
+        # everything that the driver has sent: a silence counts before what was sent earlier
+        if self._driver in ready and not self.ended:
+            self._obey(self._received())
+        if self.line.descriptor in ready:
+            self._listen()
+        self._look_at_the_time()
+
+    def _end(self, reason: str) -> None:
+        if not self.ended:
+            self.ended = reason
+            self.silence(reason)
+
+    # ---- the driver
+
+    def _received(self) -> list[Packet]:
+        """Return what the driver has sent; its end is the end of the guard."""
+        received: list[Packet] = []
+        while len(received) < 100:
+            try:
+                raw = os.read(self._driver, packets.MAXIMUM_PACKET + 1)
+            except BlockingIOError:
+                return received
+            except OSError as error:
+                self._end(f'the driver is gone: {error}')
+                return []
+            if not raw:
+                self._end('the driver is gone')
+                return []
+            try:
+                received.append(packets.unpacked(raw, packets.FROM_DRIVER))
+            except ValueError as error:
+                self._end(str(error))
+                return []
+        return received
+
+    def _obey(self, received: list[Packet]) -> None:
+        if received:
+            self._beat_ns = self._clock()
+        kinds = [packet.kind for packet in received]
+        if packets.LEAVE in kinds:
+            self._end('the driver has left')
+            return
+        if packets.SILENCE in kinds:
+            last = len(kinds) - kinds[::-1].index(packets.SILENCE)
+            reason = 'the driver has silenced the device'
+            for packet in received[:last]:
+                if packet.kind in (packets.EXCHANGE, packets.LISTEN):
+                    self._tell(packets.REFUSED, reason.encode(), packet.sequence)
+            self.silence(reason, told=False)
+            received = received[last:]
+        for packet in received:
+            if self.ended:
+                return
+            if packet.kind == packets.BEAT:
+                self._tell(packets.PONG, b'', packet.sequence)
+            elif packet.kind == packets.LISTEN:
+                self._begin_to_listen(packet)
+            else:
+                self._take(packet)
+
+    def _take(self, packet: Packet) -> None:
+        """Relay an exchange at once, or when the line is free."""
+        if not self._live:
+            reason = b'expected a driver that listens to an armed line, got a silenced one'
+            self._tell(packets.REFUSED, reason, packet.sequence)
+        elif self.line.outstanding is None:
+            self._relay(packet)
+        elif len(self._waiting) < _WAITING:
+            self._waiting.append(packet)
+        else:
+            self._end('expected one exchange at a time, got more')
+
+    def _relay(self, packet: Packet) -> None:
+        command = rapid2.command_of(packet.payload[1:])
+        length = packet.payload[0] if packet.payload else 0
+        if command is None or length > rapid2.LONGEST_ANSWER:
+            self._end(f'expected a known command, got {packet.payload!r}')
+            return
+        percent = rapid2.percent_of(command)
+        if percent is not None:
+            # known again when the instrument has answered
+            self._percent = None
+        bound = self.limits.maximum_percent
+        if percent is not None and percent > bound:
+            self.silence(f'expected at most {bound} percent, got {percent}')
+            self._tell(packets.REFUSED, b'above the maximum intensity', packet.sequence)
+            return
+        if command == rapid2.TRIGGER and self._percent is None:
+            self.silence('expected an intensity before a trigger, got none')
+            self._tell(packets.REFUSED, b'a trigger without an intensity', packet.sequence)
+            return
+        # the last moment before it is written
+        if self._clock() > packet.time_ns:
+            self._tell(packets.LATE, b'', packet.sequence)
+            return
+        self.line.ask(command, length, packet.sequence)
+
+    def _tell(self, kind: bytes, payload: bytes, sequence: int = 0, time_ns: int = 0) -> None:
+        try:
+            os.write(self._driver, packets.packed(Packet(kind, sequence, time_ns, payload)))
+        except OSError:
+            # gone, or it does not read: its silence or its end shows soon
+            return
+
+    # ---- the line
+
+    def _begin_to_listen(self, packet: Packet) -> None:
+        self._listening = packet
+        self._attempts = 0
+        self._live = False
+        self.line.outstanding = None
+        self._noise_ns = self._quiet_ns = self._clock()
+
+    def _listen(self) -> None:
+        """Take what the instrument says."""
+        if self._live:
+            answered, rest = self.line.heard()
+            if answered is not None:
+                self._answered(answered)
+            if rest and self._live:
+                self.silence(f'expected a quiet line, got {rest!r} that nobody has asked for')
+            if self._live and self.line.outstanding is None and self._waiting:
+                self._relay(self._waiting.popleft())
+            return
+        self._heard = (self._heard + self.line.read())[-64:]
+        self._quiet_ns = self._clock()
+        if self._attempts and self._disarmed():
+            self._attempts = 0
+
+    def _answered(self, exchange: Exchange) -> None:
+        if exchange.sequence is not None:
+            percent = rapid2.percent_of(exchange.command)
+            if percent is not None and _obeyed(exchange):
+                self._percent = percent
+            self._tell(packets.ANSWER, exchange.answer, exchange.sequence, exchange.written_ns)
+            return
+        try:
+            status = rapid2.parsed(exchange.command, exchange.answer, exchange.length).status
+            if status & rapid2.ERROR:
+                raise ValueError(f'expected an instrument without error, got {status:#04x}')
+        except ValueError as error:
+            self.silence(str(error))
+
+    def _disarm(self) -> None:
+        self._attempts -= 1
+        self._attempt_ns = self._clock()
+        # the second disarming is answered with the status after the first one
+        self.line.write(rapid2.SILENCE + rapid2.framed(rapid2.DISARM))
+
+    def _disarmed(self) -> bool:
+        """Whether the instrument has said that it is disarmed."""
+        at = self._heard.find(b'E')
+        while at >= 0:
+            answer = self._heard[at : at + rapid2.STATUS_LENGTH]
+            if len(answer) == rapid2.STATUS_LENGTH and rapid2.framed(answer[:-1]) == answer:
+                status = answer[1]
+                if status & rapid2.REMOTE and not status & (rapid2.ARMED | rapid2.READY):
+                    return True
+            at = self._heard.find(b'E', at + 1)
+        return False
+
+    # ---- the time
+
+    def _look_at_the_time(self) -> None:
+        now = self._clock()
+        if self._attempts and now - self._attempt_ns > _DISARM_INTERVAL_NS:
+            self._disarm()
+        if self._listening is not None:
+            self._look_at_noise(now)
+        if not self._live:
+            return
+        asked = self.line.outstanding
+        if now - self._beat_ns > self.limits.beat_limit_s * _SECOND:
+            limit = self.limits.beat_limit_s
+            self.silence(f'expected a sign of life of the driver within {limit:g} s, got none')
+        elif asked is not None:
+            if now - asked.written_ns > self.limits.answer_limit_s * _SECOND:
+                limit = self.limits.answer_limit_s
+                self.silence(f'expected an answer of the instrument within {limit:g} s, got none')
+        elif now - self.line.written_ns > self.limits.keep_alive_s * _SECOND:
+            self.line.ask(rapid2.ENABLE, rapid2.STATUS_LENGTH)
+
+    def _look_at_noise(self, now: int) -> None:
+        packet = self._listening
+        if packet is None:
+            return
+        if now - self._quiet_ns >= _QUIET_NS:
+            self._listening, self._live = None, True
+            self._tell(packets.LISTEN, b'', packet.sequence)
+        elif now - self._noise_ns > _LONGEST_NOISE_NS:
+            self.silence(f'expected a quiet line, got {self._heard!r} all the time')
+
+    def _pause_ms(self) -> float:
+        """Return how long there is nothing to do but to listen [ms]."""
+        if self._listening is not None:
+            return 5.0
+        if self._attempts:
+            return 20.0
+        return 20.0 if self._live else 100.0
+
+
+def _obeyed(exchange: Exchange) -> bool:
+    """Whether the answer is neither a refusal nor nonsense."""
+    try:
+        rapid2.parsed(exchange.command, exchange.answer, exchange.length)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,51 @@
+"""A driver without a controller: opens a port, arms, fires until something is wrong.
+
+    python test/guarded_train.py PORT RATE_HZ BEAT_LIMIT_S
+
+It prints the process of its guard when it has fired for the first time, then what was wrong.
+"""
+
+import sys
+import time
+
+from rpms_ros.stimulation.devices import DeviceError
+from rpms_ros.stimulation.devices.interface import TooLate
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
+
+SECOND = 1_000_000_000
+INTENSITY = 0.4
+
+
+def train(port, rate_hz, beat_limit_s, say):
+    """Fire until the device says that something is wrong."""
+    device = SerialDevice(port, beat_limit_s=beat_limit_s)
+    try:
+        device.open()
+        device.arm()
+        period = round(SECOND / rate_hz)
+        due = time.monotonic_ns() + period
+        told = False
+        while True:
+            device.prepare(INTENSITY, (due - time.monotonic_ns()) / SECOND - device.trigger_s)
+            while (left := due - time.monotonic_ns()) > 0:
+                device.beat()
+                time.sleep(min(0.01, left / SECOND))
+            try:
+                device.fire(INTENSITY, 100e-6, due + period // 2)
+            except TooLate:
+                due = time.monotonic_ns()
+            if not told:
+                say(f'guard {device.guard_pid}')
+                told = True
+            due += period
+    except DeviceError as error:
+        device.silence()
+        say(f'fault {time.monotonic_ns()} {error}')
+    finally:
+        device.close()
+
+
+if __name__ == '__main__':
+    train(
+        sys.argv[1], float(sys.argv[2]), float(sys.argv[3]), lambda text: print(text, flush=True)
+    )

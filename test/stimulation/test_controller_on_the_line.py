@@ -1,0 +1,52 @@
+"""The whole driver apart from ROS: controller, threads, serial device, guard, instrument."""
+
+from rpms_ros.stimulation import constant
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.safety_monitor import EXECUTOR
+from rpms_ros.stimulation.settings import DriverSettings
+from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.threads import PulseThread
+from rpms_ros.stimulation.threads import SupervisorThread
+
+
+def test_whole_driver_on_the_line(instrument, wait_for):
+    fake = instrument(watchdog_s=20.0)
+    controller = StimulationController(
+        SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0),
+        load_device_specification('rapid2-240v'),
+        # a machine under load may hold up a thread or two
+        DriverSettings(heartbeat_timeout_s=0.0, lateness_limit_s=0.1, response_limit_s=1.0),
+    )
+    fired = []
+    threads = [PulseThread(controller, fired.append), SupervisorThread(controller)]
+    controller.configure()
+    controller.supervise()
+    for thread in threads:
+        thread.start()
+
+    def alive():
+        controller.seen(EXECUTOR)
+        return True
+
+    alive()
+    controller.arm()
+    run = controller.start(constant(0.4, 0.5, 20.0))
+    wait_for(lambda: alive() and bool(run.ended))
+    assert run.ended == 'completed'
+    assert fake.fired() == [40] * 10
+    assert {pulse.delivery.intensity for pulse in fired} == {0.4}
+    assert {pulse.delivery.unverified for pulse in fired} == {frozenset({'delivery'})}
+    controller.start(constant(0.4, 5.0, 20.0))
+    wait_for(lambda: alive() and len(fake.triggers) > 12)
+    controller.stop('test', 'a test')
+    wait_for(lambda: not fake.armed)
+    assert fake.percent == 0
+    stopped = len(fake.triggers)
+    for thread in threads:
+        thread.close()
+    controller.cleanup()
+    assert not fake.remote
+    assert len(fake.triggers) == stopped
+    assert controller.state is State.UNCONFIGURED

@@ -1,0 +1,405 @@
+"""The guard: what it relays, what it refuses, and real processes that die, hang or are stopped."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import rpms_ros.guard
+from rpms_ros.guard import packets
+from rpms_ros.guard import rapid2
+from rpms_ros.guard.packets import Packet
+from rpms_ros.guard.port import open_port
+
+TRAIN = Path(__file__).parents[1] / 'guarded_train.py'
+RATE_HZ = 20.0
+ARMED = [b'Q@', b'@040', b'EB', b'EH']
+
+
+class Driver:
+    """The driver's end of a guard that runs as a process; it beats only when it is told to."""
+
+    def __init__(self, port, *options):
+        self.line = open_port(port)
+        self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.socket.settimeout(10.0)
+        descriptors = self.line, theirs.fileno()
+        with theirs:
+            self.guard = subprocess.Popen(
+                [
+                    *[sys.executable, '-I', '-S', str(Path(rpms_ros.guard.__file__).parent)],
+                    f'--line-descriptor={descriptors[0]}',
+                    f'--driver-descriptor={descriptors[1]}',
+                    *options,
+                ],
+                pass_fds=descriptors,
+                stderr=subprocess.PIPE,
+            )
+        assert self.received().kind == packets.HELLO
+
+    def send(self, kind, sequence=0, time_ns=packets.FOREVER_NS, payload=b''):
+        self.socket.send(packets.packed(Packet(kind, sequence, time_ns, payload)))
+
+    def received(self):
+        return packets.unpacked(self.socket.recv(1000), packets.FROM_GUARD)
+
+    def listen(self):
+        self.send(packets.LISTEN, 7)
+        assert self.received() == Packet(packets.LISTEN, 7)
+        return self
+
+    def exchange(self, command, length=3, sequence=1, time_ns=packets.FOREVER_NS):
+        frame = rapid2.framed(command)
+        self.send(packets.EXCHANGE, sequence, time_ns, bytes([length]) + frame)
+        return self.received()
+
+    def armed(self):
+        self.listen()
+        for command in (b'Q@', b'@040', b'EB'):
+            assert self.exchange(command).kind == packets.ANSWER
+        return self
+
+    def ended(self):
+        self.guard.wait(10)
+        return self.guard.stderr.read().decode()
+
+    def close(self):
+        self.socket.close()
+        self.ended()
+        self.guard.stderr.close()
+        os.close(self.line)
+
+
+@pytest.fixture
+def fake(instrument):
+    # charged at once; its watchdog does not come before the guard
+    return instrument(watchdog_s=20.0, charge_s=0.0)
+
+
+@pytest.fixture
+def driver(fake):
+    driving = Driver(fake.port, '--beat-limit=20', '--answer-limit=5', '--keep-alive=20')
+    yield driving
+    driving.close()
+
+
+def test_exchange_is_relayed_with_the_moment_of_its_writing(driver):
+    before = time.monotonic_ns()
+    answer = driver.listen().exchange(b'Q@', sequence=9)
+    assert (answer.kind, answer.sequence) == (packets.ANSWER, 9)
+    assert before < answer.time_ns < time.monotonic_ns()
+    assert rapid2.parsed(b'Q@', answer.payload, 3).status & rapid2.COIL_PRESENT
+    driver.send(packets.BEAT, 11)
+    assert driver.received() == Packet(packets.PONG, 11)
+
+
+def test_nothing_is_relayed_before_the_driver_listens(fake, driver):
+    assert driver.exchange(b'Q@').kind == packets.REFUSED
+    assert fake.frames == []
+
+
+@pytest.mark.parametrize(
+    'payload',
+    [
+        b'',
+        b'\x03',
+        b'\x03EH\x00',
+        b'\x03' + rapid2.framed(b'b@'),
+        b'\x03' + rapid2.framed(b'[010'),
+        b'\x03' + rapid2.framed(b'@101'),
+        b'\x21' + rapid2.framed(b'EH'),
+        b'\x03' + rapid2.framed(b'EH') * 2,
+    ],
+)
+def test_frame_that_is_not_known_ends_it_disarmed(fake, driver, payload):
+    driver.armed().send(packets.EXCHANGE, 1, payload=payload)
+    assert 'expected a known command' in driver.ended()
+    assert not fake.armed
+    assert fake.percent == 0
+    assert fake.fired() == []
+    assert fake.frames[-1] == b'R@'
+
+
+@pytest.mark.parametrize('raw', [b'E', b'\xff' * 13, bytes(300), b'Z' + bytes(12)])
+def test_packet_that_is_none_ends_it_disarmed(fake, driver, raw):
+    driver.armed().socket.send(raw)
+    assert 'expected a packet of' in driver.ended()
+    assert not fake.armed
+
+
+def test_more_than_one_exchange_at_a_time_ends_it_disarmed(fake, driver):
+    driver.armed()
+    fake.hang = True
+    for sequence in range(4):
+        driver.send(packets.EXCHANGE, sequence, payload=b'\x03' + rapid2.framed(b'Q@'))
+    assert 'expected one exchange at a time' in driver.ended()
+    fake.hang = False
+
+
+def test_trigger_needs_an_intensity_that_the_instrument_has_taken(fake, driver):
+    driver.armed()
+    fake.refuse = {b'@': b'S'}
+    driver.exchange(b'@040')
+    fake.refuse = {}
+    driver.send(packets.EXCHANGE, 2, payload=b'\x03' + rapid2.framed(b'EH'))
+    kinds = {driver.received().kind, driver.received().kind}
+    assert kinds == {packets.DISARMED, packets.REFUSED}
+    assert fake.fired() == []
+
+
+def test_intensity_above_the_bound(fake):
+    driver = Driver(fake.port, '--beat-limit=20', '--maximum-percent=40')
+    driver.armed()
+    assert driver.exchange(b'EH').kind == packets.ANSWER
+    driver.send(packets.EXCHANGE, 2, payload=b'\x03' + rapid2.framed(b'@041'))
+    refusal = driver.received()
+    assert refusal.payload == b'expected at most 40 percent, got 41'
+    driver.close()
+    assert fake.fired() == [40]
+    assert b'@041' not in fake.frames
+
+
+def test_trigger_that_waited_too_long_is_not_written(fake, driver):
+    late = driver.armed().exchange(b'EH', sequence=5, time_ns=time.monotonic_ns())
+    assert late == Packet(packets.LATE, 5)
+    assert fake.fired() == []
+    assert driver.exchange(b'EH').kind == packets.ANSWER
+
+
+def test_a_guard_that_was_stopped_relays_nothing_old_and_obeys_the_silence_first(fake, driver):
+    driver.armed()
+    driver.guard.send_signal(signal.SIGSTOP)
+    # without a latest time at all: the silence alone keeps it from being relayed
+    driver.send(packets.EXCHANGE, 1, payload=b'\x03' + rapid2.framed(b'EH'))
+    driver.send(packets.SILENCE)
+    driver.guard.send_signal(signal.SIGCONT)
+    assert driver.received().kind == packets.REFUSED
+    driver.listen()
+    assert not fake.armed
+    assert fake.fired() == []
+
+
+def test_keep_alives_come_only_while_the_driver_beats(fake, wait_for):
+    driver = Driver(fake.port, '--beat-limit=0.5', '--keep-alive=0.05').armed()
+    asked = fake.frames.count(b'Q@')
+
+    def kept_alive():
+        driver.send(packets.BEAT)
+        return fake.frames.count(b'Q@') > asked + 3
+
+    wait_for(kept_alive)
+    assert fake.armed
+    # now it is silent
+    wait_for(lambda: not fake.armed)
+    kept = fake.frames.count(b'Q@')
+    wait_for(lambda: fake.frames[-1] == b'EA')
+    assert fake.frames.count(b'Q@') == kept
+    driver.close()
+
+
+def test_keep_alive_that_shows_an_error_disarms(fake):
+    driver = Driver(fake.port, '--beat-limit=20', '--keep-alive=0.05').armed()
+    fake.error = True
+    packet = driver.received()
+    assert packet.kind == packets.DISARMED
+    assert b'expected an instrument without error' in packet.payload
+    driver.close()
+    assert not fake.armed
+
+
+def test_instrument_that_does_not_disarm_is_left_to_its_own_watchdog(instrument, wait_for):
+    # every frame is a sign of life to it: the guard has to fall silent
+    fake = instrument(watchdog_s=0.5, charge_s=0.0)
+    driver = Driver(fake.port, '--beat-limit=20').armed()
+    fake.obey_disarm = False
+    driver.send(packets.SILENCE)
+    wait_for(lambda: not fake.armed)
+    assert fake.disarmed[-1][1] == 'watchdog'
+    driver.close()
+
+
+def test_line_that_never_becomes_quiet(fake, driver):
+    driver.send(packets.LISTEN, 3)
+    end = time.monotonic() + 10.0
+    driver.socket.settimeout(0.005)
+    while time.monotonic() < end:
+        fake.noise(b'\x55' * 8)
+        try:
+            packet = driver.received()
+        except TimeoutError:
+            continue
+        assert packet.kind == packets.REFUSED
+        assert b'expected a quiet line, got' in packet.payload
+        break
+    else:
+        pytest.fail('still listening')
+
+
+@pytest.mark.parametrize(
+    'number', ['SIGHUP', 'SIGINT', 'SIGQUIT', 'SIGTERM', 'SIGUSR1', 'SIGALRM', 'SIGXCPU']
+)
+def test_a_signal_to_the_guard_disarms_first(fake, driver, number):
+    driver.armed().guard.send_signal(signal.Signals[number])
+    assert 'the guard was told to end' in driver.ended()
+    assert driver.guard.returncode == 0
+    assert not fake.armed
+    assert fake.frames[-1] == b'R@'
+    assert driver.received().kind == packets.DISARMED
+
+
+def test_guard_knows_neither_numpy_nor_ros_nor_an_environment(tmp_path):
+    text = (
+        'import sys; sys.path[0] = sys.argv[1]; import rpms_ros.guard.process; '
+        'names = {name.split(".")[0] for name in sys.modules}; '
+        'print(sorted(names - set(sys.stdlib_module_names)))'
+    )
+    root = str(Path(rpms_ros.guard.__file__).parents[2])
+    # what an environment could slip in
+    (tmp_path / 'socket.py').write_text('raise SystemExit(3)')
+    found = subprocess.run(
+        [sys.executable, '-I', '-S', '-c', 'import sys; sys.path.insert(0, ""); ' + text, root],
+        capture_output=True,
+        text=True,
+        env={'PYTHONPATH': str(tmp_path), 'PATH': ''},
+        check=True,
+    )
+    assert found.stdout.strip() == "['__main__', 'rpms_ros']"
+
+
+# ---- processes
+
+
+class Train:
+    """A driver as a process, firing through its guard."""
+
+    def __init__(self, port, beat_limit_s=3.0):
+        self.process = subprocess.Popen(
+            [sys.executable, str(TRAIN), port, str(RATE_HZ), str(beat_limit_s)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        said = self.process.stdout.readline()
+        assert said.startswith('guard'), self.process.stderr.read()
+        self.guard = int(said.split()[1])
+
+    def close(self):
+        for pid in (self.process.pid, self.guard):
+            try:
+                os.kill(pid, signal.SIGCONT)
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+        self.process.communicate()
+
+
+@pytest.fixture
+def train(instrument, wait_for):
+    """Start an instrument and a train on it; its own watchdog comes last."""
+    running = []
+
+    def start(watchdog_s=20.0, **options):
+        fake = instrument(watchdog_s=watchdog_s)
+        running.append(Train(fake.port, **options))
+        wait_for(lambda: len(fake.triggers) > 2)
+        return fake, running[-1]
+
+    yield start
+    for each in running:
+        each.close()
+
+
+def gone(pid):
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] == 'Z'
+    except OSError:
+        return True
+
+
+def assert_silent(fake, wait_for, why):
+    wait_for(lambda: not fake.armed)
+    assert fake.disarmed[-1][1] == why
+    fired = len(fake.triggers)
+    heard = len(fake.commands)
+    # the guard asks until the instrument has said that it is disarmed
+    wait_for(lambda: len(fake.commands) >= heard)
+    assert len(fake.triggers) == fired
+    assert fake.percent == 0 or why == 'watchdog'
+
+
+def test_driver_is_killed(train, wait_for):
+    fake, run = train()
+    run.process.kill()
+    assert_silent(fake, wait_for, 'was told to')
+    wait_for(lambda: gone(run.guard))
+    assert fake.frames[-1] == b'R@'
+
+
+def test_driver_is_stopped_and_goes_on(train, wait_for):
+    fake, run = train(beat_limit_s=0.5)
+    run.process.send_signal(signal.SIGSTOP)
+    assert_silent(fake, wait_for, 'was told to')
+    fired = len(fake.triggers)
+    run.process.send_signal(signal.SIGCONT)
+    said = run.process.stdout.readline()
+    assert 'fault' in said
+    assert 'sign of life of the driver' in said
+    assert run.process.wait(10) == 0
+    assert len(fake.triggers) == fired
+
+
+def test_guard_is_killed(train, wait_for):
+    fake, run = train()
+    os.kill(run.guard, signal.SIGKILL)
+    # past the guard
+    assert_silent(fake, wait_for, 'was told to')
+    assert 'fault' in run.process.stdout.readline()
+    assert run.process.wait(10) == 0
+
+
+def test_guard_is_stopped_and_goes_on(train, wait_for):
+    fake, run = train(beat_limit_s=0.5)
+    os.kill(run.guard, signal.SIGSTOP)
+    assert_silent(fake, wait_for, 'was told to')
+    fired = len(fake.triggers)
+    os.kill(run.guard, signal.SIGCONT)
+    assert 'fault' in run.process.stdout.readline()
+    assert run.process.wait(10) == 0
+    wait_for(lambda: gone(run.guard))
+    assert len(fake.triggers) == fired
+
+
+def test_both_are_killed(train, wait_for):
+    fake, run = train(watchdog_s=1.0)
+    os.kill(run.guard, signal.SIGSTOP)
+    run.process.kill()
+    os.kill(run.guard, signal.SIGKILL)
+    assert_silent(fake, wait_for, 'watchdog')
+
+
+def test_instrument_hangs(train, wait_for):
+    fake, run = train()
+    fake.hang = True
+    assert 'fault' in run.process.stdout.readline()
+    fired = len(fake.triggers)
+    fake.hang = False
+    assert_silent(fake, wait_for, 'was told to')
+    # what it had in its ears it may still do
+    assert len(fake.triggers) <= fired + 1
+    assert run.process.wait(10) == 0
+
+
+@pytest.mark.parametrize(
+    'number', ['SIGHUP', 'SIGQUIT', 'SIGTERM', 'SIGINT', 'SIGUSR1', 'SIGSEGV']
+)
+def test_a_signal_to_the_group_of_the_driver_leaves_the_guard(train, wait_for, number):
+    fake, run = train()
+    run.process.send_signal(signal.Signals[number])
+    assert_silent(fake, wait_for, 'was told to')
+    wait_for(lambda: gone(run.guard))
+    assert os.getsid(0) != run.guard
