@@ -62,5 +62,9 @@ setup(
             'stimulator_driver = rpms_ros.nodes.executables:stimulator_driver',
             'stimulator_guard = rpms_ros.guard.process:main',
         ],
+        'rpms_ros.devices': [
+            'serial = rpms_ros.stimulation.devices.serial_line:build',
+            'simulated = rpms_ros.stimulation.devices.simulated:build',
+        ],
     },
 )

@@ -13,7 +13,9 @@ from rpms_ros.stimulation import load_schedule
 from rpms_ros.stimulation.device_specification import DeviceSpecification
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import Device
-from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.devices import registry
+from rpms_ros.stimulation.devices.registry import DeviceOptions
+from rpms_ros.stimulation.devices.registry import require_device
 from rpms_ros.stimulation.repetitive import Constant
 from rpms_ros.stimulation.repetitive import Sinusoid
 from rpms_ros.stimulation.repetitive import Staircase
@@ -27,7 +29,7 @@ _SCHEDULES = ('constant', 'uniform_random', 'sinusoid', 'staircase')
 class DriverParameters(NodeParameters):
     """Parameters of the stimulator driver."""
 
-    device: str = parameter('simulated', 'Kind of device.', choices=('simulated', 'serial'))
+    device: str = parameter('simulated', 'Kind of device, by the name it is registered under.')
     port: str = parameter('/dev/ttyUSB0', 'Serial port of a device on one.')
     device_specification: str = parameter(
         'simulated', 'Limits of the device: a name, or a YAML file.'
@@ -90,6 +92,7 @@ class DriverParameters(NodeParameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_device(self.device)
         if not self.simulated and not self.require_heartbeat:
             raise NodeError('expected require_heartbeat with a real device, got false')
         if not self.simulated and self.autostart:
@@ -105,12 +108,9 @@ class DriverParameters(NodeParameters):
 
 def build_device(settings: DriverParameters) -> Device:
     """Return the device that the parameters name, not open yet."""
-    if settings.simulated:
-        return SimulatedDevice()
-    # not everybody who simulates has a serial port to import
-    from rpms_ros.stimulation.devices.serial_line import SerialDevice
-
-    return SerialDevice(settings.port)
+    return registry.build_device(
+        settings.device, DeviceOptions(settings.port, settings.maximum_intensity)
+    )
 
 
 def device_specification_of(settings: DriverParameters) -> DeviceSpecification:

@@ -23,6 +23,7 @@ from rpms_ros.stimulation.devices.interface import DeviceStatus
 from rpms_ros.stimulation.devices.interface import Shares
 from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.interface import quantized_down
+from rpms_ros.stimulation.devices.registry import DeviceOptions
 
 _SECOND = 1_000_000_000
 _FOREVER_S = 1e6
@@ -335,3 +336,8 @@ def _checked_number(read: Callable[[bytes], float], data: bytes) -> float:
         return read(data)
     except ValueError as error:
         raise DeviceError(str(error)) from error
+
+
+def build(options: DeviceOptions) -> SerialDevice:
+    """Return the device that a driver's options describe."""
+    return SerialDevice(options.port, options.maximum_intensity)

@@ -14,6 +14,7 @@ from rpms_ros.stimulation.devices.interface import DeviceStatus
 from rpms_ros.stimulation.devices.interface import Shares
 from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.interface import quantized_down
+from rpms_ros.stimulation.devices.registry import DeviceOptions
 from rpms_ros.stimulation.fields import Bound
 from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import check_bounds
@@ -256,3 +257,9 @@ class SimulatedDevice:
     def _require_present(self) -> None:
         if 0 < self.faults.vanish_after <= self._count:
             raise DeviceError('expected an answer from the device, got none: it is gone')
+
+
+def build(options: DeviceOptions) -> SimulatedDevice:
+    """Return a simulated device; no option means anything to it."""
+    del options
+    return SimulatedDevice()
