@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 from typing import Any
 
@@ -24,6 +25,24 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 WaitFor = Callable[..., None]
+
+
+def beside(name: str) -> ModuleType:
+    """Return the module of that name in this folder."""
+    specification = importlib.util.spec_from_file_location(
+        name, Path(__file__).with_name(f'{name}.py')
+    )
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope='session')
+def hostile_texts() -> ModuleType:
+    """The module of hostile texts beside this file: `KNOWN`, `hostile_text`, `sendable`."""
+    return beside('hostile_texts')
 
 
 @pytest.fixture
@@ -113,11 +132,6 @@ def wait_for() -> WaitFor:
 @pytest.fixture
 def instrument() -> Iterator[Callable[..., Any]]:
     """Build instruments of the Rapid2 class on pseudo-terminals, see `fake_rapid2.py`."""
-    path = Path(__file__).parent / 'fake_rapid2.py'
-    specification = importlib.util.spec_from_file_location('fake_rapid2', path)
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
+    module = beside('fake_rapid2')
     with contextlib.ExitStack() as running:
         yield lambda **options: running.enter_context(module.FakeRapid2(**options))

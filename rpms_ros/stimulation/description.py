@@ -8,6 +8,7 @@ segments:
   - {kind: repeat, times: 3, segments: [{kind: doublet, interval_s: 0.01}]}
 """
 
+import re
 from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import fields
@@ -24,8 +25,8 @@ from rpms_ros.stimulation.bursts import Single
 from rpms_ros.stimulation.fields import DescriptionError
 from rpms_ros.stimulation.fields import as_mapping
 from rpms_ros.stimulation.fields import bounded_names
-from rpms_ros.stimulation.fields import join
 from rpms_ros.stimulation.fields import read_bounded
+from rpms_ros.stimulation.fields import read_text
 from rpms_ros.stimulation.fields import refuse_unknown
 from rpms_ros.stimulation.multilevel_prbs import MultilevelPRBS
 from rpms_ros.stimulation.repetitive import Constant
@@ -33,12 +34,15 @@ from rpms_ros.stimulation.repetitive import Ramp
 from rpms_ros.stimulation.repetitive import Sinusoid
 from rpms_ros.stimulation.repetitive import Staircase
 from rpms_ros.stimulation.repetitive import UniformRandom
+from rpms_ros.stimulation.schedule import LONGEST_NAME
 from rpms_ros.stimulation.schedule import Repeat
 from rpms_ros.stimulation.schedule import Schedule
 from rpms_ros.stimulation.segment import Pause
 from rpms_ros.stimulation.segment import Segment
-from rpms_ros.stimulation.yaml_places import load_document
-from rpms_ros.stimulation.yaml_places import with_line
+from rpms_ros.stimulation.yaml_places import from_file
+from rpms_ros.stimulation.yaml_places import from_text
+from rpms_ros.strict_yaml import join
+from rpms_ros.strict_yaml import shown
 
 DEEPEST_REPEAT = 8
 Built = TypeVar('Built')
@@ -50,6 +54,10 @@ SEGMENT_KINDS: dict[str, type[Segment]] = {
         Single, Doublet, PulseBurst, Pause,
     )
 }  # fmt: skip
+
+# no digit, so no number or date in any YAML
+_PLAIN = re.compile(r'[A-Za-z]+([_-][A-Za-z]+)*')
+_WORDS = frozenset({'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n', 'null'})
 
 
 def schedule_from_mapping(content: object) -> Schedule:
@@ -67,20 +75,15 @@ def schedule_from_mapping(content: object) -> Schedule:
     """
     document = as_mapping(content, '')
     refuse_unknown(document, ['name', 'segments', *bounded_names(Schedule)], '')
-    name = document.get('name', 'schedule')
-    if not isinstance(name, str):
-        raise DescriptionError('name', f'expected a text, got {name!r}')
+    named = {'name': 'schedule', **document}
+    name = read_text(named, 'name', '', LONGEST_NAME)
     segments = _segments(document.get('segments'), 'segments', 0)
     return _built(Schedule, read_bounded(Schedule, document, ''), '', segments, name=name)
 
 
 def schedule_from_text(text: str) -> Schedule:
     """Return the schedule of a YAML document; a fault is named by its line and place."""
-    node, content = load_document(text)
-    try:
-        return schedule_from_mapping(content)
-    except DescriptionError as fault:
-        raise with_line(fault, node) from fault
+    return from_text(text, schedule_from_mapping)
 
 
 def load_schedule(path: Path) -> Schedule:
@@ -91,16 +94,7 @@ def load_schedule(path: Path) -> Schedule:
     StimulationError
         If the file cannot be read or does not describe a schedule.
     """
-    try:
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as fault:
-        raise StimulationError(
-            f'expected a readable schedule file, got {path}: {fault}'
-        ) from fault
-    try:
-        return schedule_from_text(text)
-    except StimulationError as fault:
-        raise StimulationError(f'{path}: {fault}') from fault
+    return from_file(path, 'schedule file', schedule_from_mapping)
 
 
 def schedule_to_mapping(schedule: Schedule) -> dict[str, Any]:
@@ -115,12 +109,30 @@ def schedule_to_mapping(schedule: Schedule) -> dict[str, Any]:
 
 def schedule_to_text(schedule: Schedule) -> str:
     """Return the YAML document that describes ``schedule``."""
-    return yaml.safe_dump(schedule_to_mapping(schedule), sort_keys=False)
+    return yaml.dump(schedule_to_mapping(schedule), Dumper=_Dumper, sort_keys=False)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Puts every text in quotes that some YAML could take for something else."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        """Write everything out: no reader here accepts an alias."""
+        del data
+        return True
+
+    def text(self, data: str) -> yaml.Node:
+        """Return a text in quotes unless it is a plain name."""
+        plain = _PLAIN.fullmatch(data) and data.lower() not in _WORDS
+        style = None if plain else '"'
+        return self.represent_scalar('tag:yaml.org,2002:str', data, style)
+
+
+_Dumper.add_representer(str, _Dumper.text)
 
 
 def _segments(content: object, place: str, depth: int) -> tuple[Segment | Repeat, ...]:
     if not isinstance(content, list) or not content:
-        raise DescriptionError(place, f'expected a list of segments, got {content!r}')
+        raise DescriptionError(place, f'expected a list of segments, got {shown(content)}')
     if depth > DEEPEST_REPEAT:
         raise DescriptionError(place, f'expected at most {DEEPEST_REPEAT} repeats in one another')
     return tuple(_segment(item, f'{place}[{i}]', depth) for i, item in enumerate(content))
@@ -135,7 +147,7 @@ def _segment(content: object, place: str, depth: int) -> Segment | Repeat:
         return _built(Repeat, read_bounded(Repeat, mapping, place), place, inner)
     if not isinstance(kind, str) or kind not in SEGMENT_KINDS:
         known = ', '.join(sorted([*SEGMENT_KINDS, 'repeat']))
-        raise DescriptionError(join(place, 'kind'), f'expected one of {known}, got {kind!r}')
+        raise DescriptionError(join(place, 'kind'), f'expected one of {known}, got {shown(kind)}')
     chosen = SEGMENT_KINDS[kind]
     refuse_unknown(mapping, ['kind', *bounded_names(chosen)], place)
     return _built(chosen, read_bounded(chosen, mapping, place), place)

@@ -9,13 +9,16 @@ from rpms_ros.stimulation.fields import DescriptionError
 from rpms_ros.stimulation.fields import as_mapping
 from rpms_ros.stimulation.fields import bounded_names
 from rpms_ros.stimulation.fields import read_bounded
+from rpms_ros.stimulation.fields import read_flag
+from rpms_ros.stimulation.fields import read_text
 from rpms_ros.stimulation.fields import refuse_unknown
 from rpms_ros.stimulation.limits import Limits
 from rpms_ros.stimulation.thermal import CoilThermal
-from rpms_ros.stimulation.yaml_places import load_document
-from rpms_ros.stimulation.yaml_places import with_line
+from rpms_ros.stimulation.yaml_places import from_file
 
 _FOLDER = Path(__file__).with_name('device_specifications')
+LONGEST_NAME = 64
+LONGEST_TEXT = 500
 _KEYS = ['name', 'description', 'simulated_only', 'limits', 'thermal', 'sources']
 
 
@@ -64,41 +67,54 @@ def load_device_specification(name: str) -> DeviceSpecification:
     if path.suffix != '.yaml' or not path.is_file():
         known = ', '.join(profile_names())
         raise StimulationError(f'expected a device of {known} or a YAML file, got {name!r}')
-    try:
-        node, content = load_document(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as fault:
-        raise StimulationError(
-            f'expected a readable device specification, got {path}: {fault}'
-        ) from fault
-    except StimulationError as fault:
-        raise StimulationError(f'{path}: {fault}') from fault
-    try:
-        return _read(content)
-    except DescriptionError as fault:
-        raise StimulationError(f'{path}: {with_line(fault, node)}') from fault
-    except StimulationError as fault:
-        raise StimulationError(f'{path}: limits: {fault}') from fault
+    return from_file(path, 'device specification', _read)
 
 
 def _read(content: object) -> DeviceSpecification:
     document = as_mapping(content, '')
     refuse_unknown(document, _KEYS, '')
+    simulated_only = read_flag(document, 'simulated_only', '', default=False)
     limits = as_mapping(document.get('limits'), 'limits')
     refuse_unknown(limits, bounded_names(Limits), 'limits')
-    sources = as_mapping(document.get('sources'), 'sources')
     thermal = document.get('thermal')
     figures = [*limits, *(as_mapping(thermal, 'thermal') if thermal is not None else [])]
-    for figure in figures:
-        if not isinstance(sources.get(figure), str):
-            raise DescriptionError('sources', f'expected the source of {figure}, got none')
+    sources = _sources(document, figures)
+    if not simulated_only:
+        _refuse_gaps(limits, thermal)
+    try:
+        bounds = Limits(**read_bounded(Limits, limits, 'limits'))
+    except DescriptionError:
+        raise
+    except StimulationError as fault:
+        raise DescriptionError('limits', str(fault)) from fault
     return DeviceSpecification(
-        name=_text(document, 'name'),
-        description=_text(document, 'description'),
-        limits=Limits(**read_bounded(Limits, limits, 'limits')),
+        name=read_text(document, 'name', '', LONGEST_NAME),
+        description=read_text(document, 'description', '', LONGEST_TEXT),
+        limits=bounds,
         thermal=_thermal(thermal),
-        simulated_only=document.get('simulated_only') is True,
-        sources={name: str(source) for name, source in sources.items()},
+        simulated_only=simulated_only,
+        sources=sources,
     )
+
+
+def _sources(document: Mapping[str, object], figures: list[str]) -> dict[str, str]:
+    """Return where each figure comes from; every figure has to say."""
+    sources = as_mapping(document.get('sources'), 'sources')
+    refuse_unknown(sources, figures, 'sources')
+    return {figure: read_text(sources, figure, 'sources', LONGEST_TEXT) for figure in figures}
+
+
+def _refuse_gaps(limits: Mapping[str, object], thermal: object) -> None:
+    """Refuse the specification of a real device that leaves a limit out: nothing is assumed."""
+    for name in bounded_names(Limits):
+        if limits.get(name) is None:
+            raise DescriptionError(
+                f'limits.{name}', 'expected every limit of a real device, got nothing'
+            )
+    if thermal is None and limits['pulse_energy_j'] != 0.0:
+        raise DescriptionError(
+            'thermal', 'expected thermal figures of a device whose pulses have energy, got nothing'
+        )
 
 
 def _thermal(content: object) -> CoilThermal | None:
@@ -107,10 +123,3 @@ def _thermal(content: object) -> CoilThermal | None:
     mapping = as_mapping(content, 'thermal')
     refuse_unknown(mapping, bounded_names(CoilThermal), 'thermal')
     return CoilThermal(**read_bounded(CoilThermal, mapping, 'thermal'))
-
-
-def _text(document: Mapping[str, object], key: str) -> str:
-    value = document.get(key)
-    if not isinstance(value, str) or not value.strip():
-        raise DescriptionError(key, f'expected a text, got {value!r}')
-    return ' '.join(value.split())

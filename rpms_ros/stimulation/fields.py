@@ -15,6 +15,8 @@ from dataclasses import fields
 from typing import Any
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.strict_yaml import join
+from rpms_ros.strict_yaml import shown
 
 
 class DescriptionError(StimulationError):
@@ -73,28 +75,28 @@ class Bound:
         if not self.several:
             return self._number(value, place)
         if not isinstance(value, list | tuple) or not value:
-            raise DescriptionError(place, f'expected a list, each {self}, got {value!r}')
+            raise DescriptionError(place, f'expected a list, each {self}, got {shown(value)}')
         return tuple(self._number(item, f'{place}[{i}]') for i, item in enumerate(value))
 
     def _number(self, value: object, place: str) -> float | int:
         number = _finite(value)
         inside = number is not None and self.low <= number <= self.high
         if number is None or not inside or (self.above and number == self.low):
-            raise DescriptionError(place, f'expected {self}, got {value!r}')
+            raise DescriptionError(place, f'expected {self}, got {shown(value)}')
         if not self.whole:
             return number
         if number != int(number):
-            raise DescriptionError(place, f'expected {self}, got {value!r}')
+            raise DescriptionError(place, f'expected {self}, got {shown(value)}')
         return int(number)
 
 
 def _finite(value: object) -> float | None:
-    """Return a finite number or None; YAML reads ``100e-6`` as text, which is meant as one."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
+    """Return a finite number or None; a text is no number, whatever it says."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
         number = float(value)
-    except (ValueError, OverflowError):
+    except OverflowError:
         return None
     return number if math.isfinite(number) else None
 
@@ -127,7 +129,9 @@ def check_bounds(instance: Any) -> None:
 def as_mapping(content: object, place: str) -> Mapping[str, object]:
     """Return ``content`` if it is a mapping with text keys."""
     if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
-        raise DescriptionError(place, f'expected a mapping of names to values, got {content!r}')
+        raise DescriptionError(
+            place, f'expected a mapping of names to values, got {shown(content)}'
+        )
     return content
 
 
@@ -136,13 +140,41 @@ def refuse_unknown(content: Mapping[str, object], known: list[str], place: str) 
     for key in content:
         if key not in known:
             raise DescriptionError(
-                join(place, key), f'expected one of {", ".join(sorted(known))}, got {key!r}'
+                join(place, key), f'expected one of {", ".join(sorted(known))}, got {shown(key)}'
             )
 
 
-def join(place: str, key: str) -> str:
-    """Return the place of ``key`` below ``place``."""
-    return f'{place}.{key}' if place else key
+def read_text(content: Mapping[str, object], key: str, place: str, longest: int) -> str:
+    """Return a text of 1 to ``longest`` printable characters, on one line.
+
+    Raises
+    ------
+    DescriptionError
+        If it is missing, no text, empty, too long, or not printable.
+    """
+    value = content.get(key)
+    text = ' '.join(value.split()) if isinstance(value, str) else ''
+    if not text.isprintable() or not 0 < len(text) <= longest:
+        raise DescriptionError(
+            join(place, key),
+            f'expected a text of 1 to {longest} printable characters, '
+            f'got {shown(value) if value is not None else "nothing"}',
+        )
+    return text
+
+
+def read_flag(content: Mapping[str, object], key: str, place: str, default: bool) -> bool:
+    """Return a flag; only ``true`` and ``false`` are ones.
+
+    Raises
+    ------
+    DescriptionError
+        If it is something else.
+    """
+    value = content.get(key, default)
+    if not isinstance(value, bool):
+        raise DescriptionError(join(place, key), f'expected true or false, got {shown(value)}')
+    return value
 
 
 def read_bounded(kind: type, content: Mapping[str, object], place: str) -> dict[str, Any]:

@@ -41,9 +41,10 @@ class Limits:
     energy_window_s : float
         Window of the mean power [s].
     session_pulses : int
-        Pulses since the driver was started.
+        Pulses since the driver was started, those of the last 24 h before included where a dose
+        ledger knows them.
     session_energy_j : float
-        Energy since the driver was started [J].
+        Energy of these [J].
     interval_tolerance_s : float
         How much earlier than its rate limit allows a pulse may come because the one before it
         was late [s]; it does not add up from pulse to pulse.
@@ -53,8 +54,8 @@ class Limits:
 
     maximum_intensity: float = share(1.0)
     maximum_intensity_step: float = share(1.0)
-    minimum_width_s: float = bounded(Bound(0.0, 0.01, 's', above=True), 10e-6)
-    maximum_width_s: float = bounded(Bound(0.0, 0.01, 's', above=True), 1e-3)
+    minimum_width_s: float = bounded(Bound(1e-6, 0.01, 's'), 10e-6)
+    maximum_width_s: float = bounded(Bound(1e-6, 0.01, 's'), 1e-3)
     maximum_rate_hz: float = bounded(Bound(0.0, 1000.0, 'Hz', above=True), 50.0)
     rate_intensities: tuple[float, ...] = bounded(Bound(0.0, 1.0, several=True), (1.0,))
     rate_limits_hz: tuple[float, ...] = bounded(

@@ -7,7 +7,6 @@ as often as the others (zero once less) and the sequence is uncorrelated with it
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +21,28 @@ from rpms_ros.stimulation.repetitive import Repetitive
 from rpms_ros.stimulation.repetitive import refuse_swapped
 
 PRIMES = (2, 3, 5, 7)
+
+
+# Coefficients of a primitive polynomial for each number of levels and of cells: to look for them
+# takes seconds.
+FEEDBACK: dict[tuple[int, int], tuple[int, ...]] = {
+    (2, 1): (1,),
+    (2, 2): (1, 1),
+    (2, 3): (1, 0, 1),
+    (2, 4): (1, 0, 0, 1),
+    (3, 1): (2,),
+    (3, 2): (1, 1),
+    (3, 3): (2, 0, 1),
+    (3, 4): (1, 0, 0, 1),
+    (5, 1): (2,),
+    (5, 2): (2, 2),
+    (5, 3): (2, 0, 1),
+    (5, 4): (2, 0, 2, 1),
+    (7, 1): (3,),
+    (7, 2): (2, 2),
+    (7, 3): (3, 0, 1),
+    (7, 4): (2, 0, 1, 1),
+}
 
 
 @lru_cache(maxsize=32)
@@ -40,11 +61,12 @@ def maximal_sequence(symbols: int, order: int) -> tuple[int, ...]:
     tuple of int, length symbols**order - 1
         Symbols 0 .. q-1.
     """
-    for feedback in product(range(symbols), repeat=order):
-        sequence = _run(feedback, symbols, symbols**order - 1)
-        if len(sequence) == symbols**order - 1:
-            return sequence
-    raise StimulationError(f'expected a prime number of levels, got {symbols}')
+    feedback = FEEDBACK.get((symbols, order))
+    if feedback is None:
+        raise StimulationError(
+            f'expected 2, 3, 5 or 7 levels and 1 to 4 cells, got {symbols} and {order}'
+        )
+    return _run(feedback, symbols, symbols**order - 1)
 
 
 def _run(feedback: tuple[int, ...], symbols: int, longest: int) -> tuple[int, ...]:

@@ -15,9 +15,10 @@ from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import share
 from rpms_ros.stimulation.segment import DURATION
 from rpms_ros.stimulation.segment import HIGHEST_RATE_HZ
+from rpms_ros.stimulation.segment import LOWEST_RATE_HZ
 from rpms_ros.stimulation.segment import Segment
 
-RATE = Bound(0.0, HIGHEST_RATE_HZ, 'Hz', above=True)
+RATE = Bound(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, 'Hz')
 SEED = Bound(0, 2**53, whole=True, optional=True)
 
 # Rate times duration is rarely a whole number in floating point; a millionth of a period decides
@@ -48,7 +49,7 @@ class Repetitive(Segment):
     rate_hz: float = bounded(RATE)
     duration_s: float = bounded(DURATION)
     final_rate_hz: float | None = bounded(
-        Bound(0.0, HIGHEST_RATE_HZ, 'Hz', above=True, optional=True), None
+        Bound(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, 'Hz', optional=True), None
     )
 
     @property

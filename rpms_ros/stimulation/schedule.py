@@ -16,12 +16,15 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.stimulation.fields import Bound
+from rpms_ros.stimulation.fields import DescriptionError
 from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import check_bounds
 from rpms_ros.stimulation.segment import LONGEST_S
 from rpms_ros.stimulation.segment import Segment
+from rpms_ros.strict_yaml import shown
 
 MOST_PULSES = 500_000
+LONGEST_NAME = 64
 
 
 @dataclass(frozen=True)
@@ -130,10 +133,16 @@ class Schedule:
     segments: tuple[Segment | Repeat, ...]
     name: str = 'schedule'
     seed: int = bounded(Bound(0, 2**53, whole=True), 0)
-    width_s: float = bounded(Bound(0.0, 0.01, 's', above=True), MAGNETIC_PULSE_WIDTH)
+    width_s: float = bounded(Bound(1e-6, 0.01, 's'), MAGNETIC_PULSE_WIDTH)
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if not self.name.isprintable() or not 0 < len(self.name) <= LONGEST_NAME:
+            raise DescriptionError(
+                'name',
+                f'expected a text of 1 to {LONGEST_NAME} printable characters, '
+                f'got {shown(self.name)}',
+            )
         if not self.segments:
             raise StimulationError('expected at least one segment, got none')
         pieces = Repeat(self.segments, 1)
@@ -214,9 +223,28 @@ def _worked_out(schedule: Schedule) -> Plan:
     tape = _Tape(schedule.seed)
     for owner, item in enumerate(schedule.segments):
         tape.add(item, owner)
-    return Plan(
+    plan = Plan(
         np.concatenate(tape.onsets),
         np.concatenate(tape.intensities),
         np.concatenate(tape.owners),
         tape.end_ns,
     )
+    _refuse_disorder(plan)
+    return plan
+
+
+def _refuse_disorder(plan: Plan) -> None:
+    """Raise StimulationError unless every pulse is where a pulse can be.
+
+    Bounds of the fields leave no way to this; what is fired does not rest on that alone.
+    """
+    if not len(plan):
+        return
+    ascending = bool(np.all(np.diff(plan.onset_ns) >= 0))
+    if not ascending or plan.onset_ns[0] < 0 or plan.onset_ns[-1] > plan.duration_ns:
+        raise StimulationError(
+            f'expected onsets that ascend from 0 to {plan.duration_ns} ns, got '
+            f'{plan.onset_ns.min()} to {plan.onset_ns.max()} ns'
+        )
+    if not np.all(np.isfinite(plan.intensity)):
+        raise StimulationError('expected finite intensities, got some that are not')

@@ -17,9 +17,12 @@ from rpms_ros.stimulation.fields import Bound
 from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import check_bounds
 
+# One pulse in 1000 s; bounded below so that no onset leaves the range of an integer.
+LOWEST_RATE_HZ = 1e-3
 HIGHEST_RATE_HZ = 1000.0
+SHORTEST_S = 1e-6
 LONGEST_S = 86_400.0
-DURATION = Bound(0.0, LONGEST_S, 's', above=True)
+DURATION = Bound(SHORTEST_S, LONGEST_S, 's')
 
 
 @dataclass(frozen=True)

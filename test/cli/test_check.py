@@ -74,7 +74,7 @@ def test_what_is_deliverable_says_so(tmp_path, rpms):
     path = tmp_path / 'mild.yaml'
     path.write_text(
         'name: mild\nsegments:\n- {kind: constant, rate_hz: 10.0, duration_s: 20.0, '
-        'intensity: 0.4}\n- {kind: pause, duration_s: 3.0}\n- {kind: single}\n'
+        'intensity: 0.4}\n- {kind: pause, duration_s: 3.0}\n- {kind: single, intensity: 0.6}\n'
     )
     code, out, err = rpms('check', path, '--device', 'rapid2-240v')
     assert (code, err) == (0, '')
@@ -150,7 +150,7 @@ def test_files_that_cannot_be_read_or_written(tmp_path, rpms):
     assert 'expected a file to write' in err
     code, _, err = rpms('protocol', 'paper-random', '--out', tmp_path / 'x.yaml', '--rate', '0')
     assert code == 2
-    assert 'rate_hz: expected a number in (0, 1000] Hz, got 0.0' in err
+    assert 'rate_hz: expected a number in [0.001, 1000] Hz, got 0.0' in err
 
 
 def test_help_names_every_protocol(rpms, capsys):

@@ -134,7 +134,10 @@ def test_deactivation_ends_the_goal(graph):
     ('schedule', 'reason'),
     [
         ('segments: [', 'expected a YAML document'),
-        (SHORT.replace('50.0', '0'), r'segments[0].rate_hz: expected a number in (0, 1000] Hz'),
+        (
+            SHORT.replace('50.0', '0'),
+            r'segments[0].rate_hz: expected a number in [0.001, 1000] Hz',
+        ),
         (SHORT.replace('50.0', '10000'), 'segments[0].rate_hz: expected a number'),
         (SHORT.replace('50.0', '60.0'), 'maximum_rate_hz: expected at most 50 Hz'),
         (SHORT.replace('0.2', '-0.2'), 'segments[0].duration_s: expected a number'),

@@ -1,5 +1,6 @@
 """Forecasts: what public figures say of the paper's excitations, and specifications."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -20,7 +21,11 @@ from rpms_ros.stimulation.forecast import offers
 from rpms_ros.stimulation.thermal import CoilTemperature
 from rpms_ros.stimulation.thermal import CoilThermal
 
-RAPID = load_device_specification('rapid2-240v')
+SHIPPED = load_device_specification('rapid2-240v')
+# of a subject who knows every intensity: the other limits are looked at one by one
+RAPID = dataclasses.replace(
+    SHIPPED, limits=dataclasses.replace(SHIPPED.limits, maximum_intensity_step=1.0)
+)
 SECOND = 1_000_000_000
 
 
@@ -116,6 +121,7 @@ def test_every_figure_of_a_profile_has_its_source():
 SPECIFICATION = """\
 name: mine
 description: mine
+simulated_only: true
 limits: {maximum_rate_hz: 10.0}
 sources: {maximum_rate_hz: a guess}
 """
@@ -124,14 +130,26 @@ sources: {maximum_rate_hz: a guess}
 @pytest.mark.parametrize(
     ('change', 'fault'),
     [
-        (('maximum_rate_hz: 10.0', 'maximum_rate_hz: -1'), r'line 3, limits\.maximum_rate_hz'),
-        (('maximum_rate_hz: 10.0', 'fastest: 1'), r'line 3, limits\.fastest: expected one of'),
-        (('{maximum_rate_hz: a guess}', '{}'), 'expected the source of maximum_rate_hz, got none'),
-        (('name: mine', 'name: 3'), 'line 1, name: expected a text, got 3'),
+        (('maximum_rate_hz: 10.0', 'maximum_rate_hz: -1'), r'line 4, limits\.maximum_rate_hz'),
+        (('maximum_rate_hz: 10.0', 'fastest: 1'), r'line 4, limits\.fastest: expected one of'),
+        (
+            ('{maximum_rate_hz: a guess}', '{}'),
+            r'line 5, sources\.maximum_rate_hz: expected a text',
+        ),
+        (
+            ('name: mine', 'name: 3'),
+            r'line 1, name: expected a text of 1 to 64 printable characters, got 3',
+        ),
         (('name: mine', 'nme: mine'), 'line 1, nme: expected one of'),
-        (('{maximum_rate_hz: 10.0}', '[1]'), r'line 3, limits: expected a mapping .* got \[1\]'),
-        (('10.0}', '10.0, rate_limits_hz: [1.0, 2.0]}'), 'expected the source of rate_limits_hz'),
-        (('name: mine', 'thermal: {ambient: 1.0}\nname: mine'), 'the source of ambient'),
+        (('{maximum_rate_hz: 10.0}', '[1]'), r'line 4, limits: expected a mapping .* got \[1\]'),
+        (
+            ('10.0}', '10.0, rate_limits_hz: [1.0, 2.0]}'),
+            r'sources\.rate_limits_hz: expected a text',
+        ),
+        (
+            ('name: mine', 'thermal: {ambient: 1.0}\nname: mine'),
+            r'sources\.ambient: expected a text',
+        ),
         (('name: mine', '['), 'expected a YAML document'),
     ],
 )

@@ -1,5 +1,6 @@
 """The limiter: each limit by itself, and what jitter may and may not do."""
 
+import dataclasses
 import math
 from itertools import pairwise
 
@@ -14,7 +15,9 @@ from rpms_ros.stimulation.limits import Limits
 
 SECOND = 1_000_000_000
 WIDTH = 100e-6
-RAPID = load_device_specification('rapid2-240v').limits
+RAPID = dataclasses.replace(
+    load_device_specification('rapid2-240v').limits, maximum_intensity_step=1.0
+)
 
 
 def give(limiter, times_s, intensity):
