@@ -24,7 +24,8 @@ def main(argv=None):
     parser.add_argument('--priority', type=int, default=0, help='real-time priority to ask for')
     arguments = parser.parse_args(argv)
     driver = {
-        'require_heartbeat': 'false',
+        'require_operator': 'false',
+        'require_stop_button': 'false',
         'executor_timeout': 5.0,
         'autostart': 'true',
         'realtime_priority': arguments.priority,

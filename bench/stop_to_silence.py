@@ -22,7 +22,8 @@ SCHEDULE = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 20.0, intensi
 SILENCE_S = 0.3
 NODES = {
     'stimulator_driver': {
-        'require_heartbeat': 'false',
+        'require_operator': 'false',
+        'require_stop_button': 'false',
         'executor_timeout': 5.0,
         'maximum_rate': RATE_HZ,
     },

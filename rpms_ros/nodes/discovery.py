@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import itertools
 import os
 import tempfile
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ _PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILE
 
 # Domains above 100 use ports that Linux hands out to others; people choose the first ten.
 _DOMAINS = range(10, 101)
+_REQUESTS = itertools.count()
 
 
 def use_fast_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -24,6 +26,11 @@ def use_fast_discovery(environment: MutableMapping[str, str] = os.environ) -> No
     if not any(name in environment for name in _PROFILE_VARIABLES):
         for name in _PROFILE_VARIABLES:
             environment[name] = str(PROFILE)
+
+
+def stay_on_this_machine(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Make participants of this process find those of this machine only, unless told otherwise."""
+    environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
 @contextlib.contextmanager
@@ -37,7 +44,9 @@ def reserved_domain() -> Iterator[int]:
     """
     folder = Path(tempfile.gettempdir()) / f'rpms_ros_domains_{os.getuid()}'
     folder.mkdir(mode=0o700, exist_ok=True)
-    for domain in _DOMAINS:
+    # not always the first: what has just left a domain may still be found in it for a moment
+    first = (os.getpid() + next(_REQUESTS)) % len(_DOMAINS)
+    for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
         with (folder / str(domain)).open('w') as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

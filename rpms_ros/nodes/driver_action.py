@@ -1,21 +1,32 @@
-"""The action `run_schedule`: one goal at a time, results when the run is over."""
+"""The action `run_schedule`: one goal at a time, results when the run is over.
+
+Every goal is accepted and answered.  One that is refused is aborted before any pulse, with an
+error code and a reason: the answer to a goal that is rejected has room for neither.
+"""
 
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionServer
 from rclpy.action import CancelResponse
-from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 
 from rpms_msgs.action import RunSchedule
+from rpms_ros.errors import RpmsError
 from rpms_ros.errors import StimulationError
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.driver_refusal import GoalRefused
+from rpms_ros.nodes.driver_refusal import code_of
+from rpms_ros.nodes.driver_refusal import code_of_end
+from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import schedule_from_text
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.run import Run
+from rpms_ros.stimulation.states import State
+
+CODES = RunSchedule.Result
 
 
 class _DeferredServer(ActionServer):
@@ -47,22 +58,31 @@ class ScheduleAction:
         Whose executor serves it.
     controller : StimulationController
         What runs the schedules.
+    allowed : callable
+        Takes the goal; raises StimulationError unless its sender may start a schedule.
+    started : callable
+        Told of goal and schedule before the first pulse; raises StimulationError to prevent it.
     refused : callable
         Told why a goal was refused.
     """
 
     def __init__(
-        self, node: Node, controller: StimulationController, refused: Callable[[str], None]
+        self,
+        node: Node,
+        controller: StimulationController,
+        allowed: Callable[[RunSchedule.Goal], None],
+        started: Callable[[RunSchedule.Goal, Schedule], None],
+        refused: Callable[[str], None],
     ) -> None:
         self._controller = controller
+        self._allowed = allowed
+        self._started = started
         self._refused = refused
-        self._next: Schedule | None = None
         self._goal: ServerGoalHandle | None = None
         self._run: Run | None = None
         self._server = _DeferredServer(
             node,
             execute_callback=self._unused,
-            goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )
@@ -89,30 +109,39 @@ class ScheduleAction:
         """Let go of the server."""
         ActionServer.destroy(self._server)
 
-    def _on_goal(self, request: RunSchedule.Goal) -> GoalResponse:
-        try:
-            if self._goal is not None:
-                raise StimulationError('expected no schedule running, got a second goal')
-            schedule = schedule_from_text(request.schedule)
-            self._controller.check_start(schedule)
-        except StimulationError as error:
-            self._refused(str(error))
-            return GoalResponse.REJECT
-        self._next = schedule
-        return GoalResponse.ACCEPT
-
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
-        schedule, self._next = self._next, None
         goal.execute()
         try:
-            if schedule is None:
-                raise StimulationError('expected one goal at a time, got two')
-            self._run = self._controller.start(schedule)
-        except StimulationError as error:
-            self._refused(str(error))
-            self._server.conclude(goal, _aborted(str(error)))
-            return
-        self._goal = goal
+            self._run = self._begun(goal.request)
+            self._goal = goal
+        except RpmsError as error:
+            self._refuse(goal, code_of(error), str(error))
+        except Exception as error:  # noqa: BLE001
+            # whatever it is, it must neither end the process nor leave the device armed
+            reason = f'expected a goal without an error, got {error!r}'
+            self._controller.fail('goal', reason)
+            self._refuse(goal, CODES.INTERNAL_ERROR, reason)
+
+    def _begun(self, request: RunSchedule.Goal) -> Run:
+        """Start what is asked for; nobody's text is read before it is known that they may ask."""
+        if self._goal is not None or self._controller.state is State.RUNNING:
+            raise GoalRefused(CODES.WRONG_STATE, 'expected no schedule running, got a second goal')
+        self._allowed(request)
+        schedule = _schedule_of(request.schedule)
+        self._controller.check_start(schedule)
+        self._started(request, schedule)
+        return self._controller.start(schedule)
+
+    def _refuse(self, goal: ServerGoalHandle, code: int, reason: str) -> None:
+        said = plain_text(reason)
+        self._refused(said)
+        result = RunSchedule.Result(error_code=code, reason=said)
+
+        def end(handle: ServerGoalHandle) -> RunSchedule.Result:
+            handle.abort()
+            return result
+
+        self._server.conclude(goal, end)
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         if goal is self._goal:
@@ -120,16 +149,18 @@ class ScheduleAction:
         return CancelResponse.ACCEPT
 
     def _conclude(self, goal: ServerGoalHandle, run: Run) -> None:
+        cancelled = goal.is_cancel_requested
         result = RunSchedule.Result(
             completed=bool(run.completed),
-            reason=str(run.ended),
+            error_code=code_of_end(run, self._controller, cancelled),
+            reason=plain_text(run.ended),
             pulses_delivered=int(run.delivered),
             pulses_dropped=int(run.dropped),
             coil_energy=float(run.energy_j),
         )
 
         def end(handle: ServerGoalHandle) -> RunSchedule.Result:
-            if handle.is_cancel_requested:
+            if cancelled:
                 handle.canceled()
             elif run.completed:
                 handle.succeed()
@@ -145,9 +176,19 @@ class ScheduleAction:
         return RunSchedule.Result(reason='expected a deferred execution')
 
 
-def _aborted(reason: str) -> Callable[[ServerGoalHandle], Any]:
-    def end(handle: ServerGoalHandle) -> RunSchedule.Result:
-        handle.abort()
-        return RunSchedule.Result(reason=reason)
+def _schedule_of(text: str) -> Schedule:
+    """Return the schedule in a text from anybody.
 
-    return end
+    Raises
+    ------
+    GoalRefused
+        If it does not describe one, whatever the readers of the text make of it.
+    """
+    try:
+        return schedule_from_text(text)
+    except StimulationError as error:
+        raise GoalRefused(CODES.BAD_SCHEDULE, str(error)) from error
+    except Exception as error:
+        raise GoalRefused(
+            CODES.BAD_SCHEDULE, f'expected a schedule, got a text that raises {error!r}'
+        ) from error

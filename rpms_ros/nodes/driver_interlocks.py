@@ -1,19 +1,14 @@
-"""What a stimulator driver listens to so that it can stop: button, heartbeat, force, services.
+"""What a driver's executor serves so that it can stop: services and the force.
 
-`emergency_stop` (std_msgs/Bool) true latches a stop, false says that the cause is gone; the
-service of the same name (std_srvs/Trigger) latches one as well.  `reset_emergency_stop` lets go.
-`heartbeat` (std_msgs/Header) has to keep coming with a new stamp.
+Buttons and the operator's heartbeat are heard by `driver_watch`, without the executor.  The
+service `emergency_stop` (std_srvs/Trigger) latches a stop; `reset_emergency_stop` lets go.
 """
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from std_msgs.msg import Bool
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from rpms_ros import messages
@@ -21,10 +16,11 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.driver_parameters import DriverParameters
+from rpms_ros.nodes.driver_watch import DriverWatch
+from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.heartbeat import Heartbeat
 from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
-from rpms_ros.stimulation.safety_monitor import HEARTBEAT
+from rpms_ros.stimulation.sensor_life import SensorLife
 
 
 class InterlockInputs:
@@ -33,44 +29,40 @@ class InterlockInputs:
     Parameters
     ----------
     node : Node
-        Whose executor serves them; they do not wait for its other callbacks where the executor
-        has threads for that.
+        Whose executor serves them.
     controller : StimulationController
         What is stopped.
+    watch : DriverWatch
+        Knows the buttons.
     settings : DriverParameters
         Which of them are used.
     refused : callable
         Told why something was refused.
+    reset : callable
+        Told that a stop was reset.
     """
 
     def __init__(
         self,
         node: Node,
         controller: StimulationController,
+        watch: DriverWatch,
         settings: DriverParameters,
         refused: Callable[[str], None],
+        reset: Callable[[], None],
     ) -> None:
-        self._node = node
         self._controller = controller
+        self._watch = watch
         self._refused = refused
-        self._heartbeat = Heartbeat(settings.heartbeat_timeout)
-        self._group = ReentrantCallbackGroup()
-        self._listen(Bool, topics.EMERGENCY_STOP, self._on_button)
-        if settings.require_heartbeat:
-            self._listen(Header, topics.HEARTBEAT, self._on_heartbeat)
+        self._was_reset = reset
+        self._limit_n = settings.force_limit
+        self._sensor = SensorLife(settings.force_frame)
         if settings.force_limit > 0:
-            self._listen(WrenchStamped, topics.FORCE, self._on_force)
-        for name, serve in (
-            (topics.EMERGENCY_STOP, self._on_stop),
-            (topics.RESET_EMERGENCY_STOP, self._on_reset),
-        ):
-            node.create_service(Trigger, name, serve, callback_group=self._group)
-
-    def _listen(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
-        self._node.create_subscription(kind, topic, callback, qos.STOP, callback_group=self._group)
-
-    def _on_button(self, message: Bool) -> None:
-        self._controller.emergency(bool(message.data))
+            node.create_subscription(
+                WrenchStamped, topics.FORCE, self._on_force, qos.FORCE_BEST_EFFORT
+            )
+        node.create_service(Trigger, topics.EMERGENCY_STOP, self._on_stop)
+        node.create_service(Trigger, topics.RESET_EMERGENCY_STOP, self._on_reset)
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         del request
@@ -82,23 +74,27 @@ class InterlockInputs:
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         del request
         try:
+            self._watch.forget_gone()
             self._controller.reset()
         except StimulationError as error:
-            self._refused(str(error))
-            response.success, response.message = False, str(error)
+            reason = plain_text(error)
+            self._refused(reason)
+            response.success, response.message = False, reason
             return response
+        self._was_reset()
         response.success, response.message = True, 'reset; the driver is disarmed'
         return response
 
-    def _on_heartbeat(self, message: Header) -> None:
-        now_ns = self._node.get_clock().now().nanoseconds
-        refusal = self._heartbeat.refusal(messages.nanoseconds(message.stamp), now_ns)
-        if refusal is None:
-            self._controller.seen(HEARTBEAT)
-        else:
-            self._controller.count('heartbeat_refused')
-            self._refused(refusal)
-
     def _on_force(self, message: WrenchStamped) -> None:
+        """Hold every sample against the limit; not every one is a sign of life."""
         force = message.wrench.force
-        self._controller.force(math.hypot(force.x, force.y, force.z))
+        newton = math.hypot(force.x, force.y, force.z)
+        stamp_ns = messages.nanoseconds(message.header.stamp)
+        refusal = self._sensor.refusal(stamp_ns, message.header.frame_id)
+        if refusal is None:
+            self._controller.force(newton)
+            return
+        self._controller.count('force_refused')
+        self._refused(plain_text(refusal))
+        if not newton <= self._limit_n:
+            self._controller.force(newton)

@@ -36,7 +36,10 @@ class DriverParameters(NodeParameters):
     )
     frame_id: str = parameter('coil', 'Frame of the pulses.')
     maximum_intensity: float = parameter(
-        1.0, 'Hard bound on the intensity, share of the maximum.', minimum=0.0, maximum=1.0
+        1.0,
+        'Hard bound on the intensity, share of the maximum.',
+        minimum=0.0,
+        maximum=1.0,
     )
     maximum_rate: float = parameter(
         50.0, 'Hard bound on the repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0
@@ -47,11 +50,31 @@ class DriverParameters(NodeParameters):
     executor_timeout: float = parameter(
         0.5, 'Longest silence of the executor while armed.', unit='s', minimum=0.1, maximum=10.0
     )
-    require_heartbeat: bool = parameter(
-        True, 'Ask for a heartbeat while armed; false is for a simulated device only.'
+    watch_timeout: float = parameter(
+        0.1,
+        'Longest silence of the thread that hears buttons and heartbeat, while armed.',
+        unit='s',
+        minimum=0.02,
+        maximum=10.0,
+    )
+    require_stop_button: bool = parameter(
+        True,
+        'Ask for a stop button that says its state at a rate; false is for a simulated device '
+        'only.',
+    )
+    stop_button_timeout: float = parameter(
+        0.3, 'Longest silence of a stop button.', unit='s', minimum=0.01, maximum=10.0
+    )
+    require_operator: bool = parameter(
+        True,
+        'Ask for an operator: two steps to arm, a token, a heartbeat, a held enable; false is '
+        'for a simulated device only.',
     )
     heartbeat_timeout: float = parameter(
-        0.5, 'Longest silence of the heartbeat.', unit='s', minimum=0.01, maximum=10.0
+        0.3, "Longest silence of the operator's heartbeat.", unit='s', minimum=0.01, maximum=10.0
+    )
+    arming_timeout: float = parameter(
+        10.0, 'From the first step of arming to the second.', unit='s', minimum=1.0, maximum=60.0
     )
     force_limit: float = parameter(
         0.0, 'Stop above this force; 0 does not listen to the force.', unit='N', minimum=0.0
@@ -63,8 +86,12 @@ class DriverParameters(NodeParameters):
         minimum=0.01,
         maximum=10.0,
     )
+    force_frame: str = parameter('force_sensor', 'Frame of the force that is limited.')
     temperature_limit: float = parameter(
         40.0, 'Stop above this coil temperature.', unit='Celsius', minimum=0.0, maximum=100.0
+    )
+    audit_log: str = parameter(
+        '', 'File of the audit log; a real device needs one, empty writes none.'
     )
     status_rate: float = parameter(
         10.0, 'Status messages a second.', unit='Hz', minimum=1.0, maximum=20.0
@@ -93,12 +120,20 @@ class DriverParameters(NodeParameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_device(self.device)
-        if not self.simulated and not self.require_heartbeat:
-            raise NodeError('expected require_heartbeat with a real device, got false')
-        if not self.simulated and self.autostart:
-            raise NodeError('expected no autostart with a real device, got true')
+        if not self.simulated:
+            self._require_safeguards()
         if self.low > self.high:
             raise NodeError(f'expected low <= high, got {self.low} and {self.high}')
+
+    def _require_safeguards(self) -> None:
+        """Raise NodeError where something is switched off that a real device needs."""
+        for name in ('require_operator', 'require_stop_button'):
+            if not getattr(self, name):
+                raise NodeError(f'expected {name} with a real device, got false')
+        if self.autostart:
+            raise NodeError('expected no autostart with a real device, got true')
+        if not self.audit_log:
+            raise NodeError('expected an audit_log with a real device, got none')
 
     @property
     def simulated(self) -> bool:
@@ -135,7 +170,8 @@ def driver_settings_of(settings: DriverParameters) -> DriverSettings:
     return DriverSettings(
         lateness_limit_s=settings.lateness_limit,
         executor_timeout_s=settings.executor_timeout,
-        heartbeat_timeout_s=settings.heartbeat_timeout if settings.require_heartbeat else 0.0,
+        # the operator's heartbeat is judged by the node, which knows whose it is
+        heartbeat_timeout_s=0.0,
         force_limit_n=settings.force_limit,
         force_timeout_s=settings.force_timeout,
         temperature_limit=settings.temperature_limit,

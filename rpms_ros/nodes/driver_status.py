@@ -1,35 +1,70 @@
 """Messages that a stimulator driver sends about itself."""
 
 from array import array
+from dataclasses import dataclass
 from typing import Any
 
 from rpms_msgs.msg import DriverStatus
+from rpms_ros.nodes.plain_text import plain_text
+from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.stop_buttons import StopButtons
 
 
-def status_message(
-    controller: StimulationController, stamp: Any, now_ns: int, note: str
-) -> DriverStatus:
-    """Return the status at `stamp`; `now_ns` is the same moment on the controller's clock."""
-    state, latched, reason = controller.status()
-    message = DriverStatus()
-    message.header.stamp = stamp
-    message.state = DriverStatus.STOPPED if latched else int(state.value)
-    message.reason = f'{reason}; {note}' if note else reason
-    run = controller.run
-    if run is not None and not run.ended:
-        message.schedule = run.schedule.name
-        message.segment = int(run.segment)
-        message.segments = len(run.schedule.segments)
-        message.time_left = float(run.time_left_s(now_ns))
-    message.pulses_commanded = int(controller.commanded)
-    message.pulses_delivered = int(controller.delivered)
-    message.pulses_dropped = int(controller.dropped)
-    message.coil_energy = float(controller.limiter.session_energy_j)
-    message.coil_temperature = float(controller.coil_temperature)
-    message.lateness_mean = float(controller.lateness.mean_s)
-    message.lateness_max = float(controller.lateness.max_s)
-    faults = controller.fault_counts()
-    message.fault_names = list(faults)
-    message.fault_counts = array('Q', list(faults.values()))
-    return message
+@dataclass(frozen=True)
+class DriverView:
+    """What a status is made of.
+
+    Attributes
+    ----------
+    controller : StimulationController
+        What decides.
+    buttons : StopButtons
+        The stop buttons.
+    authority : Authority
+        The operator.
+    device : str
+        Kind of device, and its port.
+    """
+
+    controller: StimulationController
+    buttons: StopButtons
+    authority: Authority
+    device: str
+
+    def status(self, stamp: Any, now_ns: int, note: str) -> DriverStatus:
+        """Return the status at `stamp`; `now_ns` is the same moment on the monotonic clock."""
+        controller = self.controller
+        state, latched, reason = controller.status()
+        message = DriverStatus()
+        message.header.stamp = stamp
+        message.state = DriverStatus.STOPPED if latched else int(state.value)
+        message.reason = plain_text(f'{reason}; {note}' if note else reason)
+        run = controller.run
+        if run is not None and not run.ended:
+            message.schedule = plain_text(run.schedule.name)
+            message.segment = int(run.segment)
+            message.segments = len(run.schedule.segments)
+            message.time_left = float(run.time_left_s(now_ns))
+        message.pulses_commanded = int(controller.commanded)
+        message.pulses_delivered = int(controller.delivered)
+        message.pulses_dropped = int(controller.dropped)
+        message.coil_energy = float(controller.limiter.session_energy_j)
+        message.coil_temperature = float(controller.coil_temperature)
+        message.lateness_mean = float(controller.lateness.mean_s)
+        message.lateness_max = float(controller.lateness.max_s)
+        message.maximum_intensity = float(controller.limits.maximum_intensity)
+        faults = controller.fault_counts()
+        message.fault_names = list(faults)
+        message.fault_counts = array('Q', list(faults.values()))
+        self._add_people(message, now_ns)
+        return message
+
+    def _add_people(self, message: DriverStatus, now_ns: int) -> None:
+        """Say who has armed, and what every button says."""
+        message.device = self.device
+        message.operator_id = plain_text(self.authority.operator)
+        message.enabled = bool(self.authority.enabled)
+        states = self.buttons.states(now_ns)
+        message.button_names = list(states)
+        message.button_states = array('B', [int(state) for state in states.values()])

@@ -42,3 +42,15 @@ CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # What may stop a driver: nothing is skipped, and nothing old is waited for.
 STOP = _profile(10)
+
+# What a button says: also for a driver that starts later.
+STOP_STATE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# The queue holds the messages of all publishers together; a driver empties it every 5 ms.
+STOP_DEPTH = 2000
+
+# How a driver hears what may stop it: publishers that repeat nothing are heard as well ...
+STOP_LIVE = _profile(STOP_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# ... and what was said before the driver was there.
+STOP_KEPT = _profile(STOP_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)

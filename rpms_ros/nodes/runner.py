@@ -35,7 +35,10 @@ _BAD_ARGUMENTS = (
 
 
 def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Run the node that `build` makes until SIGINT, SIGTERM or shutdown; return the exit code.
+    """Run the node that `build` makes until a signal or shutdown; return the exit code.
+
+    A node with a method `stop_at_once` is told of a signal by another thread, and of an error
+    before anything else is taken down.
 
     Parameters
     ----------
@@ -61,6 +64,9 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
             signal_handler_options=SignalHandlerOptions.NO,
         )
         node = build()
+        at_once = getattr(node, 'stop_at_once', None)
+        if at_once is not None:
+            stop.call_at_once(at_once)
         _spin(node, stop)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
@@ -98,9 +104,17 @@ def _spin(node: Node, stop: StopRequest) -> None:
         # In Jazzy the spin() of this executor neither waits nor heeds signals.
         while rclpy.ok() and not stop.made and not _orphaned():
             executor.spin_once(timeout_sec=0.1)
+    except Exception as error:
+        # taking an executor down with an error on its way has ended processes in the middle
+        getattr(node, 'stop_at_once', _nothing)(f'expected to spin on, got {error!r}')
+        raise
     finally:
         executor.remove_node(node)
         executor.shutdown()
+
+
+def _nothing(_reason: str) -> None:
+    """Stand for what a node does not have."""
 
 
 def _orphaned() -> bool:

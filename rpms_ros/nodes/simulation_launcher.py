@@ -65,7 +65,8 @@ class SimulationSettings:
             DRIVER: {
                 'autostart': True,
                 'minimum_subscribers': 3,
-                'require_heartbeat': False,
+                'require_operator': False,
+                'require_stop_button': False,
                 **self.driver,
             },
         }[name]

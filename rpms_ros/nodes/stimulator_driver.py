@@ -4,101 +4,145 @@ The life cycle: configure opens the device, activate arms it, deactivate disarms
 What decides is `rpms_ros.stimulation.controller`; here it meets topics, services and the executor.
 """
 
+import os
 import sys
 import time
 from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.msg import Transition
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
-from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
 
+from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
+from rpms_ros.errors import NodeError
 from rpms_ros.errors import RpmsError
 from rpms_ros.errors import StimulationError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.discovery import stay_on_this_machine
 from rpms_ros.nodes.driver_action import ScheduleAction
-from rpms_ros.nodes.driver_diagnostics import diagnostics_message
+from rpms_ros.nodes.driver_audit import DriverAudit
+from rpms_ros.nodes.driver_diagnostics import DriverDiagnostics
 from rpms_ros.nodes.driver_interlocks import InterlockInputs
+from rpms_ros.nodes.driver_lifecycle import GuardedLifecycleNode
+from rpms_ros.nodes.driver_operator import OperatorServices
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import device_specification_of
 from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.driver_priority import ask_for_realtime
-from rpms_ros.nodes.driver_status import status_message
+from rpms_ros.nodes.driver_pulses import PulsePublisher
+from rpms_ros.nodes.driver_refusal import AUDIT
+from rpms_ros.nodes.driver_status import DriverView
+from rpms_ros.nodes.driver_watch import DriverWatch
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.nodes.runner import run
-from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation.controller import Fired
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.device_lock import DeviceLock
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
+from rpms_ros.stimulation.safety_monitor import POSSIBLE
 from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.stop_buttons import StopButtons
 from rpms_ros.stimulation.threads import PulseThread
 from rpms_ros.stimulation.threads import SupervisorThread
 
 _TICK_S = 0.05
-_CLOCK_READINGS = 5
-_TIGHT_NS = 50_000
-_LONG_NS = 10**18
+_SIGN_S = 0.01
 # how long one thread of Python keeps the others waiting: the pulse thread is one of them
 _SWITCH_S = 5e-4
 _DIAGNOSTICS_PERIOD_S = 1.0
-Callback = Callable[..., TransitionCallbackReturn]
+_REFUSED = 'refused: '
+_NOTE_NS = 10_000_000_000
+# a heartbeat that is refused comes fifty times a second
+_REPEATED_NS = 1_000_000_000
 
 
-class StimulatorDriver(LifecycleNode):
+class StimulatorDriver(GuardedLifecycleNode):
     """Driver of one stimulator; keyword arguments go to `rclpy.node.Node`."""
 
     settings_type = DriverParameters
 
     def __init__(self, **options: Any) -> None:
         super().__init__('stimulator_driver', **options)
+        try:
+            self._build()
+        except RpmsError:
+            # half a driver must not stay on the graph under this name
+            super().destroy_node()
+            raise
+
+    def _build(self) -> None:
+        """Make what the node consists of, in the order in which it depends on each other."""
+        self._refuse_simulated_time()
         self.settings = declare_parameters(self, DriverParameters)
+        settings = self.settings
         self.controller = StimulationController(
-            build_device(self.settings),
-            device_specification_of(self.settings),
-            driver_settings_of(self.settings),
+            build_device(settings), device_specification_of(settings), driver_settings_of(settings)
         )
-        self._note = ''
+        self.authority = Authority(settings.heartbeat_timeout, settings.arming_timeout)
+        self.buttons = StopButtons(settings.stop_button_timeout, settings.require_stop_button)
+        device = 'simulated' if settings.simulated else f'{settings.device} {settings.port}'
+        self._lock_of_device = None if settings.simulated else DeviceLock(settings.port)
+        self._note, self._noted_ns = '', 0
         self._active = False
-        self._autostart = self.settings.autostart
-        self._schedule = schedule_of(self.settings) if self._autostart else None
+        self._autostart = settings.autostart
+        self._schedule = schedule_of(settings) if self._autostart else None
         self._threads: list[PulseThread | SupervisorThread] = []
-        self._next_status_ns = 0
-        self._next_diagnostics_ns = 0
+        self._next_status_ns = self._next_diagnostics_ns = 0
         self._said: tuple[Any, ...] = ()
-        # Not life-cycle publishers: a pulse that was given is reported whatever the state.
-        self._delivered = self.create_publisher(PulseMessage, topics.PULSES, qos.PULSES)
-        self._commanded = self.create_publisher(PulseMessage, topics.PULSES_COMMANDED, qos.PULSES)
+        self._audit = DriverAudit(settings.audit_log, self._on_audit_failed)
+        name = self.get_fully_qualified_name()
+        self._audit.require('start', driver=name, device=device, process=os.getpid())
+        self._pulses = PulsePublisher(self, settings.frame_id)
         self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.STOP)
-        self._action = ScheduleAction(self, self.controller, self._on_refused)
-        self._inputs = InterlockInputs(self, self.controller, self.settings, self._on_refused)
-        # rclpy lets a transition that is not possible end the process: look before it leaps.
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
-        self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._view = DriverView(self.controller, self.buttons, self.authority, device)
+        self._health = DriverDiagnostics(self.controller, name, device)
+        self._operator = OperatorServices(
+            self, self.authority, settings.require_operator, self._arm, self._on_refused
+        )
+        self._action = ScheduleAction(
+            self, self.controller, self._operator.require_goal, self._on_start, self._on_refused
+        )
+        self._watch = DriverWatch(
+            self,
+            self.controller,
+            self.buttons,
+            self.authority,
+            settings.watch_timeout,
+            self._on_refused,
+        )
+        self._inputs = InterlockInputs(
+            self, self.controller, self._watch, settings, self._on_refused, self._on_reset
+        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_SIGN_S, self._show_life, clock=steady)
+        self.create_timer(_TICK_S, self._guarded_tick, clock=steady)
         self.context.on_shutdown(self._on_context_shutdown)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the device."""
-        done = self._try(self.controller.configure)
+        done = self._try(self._configure)
         if done is not TransitionCallbackReturn.SUCCESS:
             return done
         self.controller.supervise()
         self._threads = [
-            PulseThread(self.controller, self._publish),
+            PulseThread(self.controller, self._pulses.publish),
             SupervisorThread(self.controller),
         ]
         for thread in self._threads:
@@ -107,26 +151,29 @@ class StimulatorDriver(LifecycleNode):
             denied = ask_for_realtime(self.settings.realtime_priority)
             if denied:
                 logger_of(self).warning(denied)
+        self._say('configured: device open, disarmed')
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Arm; refused while a stop is latched or an interlock is open."""
-        self.controller.seen(EXECUTOR)
-        done = self._try(self.controller.arm)
+        done = self._try(self._make_ready)
         if done is not TransitionCallbackReturn.SUCCESS:
             return done
         self._active = True
+        who = self.authority.operator or 'nobody in particular'
+        self._say(f'armed by {who}')
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Disarm."""
         self.controller.disarm()
-        self._active = False
+        self._after_disarming()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the device."""
         self._let_go('device closed')
+        self.buttons.clear()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -140,18 +187,72 @@ class StimulatorDriver(LifecycleNode):
         super().on_error(state)
         return TransitionCallbackReturn.SUCCESS
 
+    def stop_at_once(self, reason: str) -> None:
+        """Disarm because the process is about to end; any thread may call it, at any time."""
+        self.controller.disarm(reason)
+
     def destroy_node(self) -> None:
         """Let go of the device before anything else of the node goes."""
         self._let_go('node destroyed')
+        self._watch.close()
         self._action.destroy()
-        LifecycleNode.destroy_node(self)
+        self._audit.note('end')
+        self._audit.close()
+        super().destroy_node()
+
+    def transition_refused(self, reason: str) -> None:
+        """Say why a transition was refused."""
+        self._on_refused(reason)
+
+    def _configure(self) -> None:
+        if self._lock_of_device is not None:
+            self._lock_of_device.take()
+        try:
+            self._audit.require('configure', specification=self.controller.specification.name)
+            self.controller.configure()
+        except RpmsError:
+            self._unlock()
+            raise
+
+    def _make_ready(self) -> None:
+        """Arm, if whoever asks may."""
+        self._operator.require_arming()
+        self._watch.look()
+        self.controller.seen(EXECUTOR)
+        limits = {key: str(value) for key, value in vars(self.controller.limits).items()}
+        self._audit.require('arm', operator=self.authority.operator, limits=limits)
+        self.controller.arm()
+
+    def _arm(self) -> None:
+        """Make the life cycle arm; raise StimulationError if it does not come to it."""
+        try:
+            self.change(Transition.TRANSITION_ACTIVATE)
+        except NodeError as error:
+            raise StimulationError(str(error)) from error
+        if self.controller.state not in POSSIBLE:
+            reason = self._note.removeprefix(_REFUSED)
+            raise StimulationError(reason or 'expected an armed driver, got a disarmed one')
 
     def _let_go(self, reason: str) -> None:
         self.controller.cleanup(reason)
-        self._active = False
+        self._after_disarming()
         threads, self._threads = self._threads, []
         for thread in threads:
             thread.close()
+        self._unlock()
+
+    def _unlock(self) -> None:
+        if self._lock_of_device is not None:
+            self._lock_of_device.release()
+
+    def _after_disarming(self) -> None:
+        """Tell, and let go of the operator: who arms again begins with the first step."""
+        if self._active:
+            _, latched, reason = self.controller.status()
+            self._say(f'{"stopped" if latched else "disarmed"}: {reason}')
+            self._audit.note('stop' if latched else 'disarm', reason=reason)
+        self._active = False
+        self.authority.release()
 
     def _try(self, command: Callable[[], None]) -> TransitionCallbackReturn:
         try:
@@ -166,68 +267,74 @@ class StimulatorDriver(LifecycleNode):
         self._note = ''
         return TransitionCallbackReturn.SUCCESS
 
+    def _on_start(self, goal: RunSchedule.Goal, schedule: Schedule) -> None:
+        """Write down who starts what, before the first pulse."""
+        self._audit.require(
+            'schedule',
+            operator=plain_text(goal.operator_id),
+            name=plain_text(schedule.name),
+            pulses=int(schedule.pulse_count),
+            text=plain_text(goal.schedule),
+        )
+        self._say(f'running {plain_text(schedule.name)}, {schedule.pulse_count} pulses')
+
     def _on_refused(self, reason: str) -> None:
-        self._note = f'refused: {reason}'
-        logger_of(self).warning(self._note)
+        said, now_ns = plain_text(reason), time.monotonic_ns()
+        repeated = self._note == _REFUSED + said and now_ns - self._noted_ns < _REPEATED_NS
+        self._note, self._noted_ns = _REFUSED + said, now_ns
+        if not repeated:
+            logger_of(self).warning(self._note)
+            self._audit.note('refusal', reason=said)
+
+    def _on_reset(self) -> None:
+        self._say('stop was reset')
+        self._audit.note('reset')
+
+    def _on_audit_failed(self, reason: str) -> None:
+        self.controller.interlocks.open(AUDIT, reason)
+        if self.controller.state in POSSIBLE:
+            self.controller.stop(AUDIT, reason)
+
+    def _say(self, line: str) -> None:
+        logger_of(self).info(plain_text(line))
 
     def _on_context_shutdown(self) -> None:
         self.controller.disarm('context shut down')
 
-    def _on_change_state(
-        self, request: ChangeState.Request, response: ChangeState.Response
-    ) -> ChangeState.Response:
-        possible = {(id_, label) for id_, label, *_ in self._state_machine.available_transitions}
-        asked = request.transition
-        if any(
-            asked.label == label if asked.label else asked.id == id_ for id_, label in possible
-        ):
-            return self._change_state(request, response)
-        names = ', '.join(sorted(label for _, label in possible))
-        self._on_refused(f'expected a transition of {names}, got {asked.label or asked.id}')
-        response.success = False
-        return response
+    def _refuse_simulated_time(self) -> None:
+        """Stamps and heartbeats are of now: no other clock is accepted, now or later."""
+        name = 'use_sim_time'
+        reason = f'expected {name} false: a driver stamps what it does by the clock, got true'
+        if self.get_parameter(name).value:
+            raise NodeError(reason)
 
-    def _publish(self, fired: Fired) -> None:
-        if not self.context.ok():
-            # the process is about to end, and nobody can be told any more
-            return
-        offset_ns = self._clock_offset_ns()
-        given = fired.delivery
-        asked = Pulse(fired.due_ns + offset_ns, fired.intensity, fired.sequence, fired.width_s)
-        self._commanded.publish(self._message(asked))
-        if given is not None:
-            sequence = fired.delivered_sequence
-            delivered = Pulse(given.time_ns + offset_ns, given.intensity, sequence, fired.width_s)
-            self._delivered.publish(self._message(delivered))
+        def check(parameters: list[Parameter]) -> SetParametersResult:
+            asked = any(given.name == name and given.value for given in parameters)
+            return SetParametersResult(successful=not asked, reason=reason if asked else '')
 
-    def _message(self, pulse: Pulse) -> PulseMessage:
-        return messages.pulse_message(pulse, MESSAGE_TYPES, self.settings.frame_id)
+        self.add_on_set_parameters_callback(check)
 
-    def _clock_offset_ns(self) -> int:
-        """Return the node's clock minus the monotonic clock [ns].
+    def _show_life(self) -> None:
+        self.controller.seen(EXECUTOR)
 
-        The thread may be held up between the two readings; the tightest of a few counts.
-        """
-        best_width, best_offset = _LONG_NS, 0
-        for _ in range(_CLOCK_READINGS):
-            before = time.monotonic_ns()
-            now = self.get_clock().now().nanoseconds
-            width = time.monotonic_ns() - before
-            if width < best_width:
-                best_width, best_offset = width, now - before - width // 2
-            if width < _TIGHT_NS:
-                break
-        return best_offset
+    def _guarded_tick(self) -> None:
+        try:
+            self._tick()
+        except Exception as error:  # noqa: BLE001
+            # an exception in a timer would end the process with the device armed
+            self.controller.fail('tick', f'expected to run on, got {error!r}')
+            logger_of(self).error(f'expected to run on, got {error!r}', throttle_duration_sec=1.0)
 
     def _tick(self) -> None:
-        self.controller.seen(EXECUTOR)
-        stamp, now_ns = self.get_clock().now().to_msg(), time.monotonic_ns()
+        stamp, now_ns = messages.time_message(time.time_ns(), MESSAGE_TYPES), time.monotonic_ns()
         self._action.progress(stamp, now_ns)
-        if self._active and self.controller.state not in (State.ARMED, State.RUNNING):
+        if self._active and self.controller.state not in POSSIBLE:
             # the controller disarmed by itself: the life cycle follows
-            LifecycleNode.trigger_deactivate(self)
+            self.change(Transition.TRANSITION_DEACTIVATE)
         if self._autostart:
             self._start_if_heard()
+        if self._note and now_ns - self._noted_ns > _NOTE_NS:
+            self._note = ''
         self._tell(stamp, now_ns)
 
     def _tell(self, stamp: Any, now_ns: int) -> None:
@@ -236,30 +343,29 @@ class StimulatorDriver(LifecycleNode):
         changed, self._said = said != self._said, said
         if changed or now_ns >= self._next_status_ns:
             self._next_status_ns = now_ns + nanoseconds(1.0 / self.settings.status_rate)
-            self._status.publish(status_message(self.controller, stamp, now_ns, self._note))
+            self._status.publish(self._view.status(stamp, now_ns, self._note))
         if changed or now_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = now_ns + nanoseconds(_DIAGNOSTICS_PERIOD_S)
-            name, device = self.get_name(), self.settings.device
-            self._diagnostics.publish(
-                diagnostics_message(self.controller, name, device, stamp, self._note)
-            )
+            self._diagnostics.publish(self._health.message(stamp, self._note))
 
     def _start_if_heard(self) -> None:
         """Start by itself, once enough nodes listen."""
-        if self._delivered.get_subscription_count() < self.settings.minimum_subscribers:
+        if self._pulses.listeners < self.settings.minimum_subscribers:
             return
         self._autostart = False
-        LifecycleNode.trigger_configure(self)
-        if self.controller.state is State.DISARMED:
-            LifecycleNode.trigger_activate(self)
-        if self.controller.state is State.ARMED and self._schedule is not None:
-            try:
+        try:
+            if self.controller.state is State.UNCONFIGURED:
+                self.change(Transition.TRANSITION_CONFIGURE)
+            if self.controller.state is State.DISARMED:
+                self.change(Transition.TRANSITION_ACTIVATE)
+            if self.controller.state is State.ARMED and self._schedule is not None:
                 self.controller.start(self._schedule)
-            except StimulationError as error:
-                self._on_refused(str(error))
+        except RpmsError as error:
+            self._on_refused(str(error))
 
 
 def main() -> int:
     """Run the stimulator driver as a process."""
     sys.setswitchinterval(_SWITCH_S)
+    stay_on_this_machine()
     return run(StimulatorDriver)

@@ -1,13 +1,35 @@
-"""SIGINT and SIGTERM as a request that cannot get lost."""
+"""Signals that end a process, as a request that cannot get lost."""
 
+import contextlib
+import os
 import signal
+import threading
 from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+ENDING = (
+    signal.SIGINT,
+    signal.SIGTERM,
+    signal.SIGHUP,
+    signal.SIGQUIT,
+    signal.SIGUSR1,
+    signal.SIGUSR2,
+    signal.SIGALRM,
+    signal.SIGVTALRM,
+    signal.SIGPROF,
+    signal.SIGXCPU,
+    signal.SIGIO,
+    signal.SIGPWR,
+)
+"""Signals that would end a process without a word, or end it in the ordinary way."""
+
+SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""Signals that would stop a process; SIGSTOP cannot be caught."""
+
 
 class StopRequest:
-    """SIGINT and SIGTERM: a process that spins finishes its callback first.
+    """Signals as a request to end: a process that spins finishes its callback first.
 
     rclpy's own handlers shut the context down at once, and what a callback is about to publish
     fails half-way with an error of its own.  Python's own handler raises in whatever runs, and
@@ -24,12 +46,33 @@ class StopRequest:
         self.made = False
         self._spinning = False
         self._before: dict[int, Callable[[int, FrameType | None], Any] | int | None] = {}
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._before[number] = signal.signal(number, self._on_signal)
+        self._thread: threading.Thread | None = None
+        self._written = -1
+        self._take_over(ENDING)
 
     def heed_between_callbacks(self) -> None:
         """From now on only note signals, so that the spinning loop can look at them."""
         self._spinning = True
+
+    def call_at_once(self, callback: Callable[[str], None]) -> None:
+        """Have a thread tell `callback` of the first signal, whatever the main thread does.
+
+        A handler in Python waits until the main thread is back from where it is; the byte that
+        wakes this thread does not.  Signals that would suspend the process end it from now on.
+        """
+        self._take_over(SUSPENDING)
+        read, self._written = os.pipe()
+        os.set_blocking(self._written, False)
+        signal.set_wakeup_fd(self._written, warn_on_full_buffer=False)
+
+        def wait() -> None:
+            with os.fdopen(read, 'rb', buffering=0) as pipe:
+                for number in iter(lambda: pipe.read(1), b''):
+                    if number[0] in self._before:
+                        callback(f'signal {signal.Signals(number[0]).name}')
+
+        self._thread = threading.Thread(target=wait, name='signals', daemon=True)
+        self._thread.start()
 
     def raise_if_made(self) -> None:
         """Raise KeyboardInterrupt if a signal has come."""
@@ -38,8 +81,18 @@ class StopRequest:
 
     def restore(self) -> None:
         """Put the handlers back that were there before."""
+        if self._thread is not None:
+            signal.set_wakeup_fd(-1)
+            with contextlib.suppress(OSError):
+                os.close(self._written)
+            self._thread.join()
+            self._thread = None
         for number, handler in self._before.items():
             signal.signal(number, handler)
+
+    def _take_over(self, numbers: tuple[signal.Signals, ...]) -> None:
+        for number in numbers:
+            self._before[number] = signal.signal(number, self._on_signal)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         again, self.made = self.made, True

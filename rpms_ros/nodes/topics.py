@@ -19,13 +19,22 @@ RUN_SCHEDULE = 'run_schedule'
 """rpms_msgs/RunSchedule: action that makes a driver run a schedule."""
 
 EMERGENCY_STOP = 'emergency_stop'
-"""std_msgs/Bool: true stops a driver; std_srvs/Trigger: the same as a service."""
+"""std_msgs/Bool: state of a stop button, at a rate; std_srvs/Trigger: stop as a service."""
 
 RESET_EMERGENCY_STOP = 'reset_emergency_stop'
 """std_srvs/Trigger: lets go of a latched stop whose cause is gone."""
 
 HEARTBEAT = 'heartbeat'
-"""std_msgs/Header: somebody watches; has to keep coming with a new stamp while armed."""
+"""rpms_msgs/OperatorHeartbeat: the operator who has armed is there and holds the enable."""
+
+REQUEST_ARMING = 'request_arming'
+"""rpms_msgs/RequestArming: first step of arming, gives one operator a token."""
+
+CONFIRM_ARMING = 'confirm_arming'
+"""rpms_msgs/ConfirmArming: second step, arms."""
+
+JOY = 'joy'
+"""sensor_msgs/Joy: buttons of a joystick."""
 
 DIAGNOSTICS = '/diagnostics'
 """diagnostic_msgs/DiagnosticArray: absolute, where ROS tools look for them."""

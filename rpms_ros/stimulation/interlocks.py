@@ -10,6 +10,7 @@ import threading
 from collections.abc import Mapping
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import nanoseconds
 
 
 class Refused(StimulationError):
@@ -46,6 +47,11 @@ class Interlocks:
         """The first cause of the latched stop in plain words; empty without one."""
         with self._lock:
             return next(iter(self._latched.values()), '')
+
+    def require(self, name: str, timeout_s: float) -> None:
+        """Ask for one more sign of life, of at most this age [s]."""
+        with self._lock:
+            self._timeouts_ns[name] = nanoseconds(timeout_s)
 
     def seen(self, name: str, now_ns: int) -> None:
         """Note a sign of life."""

@@ -61,5 +61,5 @@ def test_launch_files_name_nodes_and_parameter_files_that_exist() -> None:
     setup = (ROOT / 'setup.py').read_text()
     for name in (*NODES, 'stimulator_driver'):
         assert f"'{name}'" in text
-        assert f"'{name} = rpms_ros.nodes.{name}:main'" in setup
+        assert f"'{name} = rpms_ros.nodes.executables:{name}'" in setup
         assert (ROOT / 'config' / f'{name}.yaml').is_file()

@@ -52,7 +52,8 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
     graph.add(
         StimulatorDriver,
         autostart=True,
-        require_heartbeat=False,
+        require_operator=False,
+        require_stop_button=False,
         minimum_subscribers=2,
         duration=2.0,
         low=0.4,

@@ -29,7 +29,13 @@ class Laboratory:
     def __init__(self, graph, **parameters):
         self.graph = graph
         # a machine under load may stall for longer than the default allows
-        patient = {'require_heartbeat': False, 'executor_timeout': 5.0, 'lateness_limit': 0.1}
+        patient = {
+            'require_operator': False,
+            'require_stop_button': False,
+            'executor_timeout': 5.0,
+            'watch_timeout': 5.0,
+            'lateness_limit': 0.1,
+        }
         self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
         self.other = graph.add(lambda **options: Node('other', **options))
         self.pulses, self.commanded, self.statuses, self.feedback = [], [], [], []
@@ -53,10 +59,14 @@ class Laboratory:
 
     def activate(self):
         assert self.change(Transition.TRANSITION_CONFIGURE)
-        assert self.change(Transition.TRANSITION_ACTIVATE)
+        self.arm()
 
-    def send(self, schedule):
-        goal = RunSchedule.Goal(schedule=schedule)
+    def arm(self):
+        # a driver of another test may still be on the graph
+        self.graph.wait_for(lambda: self.change(Transition.TRANSITION_ACTIVATE))
+
+    def send(self, schedule, **who):
+        goal = RunSchedule.Goal(schedule=schedule, **who)
         take = self.feedback.append
         return self.done(
             self.client.send_goal_async(goal, feedback_callback=lambda m: take(m.feedback))
@@ -64,6 +74,13 @@ class Laboratory:
 
     def result(self, handle):
         return self.done(handle.get_result_async())
+
+    def refusal(self, schedule, **who):
+        """Error code and reason of a goal that is not run."""
+        answer = self.result(self.send(schedule, **who))
+        assert answer.status == GoalStatus.STATUS_ABORTED
+        assert not answer.result.completed
+        return answer.result.error_code, answer.result.reason
 
     def wait_for_state(self, state):
         self.graph.wait_for(lambda: self.statuses[-1].state == state)
@@ -76,7 +93,9 @@ class Laboratory:
 def test_silent_until_told_to_run(graph):
     lab = Laboratory(graph)
     assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
-    assert not lab.send(SHORT).accepted
+    code, reason = lab.refusal(SHORT)
+    assert code == RunSchedule.Result.WRONG_STATE
+    assert 'expected state ARMED, got UNCONFIGURED' in reason
     lab.graph.wait_for(lambda: 'expected state ARMED, got UNCONFIGURED' in lab.reason)
     lab.activate()
     lab.wait_for_state(DriverStatus.ARMED)
@@ -108,11 +127,15 @@ def test_second_goal_is_refused_and_cancel_stops_the_first(graph):
     lab.activate()
     handle = lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses))
-    assert not lab.send(SHORT).accepted
+    assert lab.refusal(SHORT) == (
+        RunSchedule.Result.WRONG_STATE,
+        'expected no schedule running, got a second goal',
+    )
     lab.done(handle.cancel_goal_async())
     answer = lab.result(handle)
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert answer.result.reason == 'cancelled by the client'
+    assert answer.result.error_code == RunSchedule.Result.CANCELLED
     assert not answer.result.completed
     assert lab.driver.controller.due_ns() is None
     assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
@@ -147,7 +170,10 @@ def test_deactivation_ends_the_goal(graph):
 def test_bad_goals_are_refused_with_one_reason(graph, schedule, reason):
     lab = Laboratory(graph)
     lab.activate()
-    assert not lab.send(schedule).accepted
+    code, said = lab.refusal(schedule)
+    assert reason in said
+    limit = reason.startswith('maximum_rate_hz')
+    assert code == (RunSchedule.Result.OVER_LIMIT if limit else RunSchedule.Result.BAD_SCHEDULE)
     graph.wait_for(lambda: reason in lab.reason)
     assert lab.pulses == []
 
@@ -185,8 +211,10 @@ def test_shutdown_of_the_context_stops_the_pulses(graph):
 def test_autostart_waits_for_its_listeners(graph):
     driver = graph.add(
         StimulatorDriver,
-        require_heartbeat=False,
+        require_operator=False,
+        require_stop_button=False,
         executor_timeout=5.0,
+        watch_timeout=5.0,
         lateness_limit=0.1,
         autostart=True,
         duration=0.2,
@@ -207,12 +235,18 @@ def test_autostart_waits_for_its_listeners(graph):
         ({'low': 0.5, 'high': 0.2}, 'expected low <= high, got 0.5 and 0.2'),
         ({'device': 'oracle'}, 'device: expected one of'),
         (
-            {'device': 'serial', 'require_heartbeat': False},
-            'expected require_heartbeat with a real',
+            {'device': 'serial', 'require_operator': False},
+            'expected require_operator with a real device, got false',
+        ),
+        (
+            {'device': 'serial', 'require_stop_button': False},
+            'expected require_stop_button with a real device, got false',
         ),
         ({'device': 'serial', 'autostart': True}, 'expected no autostart with a real device'),
+        ({'device': 'serial'}, 'expected an audit_log with a real device, got none'),
+        ({'use_sim_time': True}, 'expected use_sim_time false: a driver stamps what it does'),
         (
-            {'device': 'serial'},
+            {'device': 'serial', 'audit_log': '/nowhere/audit.jsonl'},
             "expected the device specification of a real device, got 'simulated'",
         ),
         (
@@ -266,7 +300,9 @@ def test_device_that_is_not_there_is_refused(graph, tmp_path):
         device='serial',
         port=port,
         device_specification='rapid2-240v',
-        require_heartbeat=True,
+        require_operator=True,
+        require_stop_button=True,
+        audit_log=str(tmp_path / 'audit.jsonl'),
     )
     assert not lab.change(Transition.TRANSITION_CONFIGURE)
     graph.wait_for(lambda: 'expected a serial port, got' in lab.reason)

@@ -64,4 +64,4 @@ def test_the_file_of_parameters_is_complete_and_names_defaults():
     assert list(given) == list(descriptions(DriverParameters))
     changed = {name for name, value in given.items() if getattr(DriverParameters, name) != value}
     # said so beside it: only a simulated device may do without
-    assert changed == {'require_heartbeat'}
+    assert changed == {'require_operator', 'require_stop_button'}

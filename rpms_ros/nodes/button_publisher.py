@@ -1,0 +1,51 @@
+"""The client's side of a stop button: says its state at a rate, and at once when it changes."""
+
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.node import Node
+from std_msgs.msg import Bool
+
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+
+RATE = 50.0
+
+
+class ButtonPublisher:
+    """Publishes the state of one button in the executor of a node.
+
+    Parameters
+    ----------
+    node : Node
+        Whose executor serves it: where that hangs, the button falls silent.
+    pressed : bool
+        State at the beginning.
+    rate : float
+        How often the state is said [Hz].
+    """
+
+    def __init__(self, node: Node, pressed: bool = False, rate: float = RATE) -> None:
+        self._pressed = pressed
+        self._publisher = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.timer = node.create_timer(1.0 / rate, self.say, clock=steady)
+
+    @property
+    def pressed(self) -> bool:
+        """State of the button."""
+        return self._pressed
+
+    @property
+    def listeners(self) -> int:
+        """How many hear it."""
+        return int(self._publisher.get_subscription_count())
+
+    def set(self, pressed: bool) -> None:
+        """Change the state and say so."""
+        changed, self._pressed = pressed != self._pressed, pressed
+        if changed:
+            self.say()
+
+    def say(self) -> None:
+        """Say the state."""
+        self._publisher.publish(Bool(data=self._pressed))

@@ -1,0 +1,98 @@
+"""What a driver publishes of a pulse: what was asked for, and what the device did."""
+
+import time
+
+from rclpy.node import Node
+
+from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import messages
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.pulses import Pulse
+from rpms_ros.stimulation.controller import Fired
+
+UNVERIFIED = {
+    'delivery': PulseMessage.UNVERIFIED_DELIVERY,
+    'intensity': PulseMessage.UNVERIFIED_INTENSITY,
+    'coil': PulseMessage.UNVERIFIED_COIL,
+    'ready': PulseMessage.UNVERIFIED_READY,
+    'error': PulseMessage.UNVERIFIED_ERROR,
+}
+"""Bit in a message for each thing that a device may be unable to confirm."""
+
+_CLOCK_READINGS = 5
+_TIGHT_NS = 50_000
+_LONG_NS = 10**18
+
+
+class PulsePublisher:
+    """Publishes the pulses of one driver; called by the thread that fires them.
+
+    Not a life-cycle publisher: a pulse that was given is reported whatever the state.
+
+    Parameters
+    ----------
+    node : Node
+        The driver's.
+    frame_id : str
+        Frame of the pulses.
+    """
+
+    def __init__(self, node: Node, frame_id: str) -> None:
+        self._node = node
+        self._frame_id = frame_id
+        self._given = node.create_publisher(PulseMessage, topics.PULSES, qos.PULSES)
+        self._asked = node.create_publisher(PulseMessage, topics.PULSES_COMMANDED, qos.PULSES)
+
+    @property
+    def listeners(self) -> int:
+        """How many subscribe to the pulses."""
+        return int(self._given.get_subscription_count())
+
+    def publish(self, fired: Fired) -> None:
+        """Publish one trigger that was sent to the device, answered or not."""
+        if not self._node.context.ok():
+            # the process is about to end, and nobody can be told any more
+            return
+        offset_ns = clock_offset_ns()
+        asked = Pulse(fired.due_ns + offset_ns, fired.intensity, fired.sequence, fired.width_s)
+        self._asked.publish(self._message(asked))
+        self._given.publish(self._message(given_pulse(fired, offset_ns)))
+
+    def _message(self, pulse: Pulse) -> PulseMessage:
+        return messages.pulse_message(pulse, MESSAGE_TYPES, self._frame_id)
+
+
+def given_pulse(fired: Fired, offset_ns: int) -> Pulse:
+    """Return a trigger as a pulse, with what the device did not confirm.
+
+    One that was not answered may have been given: it is a pulse of which nothing is confirmed.
+    """
+    given = fired.delivery
+    if given is None:
+        nothing = sum(UNVERIFIED.values())
+        onset_ns, intensity, unverified = fired.due_ns, fired.intensity, nothing
+    else:
+        onset_ns, intensity = given.time_ns, given.intensity
+        unverified = sum(UNVERIFIED[name] for name in given.unverified)
+    return Pulse(
+        onset_ns + offset_ns, intensity, fired.delivered_sequence, fired.width_s, unverified
+    )
+
+
+def clock_offset_ns() -> int:
+    """Return the system's clock minus the monotonic clock [ns].
+
+    The thread may be held up between the two readings; the tightest of a few counts.
+    """
+    best_width, best_offset = _LONG_NS, 0
+    for _ in range(_CLOCK_READINGS):
+        before = time.monotonic_ns()
+        now = time.time_ns()
+        width = time.monotonic_ns() - before
+        if width < best_width:
+            best_width, best_offset = width, now - before - width // 2
+        if width < _TIGHT_NS:
+            break
+    return best_offset

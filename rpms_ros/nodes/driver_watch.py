@@ -1,0 +1,250 @@
+"""The thread of a driver that hears whatever has to stop it, without any executor.
+
+An executor that is busy hears nothing, and its queue holds a few messages only.  Here a node that
+is in no executor is read by a thread of its own every few milliseconds: stop buttons, the
+operator's heartbeat, the end of the operator's process, and the graph.  Its own life is a sign of
+life that every pulse asks for.
+"""
+
+import select
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Bool
+
+from rpms_msgs.msg import OperatorHeartbeat
+from rpms_ros import messages
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.driver_graph import others_of_this_name
+from rpms_ros.nodes.driver_graph import publishers_of
+from rpms_ros.nodes.driver_refusal import UNIQUE
+from rpms_ros.nodes.driver_refusal import WATCH
+from rpms_ros.nodes.taking import Taken
+from rpms_ros.nodes.taking import Taker
+from rpms_ros.stimulation.authority import Authority
+from rpms_ros.stimulation.authority import Beat
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.process_life import ProcessLife
+from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
+from rpms_ros.stimulation.safety_monitor import HEARTBEAT
+from rpms_ros.stimulation.safety_monitor import POSSIBLE
+from rpms_ros.stimulation.stop_buttons import StopButtons
+
+SUFFIX = '_watch'
+"""What the name of the second node adds to the driver's."""
+
+_LOOK_MS = 5
+_GRAPH_PERIOD_NS = 100_000_000
+# the state of a button stands behind four bytes of encapsulation
+_STATE_AT = 4
+
+
+class DriverWatch:
+    """Hears what stops a driver.
+
+    Parameters
+    ----------
+    node : Node
+        The driver's.
+    controller : StimulationController
+        What is stopped.
+    buttons : StopButtons
+        Takes what buttons say.
+    authority : Authority
+        Takes what the operator's heartbeat says.
+    timeout_s : float
+        Longest silence of this thread while a pulse is possible [s].
+    refused : callable
+        Told why a heartbeat was refused.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        controller: StimulationController,
+        buttons: StopButtons,
+        authority: Authority,
+        timeout_s: float,
+        refused: Callable[[str], None],
+    ) -> None:
+        self._driver = node
+        self._controller = controller
+        self._buttons = buttons
+        self._authority = authority
+        self._refused = refused
+        self._client = ProcessLife('', 0)
+        self._next_graph_ns = 0
+        self._pressed = False
+        self._others = ''
+        self._lock = threading.Lock()
+        self._closing = False
+        # of the driver's context and namespace, but served by nobody
+        self._node = Node(
+            node.get_name() + SUFFIX,
+            namespace=node.get_namespace(),
+            context=node.context,
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        self._live = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
+        self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
+        self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
+        controller.interlocks.require(WATCH, timeout_s)
+        self._thread = threading.Thread(target=self._run, name='driver_watch', daemon=True)
+        self._thread.start()
+
+    def look(self) -> None:
+        """Hear everything that has come, and stop the driver if it has to be."""
+        with self._lock:
+            if self._closing:
+                return
+            now_ns = time.monotonic_ns()
+            self._hear(now_ns)
+            if now_ns >= self._next_graph_ns:
+                self._next_graph_ns = now_ns + _GRAPH_PERIOD_NS
+                self._look_at_graph()
+            self._judge_buttons(time.monotonic_ns())
+            self._judge_operator(time.monotonic_ns())
+            self._controller.seen(WATCH)
+
+    def forget_gone(self) -> None:
+        """Let go of buttons that are not there any more; part of a reset."""
+        with self._lock:
+            self._look_at_graph()
+            self._buttons.forget_gone()
+        self.look()
+
+    def close(self) -> None:
+        """End the thread and the second node."""
+        with self._lock:
+            self._closing = True
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+        for taker in (self._live, self._kept, self._beats):
+            taker.close()
+        self._client.close()
+        self._node.destroy_node()
+
+    def _taker(self, kind: type, topic: str, profile: QoSProfile) -> Taker:
+        name = self._driver.resolve_topic_name(topic)
+        return Taker(self._node.create_subscription(kind, name, _served_by_nobody, profile))
+
+    def _run(self) -> None:
+        try:
+            while not self._closing:
+                self.look()
+                self._wait()
+        except Exception as error:  # noqa: BLE001
+            # whatever it is: without this thread nothing stops the driver
+            if not self._closing and self._driver.context.ok():
+                self._controller.fail(WATCH, f'{WATCH}: expected to run on, got {error!r}')
+
+    def _wait(self) -> None:
+        poll = select.poll()
+        if self._client.descriptor >= 0 and not self._client.ended:
+            poll.register(self._client.descriptor, select.POLLIN)
+        poll.poll(_LOOK_MS)
+
+    def _hear(self, now_ns: int) -> None:
+        for taker, kept in ((self._kept, True), (self._live, False)):
+            for taken in self._drained(taker):
+                pressed = any(taken.data[_STATE_AT : _STATE_AT + 1])
+                self._buttons.heard(taken.identity, taken.sequence, pressed, now_ns, kept)
+        for taken in self._drained(self._beats):
+            self._take_beat(taken, now_ns)
+
+    def _drained(self, taker: Taker) -> list[Taken]:
+        """Return what has come; more than the queue holds may have pushed something out."""
+        found: list[Taken] = []
+        while (taken := taker.take()) is not None:
+            found.append(taken)
+            if len(found) >= qos.STOP_DEPTH:
+                self._buttons.overrun(
+                    f'expected at most {qos.STOP_DEPTH} messages in a look at buttons and '
+                    'heartbeat, got more: some may be lost'
+                )
+                break
+        return found
+
+    def _take_beat(self, taken: Taken, now_ns: int) -> None:
+        try:
+            message = deserialize_message(taken.data, OperatorHeartbeat)
+            beat = Beat(
+                message.token,
+                messages.nanoseconds(message.header.stamp),
+                int(message.sequence),
+                bool(message.enable),
+                taken.identity,
+            )
+        except Exception as error:  # noqa: BLE001
+            self._refused(f'expected a heartbeat that can be read, got {error!r}')
+            return
+        refusal = self._authority.beat(beat, now_ns)
+        if refusal is not None:
+            self._controller.count('heartbeat_refused')
+            if self._authority.operator:
+                self._refused(refusal)
+        elif not self._client.known and self._authority.operator:
+            self._client = ProcessLife(message.host, int(message.process))
+
+    def _look_at_graph(self) -> None:
+        topic = self._driver.resolve_topic_name(topics.EMERGENCY_STOP)
+        self._buttons.present(publishers_of(self._node, topic))
+        before, self._others = self._others, others_of_this_name(self._driver)
+        if not self._others:
+            self._controller.interlocks.close(UNIQUE)
+        elif before:
+            self._open(UNIQUE, self._others)
+        else:
+            # arming is refused at once, a train is stopped when it is seen again
+            self._refuse_arming(UNIQUE, self._others)
+
+    def _refuse_arming(self, name: str, reason: str) -> None:
+        if self._controller.state not in POSSIBLE:
+            self._controller.interlocks.open(name, reason)
+
+    def _open(self, name: str, reason: str) -> None:
+        self._controller.interlocks.open(name, reason)
+        if self._controller.state in POSSIBLE:
+            self._controller.stop(name, reason)
+
+    def _judge_buttons(self, now_ns: int) -> None:
+        problem, pressed = self._buttons.problem(now_ns), self._buttons.pressed
+        first, self._pressed = pressed and not self._pressed, pressed
+        if problem is None:
+            self._controller.interlocks.close(EMERGENCY_STOP)
+            return
+        self._open(EMERGENCY_STOP, problem)
+        if first and self._controller.state not in POSSIBLE:
+            # pressed counts in every state
+            self._controller.stop(EMERGENCY_STOP, problem)
+
+    def _judge_operator(self, now_ns: int) -> None:
+        if not self._authority.operator:
+            self._client.close()
+            return
+        if not self._authority.confirmed:
+            return
+        if self._client.ended:
+            problem: str | None = (
+                f'expected the process of {self._authority.operator} to run, got its end'
+            )
+        else:
+            problem = self._authority.problem(now_ns)
+        if problem is None or self._controller.state not in POSSIBLE:
+            return
+        if self._authority.released_enable(now_ns):
+            self._controller.disarm(problem)
+        else:
+            self._controller.stop(HEARTBEAT, problem)
+
+
+def _served_by_nobody(_message: Any) -> None:
+    """Stand where rclpy wants a callback."""

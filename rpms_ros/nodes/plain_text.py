@@ -1,0 +1,9 @@
+"""Text from anybody, as a message can carry it."""
+
+LONGEST = 2000
+
+
+def plain_text(text: object) -> str:
+    """Return text that can be encoded, without control characters, of bounded length."""
+    said = str(text)[:LONGEST].encode('utf-8', 'replace').decode()
+    return ''.join(sign if sign.isprintable() else ' ' for sign in said)

@@ -1,0 +1,131 @@
+"""Take messages from a subscription without an executor, each with the identity of its publisher.
+
+rclpy of Jazzy does not say which publisher a message is from, and a queue that one publisher fills
+has to be emptied quicker than rclpy can.  rcl does both, and is loaded anyway.
+"""
+
+import ctypes
+from typing import NamedTuple
+
+from rclpy.subscription import Subscription
+
+from rpms_ros.errors import NodeError
+
+_OK, _NOTHING = 0, 401
+_IDENTITY_BYTES = 16
+_FIRST_BYTES = 256
+
+
+class _Bytes(ctypes.Structure):
+    """rcutils_uint8_array_t."""
+
+    _fields_ = (
+        ('buffer', ctypes.c_void_p),
+        ('length', ctypes.c_size_t),
+        ('capacity', ctypes.c_size_t),
+        ('allocator', ctypes.c_void_p * 5),
+    )
+
+
+class _Allocator(ctypes.Structure):
+    """rcutils_allocator_t."""
+
+    _fields_ = (('functions', ctypes.c_void_p * 5),)
+
+
+class _Information(ctypes.Structure):
+    """rmw_message_info_t."""
+
+    _fields_ = (
+        ('sent_ns', ctypes.c_int64),
+        ('received_ns', ctypes.c_int64),
+        ('sequence', ctypes.c_uint64),
+        ('reception', ctypes.c_uint64),
+        ('implementation', ctypes.c_char_p),
+        ('identity', ctypes.c_uint8 * _IDENTITY_BYTES),
+        ('within_process', ctypes.c_bool),
+    )
+
+
+class Taken(NamedTuple):
+    """One message.
+
+    Attributes
+    ----------
+    data : bytes
+        As it was sent, serialised.
+    identity : bytes
+        Of its publisher.
+    sequence : int
+        Counts what this publisher sends.
+    """
+
+    data: bytes
+    identity: bytes
+    sequence: int
+
+
+class Taker:
+    """Takes from one subscription, which must not be served by an executor.
+
+    Parameters
+    ----------
+    subscription : Subscription
+        Of a node that is in no executor.
+
+    Raises
+    ------
+    NodeError
+        If rcl is not there, or is not the one of Jazzy.
+    """
+
+    def __init__(self, subscription: Subscription) -> None:
+        self._subscription = subscription
+        try:
+            rcl, rcutils = ctypes.CDLL('librcl.so'), ctypes.CDLL('librcutils.so')
+            self._take = rcl.rcl_take_serialized_message
+            self._forget_error = rcutils.rcutils_reset_error
+            allocator = rcutils.rcutils_get_default_allocator
+            allocate = rcutils.rcutils_uint8_array_init
+            self._free = rcutils.rcutils_uint8_array_fini
+        except (OSError, AttributeError) as error:
+            raise NodeError(f'expected rcl of ROS 2 Jazzy, got {error}') from error
+        self._take.argtypes = (
+            ctypes.c_void_p,
+            ctypes.POINTER(_Bytes),
+            ctypes.POINTER(_Information),
+            ctypes.c_void_p,
+        )
+        allocator.restype = _Allocator
+        allocate.argtypes = (ctypes.POINTER(_Bytes), ctypes.c_size_t, ctypes.POINTER(_Allocator))
+        self._free.argtypes = (ctypes.POINTER(_Bytes),)
+        self._bytes, self._information = _Bytes(), _Information()
+        functions = allocator()
+        if allocate(ctypes.byref(self._bytes), _FIRST_BYTES, ctypes.byref(functions)) != _OK:
+            raise NodeError('expected memory for a message, got none')
+
+    def take(self) -> Taken | None:
+        """Return the next message, None if there is none."""
+        handle = self._subscription.handle
+        with handle:
+            answer = self._take(
+                handle.pointer,
+                ctypes.byref(self._bytes),
+                ctypes.byref(self._information),
+                None,
+            )
+        if answer == _NOTHING:
+            return None
+        if answer != _OK:
+            self._forget_error()
+            topic = self._subscription.topic
+            raise NodeError(f'expected a message of {topic}, got error {answer}')
+        return Taken(
+            ctypes.string_at(self._bytes.buffer, self._bytes.length),
+            bytes(self._information.identity),
+            int(self._information.sequence),
+        )
+
+    def close(self) -> None:
+        """Let go of the memory."""
+        self._free(ctypes.byref(self._bytes))

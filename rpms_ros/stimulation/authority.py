@@ -1,0 +1,216 @@
+"""Who may arm a driver and start a schedule: one operator, by a token, in two steps.
+
+The operator asks for a token, shows with heartbeats that carry it that a process of theirs is
+there and that the enable is held, and confirms.  From then on token, heartbeat and schedules
+belong to this operator, and end together.
+
+A token keeps strangers from acting by mistake.  Whoever can listen on the network can read it:
+against intent there is only a secured network (SROS2).
+"""
+
+import hmac
+import secrets
+import threading
+from collections.abc import Callable
+from typing import NamedTuple
+
+from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation.heartbeat import Heartbeat
+from rpms_ros.stimulation.interlocks import Refused
+
+AUTHORITY = 'authority'
+LONGEST_NAME = 64
+_TOKEN_BYTES = 16
+
+
+class Beat(NamedTuple):
+    """One heartbeat of an operator.
+
+    Attributes
+    ----------
+    token : str
+        What the driver gave the operator.
+    stamp_ns : int
+        When it was sent, on the sender's clock [ns].
+    sequence : int
+        Counts the heartbeats.
+    enable : bool
+        Whether the operator holds the enable.
+    source : bytes
+        Identity of the publisher.
+    """
+
+    token: str
+    stamp_ns: int
+    sequence: int
+    enable: bool
+    source: bytes
+
+
+class Authority:
+    """Holds the one operator; any thread may call it.
+
+    Parameters
+    ----------
+    timeout_s : float
+        Longest silence of the heartbeat [s].
+    valid_s : float
+        From the request of a token to its confirmation [s].
+    make_token : callable
+        Returns a new secret.
+    """
+
+    def __init__(
+        self,
+        timeout_s: float,
+        valid_s: float = 10.0,
+        make_token: Callable[[], str] = lambda: secrets.token_hex(_TOKEN_BYTES),
+    ) -> None:
+        self.valid_s = valid_s
+        self._timeout_s = timeout_s
+        self._make_token = make_token
+        self._lock = threading.RLock()
+        self._operator = ''
+        self._token = ''
+        self._until_ns = 0
+        self._confirmed = False
+        self._source: bytes | None = None
+        self._sequence: int | None = None
+        self._seen_ns: int | None = None
+        self._forget_beats()
+
+    @property
+    def operator(self) -> str:
+        """Who has asked for a token or has armed; empty if nobody."""
+        return self._operator
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether an operator has armed."""
+        return self._confirmed
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the operator holds the enable, as the last heartbeat said."""
+        return self._enabled
+
+    def request(self, operator: str, now_ns: int) -> str:
+        """Return a new token for an operator.
+
+        Raises
+        ------
+        Refused
+            If somebody else has armed or has asked just before, or the name is none.
+        """
+        name = operator.strip()
+        if not name or len(name) > LONGEST_NAME or not name.isprintable():
+            raise Refused(
+                AUTHORITY,
+                f'expected a name of 1 to {LONGEST_NAME} printable characters, got {operator!r}',
+            )
+        with self._lock:
+            pending = bool(self._token) and now_ns <= self._until_ns
+            if self._confirmed or (pending and name != self._operator):
+                raise Refused(AUTHORITY, f'expected no other operator, got {self._operator}')
+            self._operator, self._token = name, self._make_token()
+            self._until_ns = now_ns + nanoseconds(self.valid_s)
+            self._forget_beats()
+            return self._token
+
+    def beat(self, beat: Beat, now_ns: int) -> str | None:
+        """Take a heartbeat; return why it does not count, None if it does."""
+        with self._lock:
+            if not self._is_token(beat.token):
+                return 'expected a heartbeat with the token of the operator, got another one'
+            if self._source is not None and beat.source != self._source:
+                self._doubt = 'expected one process with this token, got heartbeats of two'
+                return self._doubt
+            if self._sequence is not None and beat.sequence <= self._sequence:
+                return 'expected a heartbeat after the last one, got one that repeats or goes back'
+            refusal = self._heartbeat.refusal(beat.stamp_ns, now_ns)
+            if refusal is not None:
+                return refusal
+            self._source, self._sequence = beat.source, beat.sequence
+            self._seen_ns, self._enabled = now_ns, beat.enable
+            return None
+
+    def confirm(self, operator: str, token: str, now_ns: int) -> None:
+        """Hold that this operator arms; `take_back` undoes it.
+
+        Raises
+        ------
+        Refused
+            If the token is not the one that was given, or too old, or the heartbeat or the
+            enable is missing.
+        """
+        with self._lock:
+            self._require_token(operator, token)
+            if not self._confirmed and now_ns > self._until_ns:
+                raise Refused(
+                    AUTHORITY,
+                    f'expected the confirmation within {self.valid_s:g} s of the request, '
+                    'got it later',
+                )
+            problem = self.problem(now_ns)
+            if problem is not None:
+                raise Refused(AUTHORITY, problem)
+            self._confirmed = True
+
+    def take_back(self) -> None:
+        """Undo a confirmation that did not arm; the token can be confirmed again in its time."""
+        self._confirmed = False
+
+    def require(self, operator: str, token: str) -> None:
+        """Raise Refused unless this is the operator who has armed."""
+        with self._lock:
+            self._require_token(operator, token)
+            if not self._confirmed:
+                raise Refused(AUTHORITY, f'expected {operator} to have armed, got no confirmation')
+
+    def problem(self, now_ns: int) -> str | None:
+        """Return why the operator does not keep the driver armed, None if they do."""
+        with self._lock:
+            if self._doubt:
+                return self._doubt
+            if self._seen_ns is None:
+                return f'expected a heartbeat of {self._operator or "an operator"}, got none yet'
+            if now_ns - self._seen_ns > nanoseconds(self._timeout_s):
+                age_s = (now_ns - self._seen_ns) / 1e9
+                return (
+                    f'expected a heartbeat of {self._operator} within {self._timeout_s:g} s, '
+                    f'got none for {age_s:.3g} s'
+                )
+            if not self._enabled:
+                return f'expected {self._operator} to hold the enable, got it released'
+            return None
+
+    def released_enable(self, now_ns: int) -> bool:
+        """Return whether nothing is wrong but that the operator has let go of the enable."""
+        with self._lock:
+            enabled, self._enabled = self._enabled, True
+            alive = self.problem(now_ns) is None
+            self._enabled = enabled
+            return alive and not enabled
+
+    def release(self) -> None:
+        """Let go of the operator: the token is worth nothing any more."""
+        with self._lock:
+            self._operator = self._token = ''
+            self._confirmed = False
+            self._forget_beats()
+
+    def _forget_beats(self) -> None:
+        self._heartbeat = Heartbeat(self._timeout_s)
+        self._source = self._sequence = self._seen_ns = None
+        self._enabled = False
+        self._doubt = ''
+
+    def _require_token(self, operator: str, token: str) -> None:
+        if not self._is_token(token) or operator.strip() != self._operator:
+            held = f'that of {self._operator}' if self._operator else 'one that was asked for'
+            raise Refused(AUTHORITY, f'expected operator and token: {held}, got another one')
+
+    def _is_token(self, token: str) -> bool:
+        # an unpaired surrogate cannot be encoded, and is in no token
+        given = token.encode('utf-8', 'replace')
+        return bool(self._token) and hmac.compare_digest(given, self._token.encode())

@@ -1,0 +1,58 @@
+"""The end of another process on this machine, seen at once: the kernel tells, nobody has to ask.
+
+A heartbeat tells that a process has ended only after the longest silence that is allowed to it.
+"""
+
+import contextlib
+import os
+import select
+from pathlib import Path
+
+_BOOT = Path('/proc/sys/kernel/random/boot_id')
+_PROCESSES = Path('/proc/self/ns/pid')
+
+
+def host_identity() -> str:
+    """Return what two processes have in common that can name each other by process id."""
+    try:
+        return f'{_BOOT.read_text().strip()} {_PROCESSES.readlink()}'
+    except OSError:
+        return ''
+
+
+class ProcessLife:
+    """Watches one process; use `close` in the end.
+
+    Parameters
+    ----------
+    host : str
+        What `host_identity` is there.
+    process : int
+        Its id there.
+    """
+
+    def __init__(self, host: str, process: int) -> None:
+        self.descriptor = -1
+        self.known = False
+        if process > 0 and host and host == host_identity():
+            self.known = True
+            # a process that is gone already stays at -1
+            with contextlib.suppress(OSError):
+                self.descriptor = os.pidfd_open(process)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the process is known to have ended."""
+        if not self.known:
+            return False
+        if self.descriptor < 0:
+            return True
+        poll = select.poll()
+        poll.register(self.descriptor, select.POLLIN)
+        return bool(poll.poll(0))
+
+    def close(self) -> None:
+        """Let go of it; from then on it tells nothing."""
+        descriptor, self.descriptor, self.known = self.descriptor, -1, False
+        if descriptor >= 0:
+            os.close(descriptor)

@@ -1,0 +1,163 @@
+"""Stop buttons by presence: every one says its state at a rate, and silence counts as pressed.
+
+A button is known by the identity of its publisher.  One that is pressed, that has fallen silent,
+or that is there and has said nothing yet stands against every pulse, whatever the others say.
+"""
+
+import enum
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rpms_ros.pulses import nanoseconds
+
+
+class ButtonState(enum.IntEnum):
+    """State of one button; values as in rpms_msgs/DriverStatus."""
+
+    RELEASED = 0
+    PRESSED = 1
+    SILENT = 2
+    UNKNOWN = 3
+
+
+@dataclass
+class _Button:
+    """What one publisher said last.
+
+    ``seen_ns`` is None until it has said something that was not kept for those who come late.
+    """
+
+    sequence: int
+    pressed: bool
+    seen_ns: int | None = None
+
+
+class StopButtons:
+    """Takes what buttons say and tells whether a pulse is possible; any thread may call it.
+
+    Parameters
+    ----------
+    timeout_s : float
+        Longest silence of a button [s].
+    required : bool
+        Whether there has to be a button at all.
+    """
+
+    def __init__(self, timeout_s: float, required: bool = True) -> None:
+        self._timeout_ns = nanoseconds(timeout_s)
+        self._required = required
+        self._lock = threading.Lock()
+        self._buttons: dict[bytes, _Button] = {}
+        self._names: dict[bytes, str] = {}
+        self._unheard = 0
+        self._overrun = ''
+
+    def heard(
+        self, identity: bytes, sequence: int, pressed: bool, now_ns: int, kept: bool = False
+    ) -> None:
+        """Take what a button says, unless it has said something newer.
+
+        Parameters
+        ----------
+        identity : bytes
+            Of its publisher.
+        sequence : int
+            Counts what this publisher says.
+        pressed : bool
+            Its state.
+        now_ns : int
+            Now, monotonic clock [ns].
+        kept : bool
+            Whether it may have been said long ago and was kept: that is no sign of life.
+        """
+        with self._lock:
+            button = self._buttons.setdefault(identity, _Button(sequence, pressed))
+            if sequence < button.sequence:
+                return
+            button.sequence, button.pressed = sequence, pressed
+            if not kept:
+                button.seen_ns = now_ns
+
+    def overrun(self, reason: str) -> None:
+        """Note that messages may have been lost: the newest of a button is not known."""
+        with self._lock:
+            self._overrun = reason
+
+    def present(self, names: Mapping[bytes, str]) -> None:
+        """Take over which publishers there are, with a name for each to show."""
+        with self._lock:
+            self._names = dict(names)
+            # counted, not compared: some middlewares show another identity than they send
+            self._unheard = max(0, len(names) - len(self._buttons))
+
+    def states(self, now_ns: int) -> dict[str, ButtonState]:
+        """Return the state of each button by name."""
+        with self._lock:
+            states = {
+                self._name(identity): self._state(button, now_ns)
+                for identity, button in self._buttons.items()
+            }
+            for identity, name in self._names.items():
+                if self._unheard and identity not in self._buttons:
+                    states[name] = ButtonState.UNKNOWN
+            return states
+
+    @property
+    def pressed(self) -> bool:
+        """Whether a button said last that it is pressed."""
+        with self._lock:
+            return any(button.pressed for button in self._buttons.values())
+
+    def problem(self, now_ns: int) -> str | None:
+        """Return why no pulse is possible, None if every button says that it is released."""
+        with self._lock:
+            if self._overrun:
+                return self._overrun
+            limit_s = self._timeout_ns / 1e9
+            for identity, button in self._buttons.items():
+                name, state = self._name(identity), self._state(button, now_ns)
+                if state is ButtonState.PRESSED:
+                    return f'emergency stop is pressed ({name})'
+                if state is ButtonState.SILENT and button.seen_ns is not None:
+                    age_s = (now_ns - button.seen_ns) / 1e9
+                    return (
+                        f'expected stop button {name} to say its state every {limit_s:g} s, '
+                        f'got silence for {age_s:.3g} s'
+                    )
+                if state is ButtonState.UNKNOWN:
+                    return f'expected stop button {name} to say its state, got nothing yet'
+            if self._unheard:
+                return f'expected every stop button to speak, got {self._unheard} still unknown'
+            if self._required and not self._buttons:
+                return 'expected a stop button that says its state at a rate, got none'
+            return None
+
+    def forget_gone(self) -> None:
+        """Let go of released buttons that are not there any more; part of a reset.
+
+        One that said it is pressed and went away stays: only `clear` lets go of it.
+        """
+        with self._lock:
+            self._overrun = ''
+            for identity in [*self._buttons]:
+                if identity not in self._names and not self._buttons[identity].pressed:
+                    del self._buttons[identity]
+
+    def clear(self) -> None:
+        """Forget every button; they have to say their state again."""
+        with self._lock:
+            self._buttons.clear()
+            self._overrun = ''
+            self._unheard = len(self._names)
+
+    def _state(self, button: _Button, now_ns: int) -> ButtonState:
+        if button.pressed:
+            return ButtonState.PRESSED
+        if button.seen_ns is None:
+            return ButtonState.UNKNOWN
+        silent = now_ns - button.seen_ns > self._timeout_ns
+        return ButtonState.SILENT if silent else ButtonState.RELEASED
+
+    def _name(self, identity: bytes) -> str:
+        return self._names.get(identity, identity.hex())

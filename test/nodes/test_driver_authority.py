@@ -1,0 +1,275 @@
+"""The driver as a node: one operator arms in two steps, and what is theirs ends with them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from rpms_msgs.action import RunSchedule
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import Pulse
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.operator_client import OperatorClient
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+
+CODES = RunSchedule.Result
+LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+# a client in a process of its own: arms, starts a train, and waits to be killed
+CLIENT = f"""
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rpms_ros.nodes.discovery import use_fast_discovery
+from rpms_ros.nodes.operator_client import OperatorClient
+use_fast_discovery()
+rclpy.init()
+node, executor = Node('client'), EventsExecutor()
+executor.add_node(node)
+ada = OperatorClient(node, 'ada')
+def until(done):
+    while not done():
+        executor.spin_once(timeout_sec=0.05)
+def ask(call):
+    future = call()
+    until(future.done)
+    return future.result()
+until(lambda: ada.ready)
+ada.enable = True
+until(lambda: ask(ada.request).success)
+until(lambda: ada.token)
+until(lambda: ask(ada.confirm).success)
+handle = ask(lambda: ada.start({LONG!r}))
+until(lambda: False)
+"""
+
+
+class Clinic:
+    """A driver that asks for operator and button, and a node that has both."""
+
+    def __init__(self, graph, **parameters):
+        self.graph = graph
+        # a machine under load may stall for longer than the default allows
+        patient = {
+            'executor_timeout': 5.0,
+            'watch_timeout': 5.0,
+            'stop_button_timeout': 2.0,
+            'heartbeat_timeout': 2.0,
+            'lateness_limit': 0.1,
+        }
+        self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
+        self.controller = self.driver.controller
+        self.other = graph.add(lambda **options: Node('other', **options))
+        self.pulses, self.statuses = [], []
+        self.other.create_subscription(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
+        self.other.create_subscription(
+            DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS
+        )
+        self.button = ButtonPublisher(self.other)
+        self.ada = OperatorClient(self.other, 'ada')
+        self.changes = self.other.create_client(ChangeState, 'stimulator_driver/change_state')
+        graph.wait_for(lambda: self.ada.ready and self.changes.service_is_ready())
+        graph.wait_for(lambda: bool(self.statuses))
+        assert self.change(Transition.TRANSITION_CONFIGURE)
+
+    def ask(self, future):
+        self.graph.wait_for(future.done)
+        return future.result()
+
+    def change(self, transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.ask(self.changes.call_async(request)).success
+
+    def arm(self, client=None):
+        client = client or self.ada
+        client.enable = True
+        assert self.ask(client.request()).success
+        self.graph.wait_for(lambda: bool(client.token))
+        self.graph.wait_for(lambda: self.ask(client.confirm()).success)
+
+    def result(self, client=None, schedule=LONG):
+        handle = self.ask((client or self.ada).start(schedule))
+        return self.ask(handle.get_result_async()).result
+
+    def run(self):
+        self.arm()
+        self.handle = self.ask(self.ada.start(LONG))
+        self.graph.wait_for(lambda: bool(self.pulses))
+
+    def wait_for_state(self, state):
+        self.graph.wait_for(lambda: self.statuses[-1].state == state)
+        return self.statuses[-1].reason
+
+
+@pytest.fixture
+def clinic(graph):
+    made = []
+
+    def make(**parameters):
+        made.append(Clinic(graph, **parameters))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.ada.destroy()
+
+
+def test_two_steps_arm_and_a_goal_of_the_operator_runs(clinic):
+    lab = clinic()
+    assert not lab.change(Transition.TRANSITION_ACTIVATE)
+    lab.graph.wait_for(lambda: 'expected an operator to request and to' in lab.statuses[-1].reason)
+    lab.run()
+    assert lab.statuses[-1].operator_id == 'ada'
+    assert lab.driver.authority.confirmed
+
+
+def test_nothing_is_armed_without_the_enable(clinic):
+    lab = clinic()
+    assert lab.ask(lab.ada.request()).success
+    lab.graph.wait_for(lambda: bool(lab.ada.token))
+    answer = lab.ask(lab.ada.confirm())
+    assert not answer.success
+    lab.graph.wait_for(lambda: 'to hold the enable' in lab.ask(lab.ada.confirm()).message)
+    assert lab.controller.state.name == 'DISARMED'
+
+
+def test_a_goal_of_anybody_else_is_refused_and_not_even_read(clinic):
+    lab = clinic()
+    lab.arm()
+    eve = OperatorClient(lab.other, 'eve')
+    for token in ('', 'x', lab.ada.token):
+        eve.token = token
+        refused = lab.result(eve, 'name: 2001-99-99')
+        assert refused.error_code == CODES.NO_AUTHORITY
+        assert refused.reason.startswith('expected operator and token: that of ada')
+    eve.timer.cancel()
+    eve.destroy()
+    assert lab.pulses == []
+
+
+def test_letting_go_of_the_enable_disarms_and_ends_the_token(clinic):
+    lab = clinic()
+    lab.run()
+    token = lab.ada.token
+    lab.ada.enable = False
+    reason = lab.wait_for_state(DriverStatus.DISARMED)
+    assert reason == 'expected ada to hold the enable, got it released'
+    assert not lab.controller.device.armed
+    lab.graph.wait_for(lambda: lab.statuses[-1].operator_id == '')
+    lab.ada.token = token
+    lab.ada.enable = True
+    assert not lab.ask(lab.ada.confirm()).success
+    lab.arm()
+
+
+def test_silence_of_the_operator_stops(clinic):
+    lab = clinic(heartbeat_timeout=1.0)
+    lab.run()
+    lab.ada.timer.cancel()
+    reason = lab.wait_for_state(DriverStatus.STOPPED)
+    assert reason.startswith('expected a heartbeat of ada within 1 s, got none for')
+    result = lab.ask(lab.handle.get_result_async()).result
+    assert result.error_code == CODES.INTERLOCK
+    assert result.reason.startswith('expected a heartbeat of ada within 1 s, got none for')
+
+
+def test_a_second_process_with_the_token_stops(clinic):
+    lab = clinic()
+    lab.run()
+    eve = OperatorClient(lab.other, 'ada')
+    eve.token, eve.enable = lab.ada.token, True
+    reason = lab.wait_for_state(DriverStatus.STOPPED)
+    assert reason.startswith('expected one process with this token, got heartbeats of two')
+    eve.destroy()
+
+
+def test_the_end_of_the_operators_process_stops_before_its_heartbeat_is_missed(clinic, domain):
+    # only the end of the process itself can stop it in this time
+    lab = clinic(heartbeat_timeout=10.0)
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    client = subprocess.Popen([sys.executable, '-c', CLIENT], env=environment)
+    try:
+        lab.graph.wait_for(lambda: len(lab.pulses) > 5, timeout=60.0)
+        client.send_signal(signal.SIGKILL)
+        killed = time.monotonic()
+        reason = lab.wait_for_state(DriverStatus.STOPPED)
+        assert time.monotonic() - killed < 10.0
+    finally:
+        client.kill()
+        client.wait(10)
+    assert reason == 'expected the process of ada to run, got its end'
+
+
+def test_a_second_driver_of_this_name_stops_both(clinic, graph):
+    lab = clinic()
+    lab.run()
+    second = graph.add(StimulatorDriver, require_operator=False, require_stop_button=False)
+    reason = lab.wait_for_state(DriverStatus.STOPPED)
+    assert reason.startswith('expected one driver /stimulator_driver, got 2')
+    second.controller.configure()
+    graph.wait_for(lambda: second.controller.interlocks.problem(time.monotonic_ns()) is not None)
+
+
+def test_a_second_driver_of_one_action_stops(clinic, graph):
+    lab = clinic()
+    lab.run()
+
+    def other(**options):
+        return StimulatorDriver(**options, cli_args=['--ros-args', '-r', '__node:=left_driver'])
+
+    graph.add(other, require_operator=False, require_stop_button=False)
+    reason = lab.wait_for_state(DriverStatus.STOPPED)
+    assert reason == 'expected one driver that serves /run_schedule, got 2'
+
+
+def test_simulated_time_is_refused_while_running(clinic):
+    lab = clinic()
+    client = lab.other.create_client(SetParameters, 'stimulator_driver/set_parameters')
+    lab.graph.wait_for(client.service_is_ready)
+    value = Parameter('use_sim_time', value=True).to_parameter_msg()
+    answer = lab.ask(client.call_async(SetParameters.Request(parameters=[value])))
+    assert not answer.results[0].successful
+    assert answer.results[0].reason.startswith('expected use_sim_time false')
+    assert not lab.driver.get_parameter('use_sim_time').value
+
+
+def test_who_did_what_is_written_down(clinic, tmp_path):
+    from rpms_ros.stimulation.audit_log import verify
+
+    path = tmp_path / 'audit.jsonl'
+    lab = clinic(audit_log=str(path))
+    lab.result()
+    lab.run()
+    lab.button.set(True)
+    lab.wait_for_state(DriverStatus.STOPPED)
+    lab.graph.wait_for(lambda: not lab.driver._active)
+    lab.driver._audit.close()
+    audit = verify(path)
+    assert audit.intact
+    kinds = [record.content['kind'] for record in audit.records]
+    # how often it was refused before the button was heard differs
+    once = [kind for kind in kinds if kind in ('start', 'configure', 'schedule', 'stop')]
+    assert once == ['start', 'configure', 'schedule', 'stop']
+    assert 'refusal' in kinds
+    arm = audit.records[kinds.index('schedule') - 1].content
+    assert arm['kind'] == 'arm'
+    assert arm['operator'] == 'ada'
+    assert 'maximum_intensity' in arm['limits']
+
+
+def test_without_its_audit_log_nothing_is_armed(clinic, tmp_path):
+    lab = clinic(audit_log=str(tmp_path / 'audit.jsonl'))
+    lab.driver._audit._log.close()
+    lab.ada.enable = True
+    assert lab.ask(lab.ada.request()).success
+    lab.graph.wait_for(lambda: 'audit' in lab.ask(lab.ada.confirm()).message, timeout=10.0)
+    assert lab.controller.state.name == 'DISARMED'

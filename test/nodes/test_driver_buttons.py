@@ -1,0 +1,217 @@
+"""Stop buttons as publishers: every kind is heard, each by itself, however much the others say."""
+
+import threading
+import time
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from rpms_msgs.action import RunSchedule
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import Pulse
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+
+LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class Ward:
+    """A driver that asks for a stop button, and a node beside it."""
+
+    def __init__(self, graph, **parameters):
+        self.graph = graph
+        # a machine under load may stall for longer than the default allows
+        patient = {
+            'require_operator': False,
+            'executor_timeout': 5.0,
+            'watch_timeout': 5.0,
+            'stop_button_timeout': 2.0,
+            'lateness_limit': 0.1,
+        }
+        self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
+        self.controller = self.driver.controller
+        self.other = graph.add(lambda **options: Node('other', **options))
+        self.pulses, self.statuses = [], []
+        listen = self.other.create_subscription
+        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
+        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
+        self.goals = ActionClient(self.other, RunSchedule, topics.RUN_SCHEDULE)
+        self.changes = self.other.create_client(ChangeState, 'stimulator_driver/change_state')
+        self.reset = self.other.create_client(Trigger, topics.RESET_EMERGENCY_STOP)
+        for ready in (self.changes, self.reset):
+            graph.wait_for(ready.service_is_ready)
+        graph.wait_for(lambda: self.goals.server_is_ready() and bool(self.statuses))
+        assert self.change(Transition.TRANSITION_CONFIGURE)
+
+    def ask(self, future):
+        self.graph.wait_for(future.done)
+        return future.result()
+
+    def change(self, transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.ask(self.changes.call_async(request)).success
+
+    def arms(self):
+        return self.change(Transition.TRANSITION_ACTIVATE)
+
+    def run(self):
+        self.graph.wait_for(self.arms)
+        self.ask(self.goals.send_goal_async(RunSchedule.Goal(schedule=LONG)))
+        self.graph.wait_for(lambda: bool(self.pulses))
+
+    def resets(self):
+        return self.ask(self.reset.call_async(Trigger.Request()))
+
+    def wait_for(self, reason):
+        self.graph.wait_for(lambda: reason in self.statuses[-1].reason)
+
+    def stopped(self):
+        self.graph.wait_for(lambda: self.statuses[-1].state == DriverStatus.STOPPED)
+        assert not self.controller.device.armed
+        return self.statuses[-1].reason
+
+    def legacy_button(self, profile, rate=50.0):
+        """A publisher that is not ours: what it says, as often as it says it."""
+        said = [False]
+        publisher = self.other.create_publisher(Bool, topics.EMERGENCY_STOP, profile)
+        timer = self.other.create_timer(1.0 / rate, lambda: publisher.publish(Bool(data=said[0])))
+        return said, timer
+
+
+def test_without_a_button_nothing_is_armed(graph):
+    ward = Ward(graph)
+    assert not ward.arms()
+    ward.wait_for('expected a stop button that says its state at a rate, got none')
+
+
+@pytest.mark.parametrize('profile', [BEST_EFFORT, qos.STOP, qos.STOP_STATE])
+def test_a_button_of_any_kind_is_heard(graph, profile):
+    ward = Ward(graph)
+    said, _ = ward.legacy_button(profile)
+    ward.run()
+    said[0] = True
+    assert ward.stopped().startswith('emergency stop is pressed (/other)')
+
+
+def test_one_that_was_pressed_before_the_driver_was_there_is_seen(graph):
+    early = graph.add(lambda **options: Node('early', **options))
+    early.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE).publish(Bool(data=True))
+    ward = Ward(graph, require_stop_button=False)
+    assert ward.stopped().startswith('emergency stop is pressed (/early)')
+    assert not ward.arms()
+    assert not ward.resets().success
+
+
+def test_a_button_that_says_nothing_forbids_arming(graph):
+    ward = Ward(graph, require_stop_button=False)
+    ward.other.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP)
+    # an arming that was quicker than the graph is undone by it
+    graph.wait_for(lambda: not ward.arms())
+    ward.wait_for('expected every stop button to speak, got 1 still unknown')
+    states = ward.statuses[-1]
+    assert list(states.button_states) == [DriverStatus.BUTTON_UNKNOWN]
+
+
+def test_a_button_that_falls_silent_stops(graph):
+    ward = Ward(graph, stop_button_timeout=1.0)
+    button = ButtonPublisher(ward.other)
+    ward.run()
+    button.timer.cancel()
+    assert ward.stopped().startswith('expected stop button /other to say its state every 1 s')
+    assert not ward.resets().success
+    button.timer.reset()
+    graph.wait_for(lambda: ward.resets().success)
+
+
+def test_of_two_buttons_one_pressed_is_enough_and_keeps_the_stop(graph):
+    ward = Ward(graph)
+    first, second = ButtonPublisher(ward.other), ButtonPublisher(ward.other)
+    ward.run()
+    first.set(True)
+    ward.stopped()
+    graph.wait_for(lambda: first.pressed and not second.pressed)
+    answer = ward.resets()
+    assert not answer.success
+    assert answer.message.startswith(
+        'reset: expected the cause emergency_stop gone, got emergency stop is pressed'
+    )
+    first.set(False)
+    graph.wait_for(lambda: ward.resets().success)
+    assert ward.arms()
+
+
+def test_a_button_that_went_away_is_let_go_of_by_a_reset(graph):
+    ward = Ward(graph, stop_button_timeout=1.0)
+    leaving = graph.add(lambda **options: Node('leaving', **options))
+    ButtonPublisher(leaving)
+    ButtonPublisher(ward.other)
+    ward.run()
+    leaving.destroy_node()
+    ward.stopped()
+    graph.wait_for(lambda: ward.resets().success)
+    ward.run()
+
+
+def test_a_publisher_that_runs_wild_does_not_hide_a_press(graph):
+    ward = Ward(graph)
+    button = ButtonPublisher(ward.other)
+    wild = ward.other.create_publisher(Bool, topics.EMERGENCY_STOP, BEST_EFFORT)
+    ward.other.create_timer(0.02, lambda: wild.publish(Bool(data=False)))
+    ward.run()
+    end = threading.Event()
+
+    def flood():
+        while not end.is_set():
+            for _ in range(200):
+                wild.publish(Bool(data=False))
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    try:
+        button.set(True)
+        reason = ward.stopped()
+    finally:
+        end.set()
+        thread.join()
+    assert 'emergency stop is pressed' in reason or 'some may be lost' in reason
+    button.say()
+    graph.wait_for(lambda: not ward.resets().success)
+
+
+def test_a_press_is_heard_while_the_executor_is_blocked(graph, wait_for):
+    ward = Ward(graph)
+    other = Node('hand', context=graph.context, use_global_arguments=False)
+    publisher = other.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
+    publisher.publish(Bool(data=False))
+    said = threading.Event()
+
+    def say():
+        while not said.wait(0.02):
+            publisher.publish(Bool(data=False))
+        publisher.publish(Bool(data=True))
+
+    thread = threading.Thread(target=say)
+    thread.start()
+    try:
+        ward.run()
+        # nobody spins the executor from here on
+        said.set()
+        wait_for(lambda: ward.controller.interlocks.latched, timeout=2.0)
+        stopped_ns = time.monotonic_ns()
+    finally:
+        said.set()
+        thread.join()
+    assert 'emergency stop is pressed (/hand)' in ward.controller.interlocks.latched_reason
+    assert not ward.controller.device.armed
+    assert all(given.time_ns <= stopped_ns for given in ward.controller.device.fired)
+    other.destroy_node()

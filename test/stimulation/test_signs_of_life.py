@@ -1,0 +1,80 @@
+"""Signs of life of a sensor and of a process, and the lock of a device."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.device_lock import DeviceLock
+from rpms_ros.stimulation.process_life import ProcessLife
+from rpms_ros.stimulation.process_life import host_identity
+from rpms_ros.stimulation.sensor_life import SensorLife
+
+
+def test_a_sample_that_repeats_its_stamp_is_no_sign_of_life() -> None:
+    life = SensorLife('force_sensor')
+    assert life.refusal(1, 'force_sensor') is None
+    assert life.refusal(1, 'force_sensor') == (
+        'expected a force sample after the last one, got its stamp moved 0 ns'
+    )
+    assert life.refusal(2, 'force_sensor') is None
+    assert life.refusal(1, 'force_sensor') is not None
+    # from there on it counts again: a clock that was set back locks nothing for good
+    assert life.refusal(2, 'force_sensor') is None
+
+
+def test_a_sample_of_a_foreign_frame_is_no_sign_of_life() -> None:
+    life = SensorLife('force_sensor')
+    assert life.refusal(1, 'ankle') == "expected force in frame 'force_sensor', got 'ankle'"
+
+
+def test_the_end_of_a_process_is_seen(wait_for: Callable[..., None]) -> None:
+    process = subprocess.Popen([sys.executable, '-S', '-c', 'input()'], stdin=subprocess.PIPE)
+    life = ProcessLife(host_identity(), process.pid)
+    assert life.known
+    assert not life.ended
+    process.kill()
+    wait_for(lambda: life.ended)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    life.close()
+    assert not life.ended
+    assert ProcessLife(host_identity(), process.pid).ended
+
+
+@pytest.mark.parametrize(('host', 'process'), [('elsewhere', 1), ('', 1), (host_identity(), 0)])
+def test_a_process_of_another_machine_is_not_known(host: str, process: int) -> None:
+    life = ProcessLife(host, process)
+    assert not life.known
+    assert not life.ended
+
+
+def test_a_device_has_one_driver(tmp_path: Path) -> None:
+    port, link = tmp_path / 'ttyS0', tmp_path / 'coil'
+    port.touch()
+    link.symlink_to(port)
+    first, second = DeviceLock(str(port), tmp_path), DeviceLock(str(link), tmp_path)
+    first.take()
+    first.take()
+    with pytest.raises(StimulationError, match=rf'another driver on it: process {os.getpid()}'):
+        second.take()
+    other = DeviceLock(str(tmp_path / 'ttyS1'), tmp_path)
+    other.take()
+    first.release()
+    second.take()
+    second.release()
+    second.release()
+
+
+def test_a_lock_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    with pytest.raises(StimulationError, match=r'a lock for device x, got .*No such file'):
+        DeviceLock('x', tmp_path / 'missing').take()
+    lock = DeviceLock('x', tmp_path)
+    lock.path.symlink_to(tmp_path / 'elsewhere')
+    with pytest.raises(StimulationError, match='expected a lock for device x, got'):
+        lock.take()

@@ -1,0 +1,105 @@
+"""Stop buttons: unknown, silent or pressed stands against pulses; the newest of each counts."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpms_ros.stimulation.stop_buttons import ButtonState
+from rpms_ros.stimulation.stop_buttons import StopButtons
+
+A, B = b'a', b'b'
+LATER_NS = 300_000_001
+
+
+def test_without_a_button_no_pulse_is_possible() -> None:
+    assert StopButtons(0.3).problem(0) == (
+        'expected a stop button that says its state at a rate, got none'
+    )
+    assert StopButtons(0.3, required=False).problem(0) is None
+
+
+def test_a_button_that_is_there_and_says_nothing_counts() -> None:
+    buttons = StopButtons(0.3, required=False)
+    buttons.present({A: '/desk'})
+    assert buttons.problem(0) == 'expected every stop button to speak, got 1 still unknown'
+    assert buttons.states(0) == {'/desk': ButtonState.UNKNOWN}
+    buttons.heard(A, 1, False, 0)
+    buttons.present({A: '/desk'})
+    assert buttons.problem(0) is None
+
+
+def test_silence_counts_as_pressed() -> None:
+    buttons = StopButtons(0.3)
+    buttons.heard(A, 1, False, 0)
+    assert buttons.problem(LATER_NS - 1) is None
+    assert buttons.problem(LATER_NS) == (
+        'expected stop button 61 to say its state every 0.3 s, got silence for 0.3 s'
+    )
+    assert buttons.states(LATER_NS) == {'61': ButtonState.SILENT}
+
+
+def test_any_one_pressed_counts_whatever_the_others_say() -> None:
+    buttons = StopButtons(0.3)
+    buttons.heard(A, 1, True, 0)
+    for sequence in range(1000):
+        buttons.heard(B, sequence, False, 0)
+    assert buttons.problem(0) == 'emergency stop is pressed (61)'
+    assert buttons.pressed
+
+
+def test_a_state_that_was_kept_is_no_sign_of_life() -> None:
+    buttons = StopButtons(0.3)
+    buttons.heard(A, 1, False, 0, kept=True)
+    assert buttons.problem(0) == 'expected stop button 61 to say its state, got nothing yet'
+    buttons.heard(A, 2, True, 0, kept=True)
+    assert buttons.problem(0) == 'emergency stop is pressed (61)'
+    buttons.heard(A, 3, False, 0)
+    assert buttons.problem(0) is None
+
+
+def test_messages_that_may_be_lost_stand_against_pulses_until_reset() -> None:
+    buttons = StopButtons(0.3)
+    buttons.heard(A, 1, False, 0)
+    buttons.overrun('too many')
+    assert buttons.problem(0) == 'too many'
+    buttons.present({A: '/desk'})
+    buttons.forget_gone()
+    assert buttons.problem(0) is None
+
+
+def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one() -> None:
+    buttons = StopButtons(0.3)
+    buttons.heard(A, 1, False, 0)
+    buttons.heard(B, 1, False, LATER_NS)
+    buttons.present({B: '/hand'})
+    assert buttons.problem(LATER_NS) is not None
+    buttons.forget_gone()
+    assert buttons.problem(LATER_NS) is None
+    buttons.heard(A, 2, True, LATER_NS)
+    buttons.forget_gone()
+    assert buttons.problem(LATER_NS) == 'emergency stop is pressed (61)'
+    buttons.clear()
+    assert buttons.problem(LATER_NS) is not None
+
+
+said = st.tuples(st.sampled_from([A, B, b'c']), st.integers(0, 20), st.booleans(), st.booleans())
+
+
+@given(st.lists(said, max_size=40))
+def test_the_newest_of_each_counts_in_whatever_order_they_come(
+    messages: list[tuple[bytes, int, bool, bool]],
+) -> None:
+    # what a publisher says under one number is one thing
+    messages = [(who, count, (count + who[0]) % 3 == 0, kept) for who, count, _, kept in messages]
+    buttons = StopButtons(0.3, required=False)
+    for who, number, pressed, kept in messages:
+        buttons.heard(who, number, pressed, 0, kept)
+    newest = {
+        who: max((number, pressed) for other, number, pressed, _ in messages if other == who)[1]
+        for who, *_ in messages
+    }
+    assert buttons.pressed == any(newest.values())
+    states = buttons.states(0)
+    for who, pressed in newest.items():
+        assert (states[who.hex()] is ButtonState.PRESSED) == pressed
+    if buttons.problem(0) is None:
+        assert all(state is ButtonState.RELEASED for state in states.values())
