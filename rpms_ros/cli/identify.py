@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def as_text(document: dict[str, Any]) -> str:
     """Return the result as a short table."""
-    duration, error = document['duration_s'], document['relative_output_error']
+    duration = document['duration_s']
     response = document['impulse_response']
     peak = max(response['force'])
     rows = [
@@ -145,11 +145,19 @@ def as_text(document: dict[str, Any]) -> str:
         rows.append(('the data say', ', '.join(f'{name} {flag}' for name, flag in flags)))
     time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
     rows.append(('one pulse', f'peak {peak:.4g} N after {time_ms:.0f} ms'))
-    shown_error = 'no force' if error is None else f'{100 * error:.3g} % over the last fifth'
-    rows.append(('output error', shown_error))
+    rows.append(('output error', _output_error(document)))
     faults = (f'{name} {count}' for name, count in document['faults'].items())
     rows.append(('faults', ', '.join(faults) or 'none'))
     return labelled(rows)
+
+
+def _output_error(document: dict[str, Any]) -> str:
+    """Return the output error in words."""
+    newton, of_range = document['output_error_n'], document['output_error_of_range']
+    if newton is None:
+        return 'no usable force'
+    share = 'no force' if of_range is None else f'{100 * of_range:.3g} % of the force range'
+    return f'{newton:.3g} N, {share} (before learning, after settling)'
 
 
 def _at(curve: dict[str, list[float]], share: float) -> str:

@@ -53,7 +53,7 @@ class StudyOptions(IdentificationOptions):
 
 def columns() -> dict[str, type]:
     """Return the names of the columns and the type of their values."""
-    numbers = ['duration_s', 'rate_hz', 'relative_output_error', *_PARAMETERS]
+    numbers = ['duration_s', 'rate_hz', 'output_error_n', 'output_error_of_range', *_PARAMETERS]
     numbers += [f'steady_force_{share}' for share in _CURVE_SHOWN]
     numbers += ['peak_force', 'time_to_peak_s']
     texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str, 'estimator': str}

@@ -38,8 +38,6 @@ _GROWTH = 2
 _SHORTEST_SLOPE_NS = 5 * NANOSECONDS_PER_SECOND
 # Later fits that no estimate waits for go on from the one before.
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
-# Alternate corners of the physiological range, u_thr, u_sat and alpha_sat: fits begin there too.
-STARTS = ((0.40, 0.80, 3.0), (0.40, 1.00, 12.0), (0.65, 0.80, 12.0), (0.65, 1.00, 3.0))
 _SCOUTED_CELLS = 200
 _SCOUTING_STEPS = 5
 _SCOUTING_TOLERANCE = 1e-3
@@ -163,8 +161,7 @@ class BatchEstimator(ProjectionEstimator):
         """Try every start on the newest cells; go on from the best if it is better over all."""
         first = max(int(self._cells.place[SIZE]) - _SCOUTED_CELLS, 0)
         best = self._trial_from(fit, fit.theta, first)
-        for start in ((*self.settings.start[:3],), *STARTS):
-            theta = np.array([*start, self.settings.start.alpha_thr])
+        for theta in self.settings.starts():
             other = self._trial_from(fit, theta, first)
             if other.scalars[COST] < best.scalars[COST]:
                 best = other
@@ -200,4 +197,5 @@ class BatchEstimator(ProjectionEstimator):
             self._trial,
             steps,
             tolerance,
+            False,
         )

@@ -15,18 +15,28 @@ import numpy as np
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.projection.arrival import absorb
+from rpms_ros.identification.projection.arrival import disagreement_limit
 from rpms_ros.identification.projection.arrival import forget
+from rpms_ros.identification.projection.arrival import yield_to_horizon
 from rpms_ros.identification.projection.cells import HEAD
 from rpms_ros.identification.projection.cells import SIZE
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
+from rpms_ros.identification.projection.fit import COST
 from rpms_ros.identification.projection.fit import DAMPING
 from rpms_ros.identification.projection.fit import MOVED
+from rpms_ros.identification.projection.fit import VARIANCE
+from rpms_ros.identification.projection.fit import Fit
+from rpms_ros.identification.projection.fit import Known
+from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.fit import fit_linear
 from rpms_ros.identification.projection.intake import LEARNT
 from rpms_ros.identification.projection.intake import restate
+from rpms_ros.identification.projection.normal_equations import PARAMETERS
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.projection.step import complete
 from rpms_ros.identification.projection.step import improve
+from rpms_ros.identification.projection.step import theta_gradient
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -40,6 +50,13 @@ _SPARE_CELLS = 128
 _KNOTS = 3
 _LEAST_SPACING_NS = 15 * NANOSECONDS_PER_SECOND // 2
 _TOLERANCE = 1e-10
+# At most so many after the memory gave way: the optimum may have moved far.
+_STEPS_AFTER_CHANGE = 5
+# Then another start is tried every so many steps, as long as the horizon is: as in the batch.
+_CHALLENGE_STEPS = 5
+_CHALLENGER_STEPS = 10
+_CHALLENGER_TOLERANCE = 1e-6
+_START_DAMPING = 1e-2
 # Steps shorter than this, taken with little damping, only follow the noise.
 _CALM = 5e-3
 _CALM_DAMPING = 1e-4
@@ -75,8 +92,13 @@ class HorizonEstimator(ProjectionEstimator):
         self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
         self._horizon_ns = round(settings.horizon * NANOSECONDS_PER_SECOND)
         self._memory_ns = round(settings.basis.duration * NANOSECONDS_PER_SECOND)
+        self._limit = disagreement_limit(PARAMETERS + settings.basis.functions)
         self._last_ns: int | None = None
         self._rested = True
+        self._starts = settings.starts()
+        self._forgotten = settings.known()
+        self._turn = 0
+        self._settled_ns = -(2**63)
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].
@@ -105,6 +127,7 @@ class HorizonEstimator(ProjectionEstimator):
             self._cells.place[SIZE] = 0
             self._first = 0
         self._last_ns = None
+        self._settled_ns = -(2**63)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return what is known now."""
@@ -125,23 +148,101 @@ class HorizonEstimator(ProjectionEstimator):
         if self._intake.scalars[LEARNT] == 0.0:
             return
         self._slide()
-        cells, known, fit, work = self._cells, self._known, self._fit, self._work
-        if self.settings.forgetting and known.information.any():
+        cells, known, fit = self._cells, self._known, self._fit
+        remembers = bool(known.information.any())
+        if self.settings.forgetting and remembers:
             forget(known, fit, self.settings.forgetting)
-        fit_linear(cells, self._first, self._kick, self._baseline, known, work, fit, True)
-        improve(
-            cells,
+        self._solve(fit, known, refresh=True)
+        if self._unsettled:
+            self._challenge()
+        contradicted = remembers and self._compare()
+        steps = _STEPS_AFTER_CHANGE if contradicted else self.settings.steps
+        self._improve(fit, known, steps, _TOLERANCE, ready=remembers and not contradicted)
+        restate(cells, self._intake, fit, self._kick)
+
+    @property
+    def _unsettled(self) -> bool:
+        """Whether the horizon may hold samples from before a contradiction."""
+        assert self._last_ns is not None
+        return self._last_ns < self._settled_ns
+
+    def _compare(self) -> bool:
+        """Hold what is remembered against the horizon; return whether it had to give way."""
+        cells, known, fit, work = self._cells, self._known, self._fit, self._work
+        assert self._last_ns is not None
+        complete(cells, self._first, self._kick, self._baseline, work, fit)
+        gradient = np.zeros(PARAMETERS)
+        theta_gradient(fit, known, gradient)
+        # After a contradiction all that leaves is suspect: more than expected is too much.
+        limit = float(len(known.reference)) if self._unsettled else self._limit
+        statistic = yield_to_horizon(known, fit, gradient, limit)
+        if statistic > self._limit:
+            self._settled_ns = self._last_ns + self._horizon_ns
+        if statistic <= limit:
+            return False
+        # The variance stays: it was found from the horizon alone.
+        self._solve(fit, known, refresh=False)
+        return True
+
+    def _challenge(self) -> None:
+        """Try another start, in turn, on the horizon alone; go on from there if it fits better.
+
+        While the horizon holds two muscles the fit follows neither, and what leaves is linearised
+        at its parameters: far from those of the new muscle that quadratic cost means nothing,
+        and it would hold the fit in a local minimum.
+        """
+        self._turn = (self._turn + 1) % (_CHALLENGE_STEPS * len(self._starts))
+        turn, remainder = divmod(self._turn, _CHALLENGE_STEPS)
+        if remainder:
+            return
+        fit = self._fit
+        here = self._from_horizon_alone(fit.theta)
+        other = self._from_horizon_alone(self._starts[turn])
+        self._improve(other, self._forgotten, _CHALLENGER_STEPS, _CHALLENGER_TOLERANCE)
+        gain = here.scalars[COST] - other.scalars[COST]
+        if gain > self._limit * fit.scalars[VARIANCE]:
+            fit.theta[:] = other.theta
+            fit.scalars[DAMPING] = other.scalars[DAMPING]
+            self._known.information[:] = 0.0
+            self._known.pull[:] = 0.0
+            self._solve(fit, self._known, refresh=True)
+
+    def _from_horizon_alone(self, theta: FloatArray) -> Fit:
+        """Return a fit at theta (4,), its linear unknowns solved as if nothing were remembered."""
+        other = empty_fit(theta, len(self._fit.linear), len(self._fit.levels))
+        other.scalars[VARIANCE] = self._fit.scalars[VARIANCE]
+        other.scalars[DAMPING] = _START_DAMPING
+        self._solve(other, self._forgotten, refresh=False)
+        return other
+
+    def _solve(self, fit: Fit, known: Known, refresh: bool) -> None:
+        fit_linear(
+            self._cells,
             self._first,
             self._kick,
             self._baseline,
             known,
-            work,
+            self._work,
+            fit,
+            refresh,
+        )
+
+    def _improve(
+        self, fit: Fit, known: Known, steps: int, tolerance: float, ready: bool = False
+    ) -> None:
+        improve(
+            self._cells,
+            self._first,
+            self._kick,
+            self._baseline,
+            known,
+            self._work,
             fit,
             self._trial,
-            self.settings.steps,
-            _TOLERANCE,
+            steps,
+            tolerance,
+            ready,
         )
-        restate(cells, self._intake, fit, self._kick)
 
     def _slide(self) -> None:
         """Let cells go that lie before the horizon; keep what leads the state up to it."""

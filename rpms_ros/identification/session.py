@@ -1,6 +1,5 @@
 """Identification of a whole recording with the estimator that also runs on line."""
 
-import math
 from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,6 +9,8 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.estimate import Estimator
+from rpms_ros.identification.output_error import OutputError
+from rpms_ros.identification.output_error import output_error
 from rpms_ros.identification.stream import IdentificationStream
 from rpms_ros.identification.stream import StreamSettings
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -47,27 +48,10 @@ class IdentifiedSession:
         """The estimate after the last sample."""
         return self.estimates[-1]
 
-    def relative_output_error(self, share: float = 0.2) -> float:
-        """Return the a-priori error over the last `share` of the time, L2, relative to the force.
-
-        Not a number if there is no force at all in it.
-        """
-        # A clock that jumps back takes nothing off the time that has passed.
-        elapsed = np.concatenate(([0], np.cumsum(np.maximum(np.diff(self.stamp_ns), 0))))
-        kept = (elapsed >= elapsed[-1] - round(share * int(elapsed[-1]))) & self.usable
-        length = _length(self.force[kept])
-        if length == 0.0:
-            return float('nan')
-        return _length(self.force[kept] - self.prediction[kept]) / length
-
-
-def _length(values: FloatArray) -> float:
-    """Return the L2 norm.
-
-    Not by BLAS, whose last bits depend on the number of its threads: a study would depend on the
-    number of its processes.
-    """
-    return math.sqrt(float(np.sum(np.square(values))))
+    @property
+    def output_error(self) -> OutputError:
+        """Error of the a-priori predictions over the whole session after settling."""
+        return output_error(self.stamp_ns, self.force, self.prediction, self.usable)
 
 
 def identify(

@@ -46,8 +46,9 @@ def truth_table(session: IdentifiedSession, subject: Subject) -> str:
         rate = f'steady force at {last.repetition_rate:g} Hz / N'
         rows.append((rate, _number(steady), _number(float(last.curve_force[-1]))))
     rows.append(('worst error of the curve', '', f'{100 * curve_error(last, subject):.2f} %'))
-    error = session.relative_output_error()
-    rows.append(('output error, last fifth', '', f'{100 * error:.2f} %'))
+    error = session.output_error
+    rows.append(('output error after settling / N', '', _number(error.newton)))
+    rows.append(('share of the force range', '', f'{100 * error.of_range:.2f} %'))
     return textwrap.indent(table(rows[0], rows[1:]), '  ')
 
 

@@ -26,7 +26,8 @@ KEYS = [
     'recruitment',
     'curve',
     'impulse_response',
-    'relative_output_error',
+    'output_error_n',
+    'output_error_of_range',
     'faults',
     'notes',
 ]
@@ -48,7 +49,8 @@ def test_json_is_one_object_and_nothing_else(rpms: Rpms, short_session: Path) ->
     np.testing.assert_allclose(document['curve']['intensity'], np.linspace(0, 1, 101))
     response = document['impulse_response']
     assert len(response['time_s']) == len(response['force']) > 10
-    assert 0 < document['relative_output_error'] < 1
+    assert 0 < document['output_error_n'] < 1
+    assert 0 < document['output_error_of_range'] < 0.1
     assert document['faults'] == {}
 
 
@@ -184,7 +186,7 @@ def test_the_sample_of_the_readme(as_json: AsJson) -> None:
     document = as_json('identify', sample, '--json')
     assert document['faults'] == {}
     # Noise of 0.02 N, the slope alpha_thr of 5 taken for 6, and a basis with 0.5 % of its own.
-    assert document['relative_output_error'] < 0.012
+    assert document['output_error_of_range'] < 0.012
     # Half a minute: the curve's upper end is within a tenth of the true 10 N.
     assert document['curve']['force'][-1] == pytest.approx(10.0, rel=0.1)
 

@@ -33,10 +33,12 @@ def test_a_recording_gives_estimates_and_traces(record) -> None:
     assert session.usable.all()
     assert session.last is session.estimates[-1]
     assert session.last.samples == 11_999
-    kept = slice(-2400, None)
-    expected = np.linalg.norm((session.force - session.prediction)[kept])
-    expected /= np.linalg.norm(session.force[kept])
-    assert session.relative_output_error() == pytest.approx(expected, rel=0.01)
+    # Twelve seconds: the second half counts.
+    expected = np.sqrt(np.mean((session.force - session.prediction)[6000:] ** 2))
+    assert session.output_error.newton == pytest.approx(expected, rel=1e-3)
+    assert session.output_error.of_range == pytest.approx(
+        expected / np.ptp(session.force), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize('back', [2, 3600])
@@ -50,7 +52,7 @@ def test_pulses_after_a_jump_back_are_used(record, back: int) -> None:
     assert session.last.pulses == 480
     # some 4 N; a pulse that is missing leaves 1 N
     assert np.abs(session.force - session.prediction)[-8000:].max() < 0.2
-    assert session.relative_output_error() < 0.02
+    assert session.output_error.of_range < 0.02
 
 
 @pytest.mark.parametrize('wrong_ns', [0, 9000 * SECOND])
@@ -75,7 +77,8 @@ def test_nothing_to_learn_from_is_refused(force: np.ndarray) -> None:
 def test_no_force_has_no_relative_error() -> None:
     zero = np.zeros(10)
     session = IdentifiedSession([], np.arange(10), zero, zero, np.ones(10, dtype=np.bool_))
-    assert math.isnan(session.relative_output_error())
+    assert session.output_error.newton == 0.0
+    assert math.isnan(session.output_error.of_range)
 
 
 def test_the_output_error_does_not_depend_on_the_threads_of_blas() -> None:
@@ -86,7 +89,7 @@ def test_the_output_error_does_not_depend_on_the_threads_of_blas() -> None:
         'noise = np.random.default_rng(1).standard_normal((2, 300_000))\n'
         'usable = np.ones(300_000, bool)\n'
         'session = IdentifiedSession([], np.arange(300_000) * 10**6, *noise, usable)\n'
-        'print(repr(session.relative_output_error(1.0)))\n'
+        'print(repr(session.output_error.newton))\n'
     )
     errors = {
         subprocess.run(

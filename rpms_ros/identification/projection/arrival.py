@@ -11,16 +11,34 @@ the horizon) it is forgotten in proportion to what replaces it,
 ``L - L M^{-1} L`` is the parallel sum of old and new information: about L in directions that the
 horizon informs, zero in those it does not.  So a rest, a constant intensity or one below the
 threshold erases nothing, and nothing grows without bound.
+
+Both describe the same muscle only while it does not change.  So they are compared before each
+step: with v the slope of the remembered cost at the joint optimum and H the information of the
+horizon, baseline eliminated and prior included,
+
+.. math:: T = v^T (H^{-1} + L^{-1}) v / s^2
+
+is the squared difference of the two estimates in units of its covariance, chi-square with as many
+degrees of freedom as there are unknowns.  Where T is above `disagreement_limit`, process noise is
+added along the difference ``L^{-1} v``, as much as brings T down to one,
+
+.. math:: L \leftarrow L - (1 - 1/T)\, v v^T / (v^T L^{-1} v),
+
+and all that the horizon replaces is forgotten at once: cells that left since the muscle changed
+were linearised at parameters between the old and the new ones.
 """
 
 import numba
 import numpy as np
+from scipy.special import chdtri
 
 from rpms_ros.identification.projection.cells import Cells
 from rpms_ros.identification.projection.fit import VARIANCE
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import Known
+from rpms_ros.identification.projection.fit import away_from_reference
 from rpms_ros.identification.projection.fit import coordinate
+from rpms_ros.identification.projection.fit import weak_ridge
 from rpms_ros.identification.projection.normal_equations import PARAMETERS
 from rpms_ros.identification.projection.normal_equations import Baseline
 from rpms_ros.identification.projection.normal_equations import Pass
@@ -29,6 +47,14 @@ from rpms_ros.identification.projection.normal_equations import linear_pass
 from rpms_ros.identification.small_matrix import dot
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import FloatArray
+
+# How often a muscle that does not change may look as if it had, in one comparison.
+_FALSE_ALARM = 1e-4
+
+
+def disagreement_limit(unknowns: int) -> float:
+    """Return the statistic above which memory and horizon contradict each other."""
+    return float(chdtri(unknowns, _FALSE_ALARM))
 
 
 @numba.njit(cache=True)
@@ -123,3 +149,76 @@ def forget(known: Known, fit: Fit, share: float) -> None:
             value = information[row, column] + share * (value - information[row, column])
             information[row, column] = value
             information[column, row] = value
+
+
+@numba.njit(cache=True)
+def _weakly_known(known: Known, fit: Fit, matrix: FloatArray) -> None:
+    """Add what is known without any data to the diagonal of an information matrix."""
+    ridge = weak_ridge(fit)
+    for row in range(len(matrix)):
+        if row < PARAMETERS:
+            matrix[row, row] += fit.scalars[VARIANCE] / known.deviation[row] ** 2
+        else:
+            matrix[row, row] += ridge
+
+
+@numba.njit(cache=True)
+def _slope_at_optimum(known: Known, fit: Fit, gradient: FloatArray) -> FloatArray:
+    """Return minus the gradient of the remembered cost where both costs together are least."""
+    count = len(known.reference)
+    both = fit.complete.copy()
+    _weakly_known(known, fit, both)
+    both[:count, :count] += known.information
+    step = np.zeros(len(both))
+    # The linear unknowns are solved: the joint cost has a slope by theta only.
+    step[:PARAMETERS] = gradient
+    solve_positive(both, step)
+    away = away_from_reference(fit, known) + step[:count]
+    slope = known.pull.copy()
+    for row in range(count):
+        slope[row] -= dot(known.information[row], away)
+    return slope
+
+
+@numba.njit(cache=True)
+def yield_to_horizon(known: Known, fit: Fit, gradient: FloatArray, limit: float) -> float:
+    """Give way where what is remembered contradicts the horizon; return the statistic T.
+
+    Parameters
+    ----------
+    known : Known
+        What is remembered, changed if T is above the limit.
+    fit : Fit
+        Its equations are complete, its linear unknowns solved.
+    gradient : ndarray (4,)
+        Minus half the gradient of the joint cost by theta.
+    limit : float
+        See `disagreement_limit`.
+    """
+    count = len(known.reference)
+    slope = _slope_at_optimum(known, fit, gradient)
+    own = fit.complete.copy()
+    _weakly_known(known, fit, own)
+    by_horizon = np.zeros(len(own))
+    by_horizon[:count] = slope
+    memory = known.information.copy()
+    _weakly_known(known, fit, memory)
+    difference = slope.copy()
+    if not (solve_positive(own, by_horizon) and solve_positive(memory, difference)):
+        return 0.0
+    statistic = dot(slope, by_horizon[:count]) + dot(slope, difference)
+    statistic /= fit.scalars[VARIANCE]
+    if not statistic > limit:
+        return statistic
+    _recentre(known, fit)
+    held = np.empty(count)
+    for row in range(count):
+        held[row] = dot(known.information[row], difference)
+    share = (1.0 - 1.0 / statistic) / dot(difference, held)
+    along = share * dot(difference, known.pull)
+    for row in range(count):
+        known.pull[row] -= held[row] * along
+        for column in range(count):
+            known.information[row, column] -= share * held[row] * held[column]
+    forget(known, fit, 1.0)
+    return statistic

@@ -14,7 +14,10 @@ from rpms_ros.identification.settings import SIMULATION_START
 from rpms_ros.identification.settings import RecruitmentBounds
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.recruitment import RateRecruitment
+from rpms_ros.pulses import FloatArray
 
+# Alternate corners of the physiological range, u_thr, u_sat and alpha_sat: fits begin there too.
+_CORNERS = ((0.40, 0.80, 3.0), (0.40, 1.00, 12.0), (0.65, 0.80, 12.0), (0.65, 1.00, 3.0))
 _CENTRE = RecruitmentParameters(0.60, 0.90, 8.0, 5.5)
 
 
@@ -133,6 +136,11 @@ class ProjectionSettings:
             raise IdentificationError(
                 f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
             )
+
+    def starts(self) -> list[FloatArray]:
+        """Return theta (4,) from which fits begin where one start may not do."""
+        alpha_thr = self.start.alpha_thr
+        return [np.array([*start, alpha_thr]) for start in (tuple(self.start[:3]), *_CORNERS)]
 
     def known(self) -> Known:
         """Return what is known before any data."""

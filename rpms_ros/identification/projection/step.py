@@ -52,7 +52,7 @@ _ROUNDING = 1e-13
 
 
 @numba.njit(cache=True)
-def _gradient(fit: Fit, known: Known, gradient: FloatArray) -> None:
+def theta_gradient(fit: Fit, known: Known, gradient: FloatArray) -> None:
     """Write minus half the gradient of the cost by theta (4,)."""
     functions = len(fit.linear)
     away = away_from_reference(fit, known)
@@ -185,7 +185,7 @@ def _accept(fit: Fit, trial: Fit, size: float, good: bool) -> None:
 
 
 @numba.njit(cache=True)
-def _complete(
+def complete(
     cells: Cells, first: int, kick: float, baseline: Baseline, work: Pass, fit: Fit
 ) -> None:
     """Make matrix and right-hand side complete at parameters whose linear part is solved."""
@@ -216,12 +216,13 @@ def improve(
     trial: Fit,
     steps: int,
     tolerance: float,
+    ready: bool,
 ) -> None:
     """Take up to so many Levenberg-Marquardt steps from `fit`, whose linear part is solved.
 
     A step that does not lower the cost is not taken; damping rises and the next one is shorter.
     Ends early when the reduction that a step promises falls below `tolerance` times the cost.
-    `trial` is scratch of the same shape.
+    `trial` is scratch of the same shape; `ready` says that the equations are complete already.
     """
     hessian = np.zeros((PARAMETERS, PARAMETERS))
     gradient = np.zeros(PARAMETERS)
@@ -231,8 +232,10 @@ def improve(
         return
     for _ in range(steps):
         if not fresh:
-            _complete(cells, first, kick, baseline, work, fit)
-            _gradient(fit, known, gradient)
+            if not ready:
+                complete(cells, first, kick, baseline, work, fit)
+            ready = False
+            theta_gradient(fit, known, gradient)
             _reduced_hessian(fit, known, hessian)
             fresh = True
         _bounded_step(fit.theta, known, hessian, gradient, scalars[DAMPING], trial.theta)
@@ -255,4 +258,4 @@ def complete_equations(
 ) -> None:
     """Make matrix and right-hand side of `fit` complete at its parameters, theta included."""
     fit_linear(cells, first, kick, baseline, known, work, fit, False)
-    _complete(cells, first, kick, baseline, work, fit)
+    complete(cells, first, kick, baseline, work, fit)

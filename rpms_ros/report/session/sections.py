@@ -26,7 +26,8 @@ def summary(document: Document, _figure: Figure) -> str:
     result, held_out, residuals = (document[key] for key in ('result', 'held_out', 'residuals'))
     curve = result['curve']
     rows = [
-        ('Output error, last fifth, before learning', percent(result['relative_output_error'])),
+        ('Output error after settling, before learning', number(result['output_error_n'], 'N')),
+        ('The same, share of the force range', percent(result['output_error_of_range'])),
         (
             'Error on the held-out part',
             percent(held_out and held_out['relative_error']),

@@ -194,5 +194,5 @@ def test_a_dead_force_still_gives_a_report(
     document = as_document(make_analysis(tmp_path / 'dead'))
     assert document['residuals'] is None
     assert document['held_out'] is None
-    assert document['result']['relative_output_error'] is None
+    assert document['result']['output_error_of_range'] is None
     assert any('no residual analysis' in remark for remark in document['remarks'])

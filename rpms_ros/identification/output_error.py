@@ -1,0 +1,63 @@
+"""How far predictions were from the force: one number for a session, in newtons and as a share."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+# Until then an estimator may still be learning; of a shorter session the second half counts [s].
+SETTLING_TIME = 10.0
+
+
+class OutputError(NamedTuple):
+    """Error of the predictions made before each sample was learnt from, after settling.
+
+    Attributes
+    ----------
+    newton : float
+        Root mean square of measured minus predicted force [N].
+    of_range : float
+        The same as a share of the range of the whole session's force, highest less lowest [1].
+    """
+
+    newton: float
+    of_range: float
+
+
+def output_error(
+    stamp_ns: IntArray, force: FloatArray, prediction: FloatArray, usable: BoolArray
+) -> OutputError:
+    """Return the output error of a session.
+
+    Samples count from `SETTLING_TIME` after the first one on, or from the middle of the session
+    if that is earlier, if they are usable.  A force that happens to be near zero at some time
+    makes no difference: the error is held against the range of the whole session.
+
+    Parameters
+    ----------
+    stamp_ns, force, prediction : ndarray (samples,)
+        In the order in which they were processed [ns], [N], [N].
+    usable : ndarray of bool (samples,)
+        Samples that could be learnt from.
+
+    Returns
+    -------
+    OutputError
+        Not a number where nothing can be said: no usable sample, or a force without a range.
+    """
+    # A clock that jumps back takes nothing off the time that has passed.
+    elapsed = np.concatenate(([0], np.cumsum(np.maximum(np.diff(stamp_ns), 0))))
+    settled_ns = min(SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1]))
+    kept = (elapsed >= settled_ns) & usable
+    if not kept.any():
+        return OutputError(math.nan, math.nan)
+    # Not by BLAS, whose last bits depend on the number of its threads: a study would depend on
+    # the number of its processes.
+    newton = math.sqrt(float(np.mean(np.square(force[kept] - prediction[kept]))))
+    span = float(np.ptp(force[usable]))
+    return OutputError(newton, newton / span if span > 0.0 else math.nan)
