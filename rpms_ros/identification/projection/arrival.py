@@ -206,7 +206,7 @@ def yield_to_horizon(known: Known, fit: Fit, gradient: FloatArray, limit: float)
     difference = slope.copy()
     if not (solve_positive(own, by_horizon) and solve_positive(memory, difference)):
         return 0.0
-    statistic = dot(slope, by_horizon[:count]) + dot(slope, difference)
+    statistic: float = dot(slope, by_horizon[:count]) + dot(slope, difference)
     statistic /= fit.scalars[VARIANCE]
     if not statistic > limit:
         return statistic
