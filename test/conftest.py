@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 WaitFor = Callable[..., None]
 
 
-def beside(name: str) -> ModuleType:
-    """Return the module of that name in this folder."""
+def _beside(name: str) -> ModuleType:
     specification = importlib.util.spec_from_file_location(
         name, Path(__file__).with_name(f'{name}.py')
     )
@@ -40,9 +39,15 @@ def beside(name: str) -> ModuleType:
 
 
 @pytest.fixture(scope='session')
+def beside() -> Callable[[str], ModuleType]:
+    """Load a module of this folder by its name."""
+    return _beside
+
+
+@pytest.fixture(scope='session')
 def hostile_texts() -> ModuleType:
     """The module of hostile texts beside this file: `KNOWN`, `hostile_text`, `sendable`."""
-    return beside('hostile_texts')
+    return _beside('hostile_texts')
 
 
 @pytest.fixture
@@ -132,6 +137,6 @@ def wait_for() -> WaitFor:
 @pytest.fixture
 def instrument() -> Iterator[Callable[..., Any]]:
     """Build instruments of the Rapid2 class on pseudo-terminals, see `fake_rapid2.py`."""
-    module = beside('fake_rapid2')
+    module = _beside('fake_rapid2')
     with contextlib.ExitStack() as running:
         yield lambda **options: running.enter_context(module.FakeRapid2(**options))

@@ -24,6 +24,7 @@ COMMANDS = (
     'import_csv',
     'protocol',
     'check',
+    'audit',
 )
 """Modules of this package, in the order of the help."""
 

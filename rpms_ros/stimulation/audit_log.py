@@ -21,6 +21,7 @@ from rpms_ros.stimulation.record_chain import Record
 PURPOSE = 'audit log'
 LONGEST_TEXT = 2000
 MOST_ITEMS = 200
+SHORTEST_KEY = 16
 _DEEPEST = 6
 _TAKEN = frozenset(
     {'number', 'kind', 'time', 'boot_id', 'boot_ns', 'previous', 'hash', 'bytes', 'sha256'}
@@ -131,6 +132,26 @@ class Audit:
     def intact(self) -> bool:
         """Whether every record fits."""
         return not self.fault
+
+
+def read_key(path: Path) -> bytes:
+    """Return the secret in a file, without the white space around it.
+
+    Raises
+    ------
+    StimulationError
+        If it cannot be read, is shorter than 16 bytes, or others may read it.
+    """
+    try:
+        key = path.read_bytes().strip()
+        mode = path.stat().st_mode
+    except OSError as fault:
+        raise StimulationError(f'expected a readable key file, got {path}: {fault}') from fault
+    if len(key) < SHORTEST_KEY:
+        raise StimulationError(f'expected a key of {SHORTEST_KEY} bytes or more, got {len(key)}')
+    if mode & 0o077:
+        raise StimulationError(f'expected a key file that only its owner can read, got {path}')
+    return key
 
 
 def verify(path: Path, key: bytes | None = None, purpose: str | None = PURPOSE) -> Audit:

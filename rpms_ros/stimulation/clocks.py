@@ -7,6 +7,7 @@ the wall clock survives a restart of the machine; ``boot_id`` tells the two apar
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from rpms_ros.errors import StimulationError
@@ -16,8 +17,9 @@ _BOOT_ID = Path('/proc/sys/kernel/random/boot_id')
 EARLIEST_WALL_NS = 1_735_689_600 * 1_000_000_000
 
 
+@cache
 def read_boot_id() -> str:
-    """Return the identifier of this boot of the machine.
+    """Return the identifier of this boot of the machine, which no process outlives.
 
     Raises
     ------

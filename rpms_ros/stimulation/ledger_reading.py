@@ -121,11 +121,15 @@ class LedgerReader:
             self.shared.append(key)
 
     def _pulses(self, content: Mapping[str, Any]) -> dict[int, Past]:
-        wall_ns = wall_ns_of(content['time'])
+        """Return the pulses of a record that may still count, by their index."""
+        rows, boot_id, written_ns = content['pulses'], content['boot_id'], content['boot_ns']
+        wall_ns = wall_ns_of(content['time']) - written_ns
+        latest = max((time_ns for time_ns, _, _ in rows), default=0)
+        if self.clocks.age_ns(boot_id, latest, wall_ns + latest) >= self.horizon_ns:
+            return {}
         found = {}
-        for index, (time_ns, intensity, energy_j) in enumerate(content['pulses']):
-            ahead = time_ns - content['boot_ns']
-            age = self.clocks.age_ns(content['boot_id'], time_ns, wall_ns + ahead)
+        for index, (time_ns, intensity, energy_j) in enumerate(rows):
+            age = self.clocks.age_ns(boot_id, time_ns, wall_ns + time_ns)
             if age < self.horizon_ns:
                 found[index] = Past(age, float(intensity), float(energy_j))
         return found

@@ -422,3 +422,12 @@ def test_a_closed_ledger_reserves_nothing(machine, opened):
 def test_values_that_no_file_can_hold(machine, opened):
     with pytest.raises(StimulationError, match='expected a record that JSON can hold'):
         opened(dose=None).reserve([PlannedPulse(machine.monotonic, float('nan'), 1.0)])
+
+
+def test_the_dose_holds_across_kills(tmp_path, beside):
+    # 100 kills: bench/ledger.py
+    found = beside('ledger_kills').kill_repeatedly(tmp_path, kills=8, pulses=600)
+    assert found.kills >= 1
+    assert found.fired > 0
+    assert found.fired <= found.counted <= 600
+    assert found.fired_j <= found.counted_j <= 3600.0

@@ -1,0 +1,142 @@
+"""`rpms audit`: whether an audit log or a dose ledger is whole, and what it says."""
+
+import argparse
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+from typing import Any
+
+from rpms_ros.cli.options import add_command
+
+if TYPE_CHECKING:
+    from rpms_ros.stimulation.audit_log import Audit
+    from rpms_ros.stimulation.record_chain import Record
+
+_STAMPS = frozenset({'number', 'kind', 'time', 'boot_id', 'boot_ns', 'previous', 'hash'})
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add `rpms audit`."""
+    parser = add_command(
+        subparsers,
+        'audit',
+        run,
+        'verify an audit log or a dose ledger, and say what it holds',
+        "Verify the chain of hashes of a stimulator driver's audit log, or of a dose ledger, and\n"
+        'print its sessions: who did what, with which limits, what was refused, stopped and\n'
+        'reset.  The first broken record is named by its line.  Note the newest hash elsewhere:\n'
+        'it shows whether the end of the file was removed later.',
+        '  rpms audit audit.jsonl\n'
+        '  rpms audit audit.jsonl --only refusal,stop,reset\n'
+        'exit status: 0 whole, 1 broken or cut off at the end, 2 no such file',
+    )
+    parser.add_argument('file', type=Path, help='audit log or dose ledger')
+    parser.add_argument(
+        '--key-file', type=Path, metavar='FILE', help='secret that the log was written with'
+    )
+    parser.add_argument(
+        '--only',
+        metavar='KIND[,KIND]',
+        help='print records of these kinds only, e.g. refusal,reset',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Verify a file and print what it holds; return 0 if it is whole, 1 if not."""
+    from rpms_ros.errors import StimulationError
+    from rpms_ros.stimulation.audit_log import read_key
+    from rpms_ros.stimulation.audit_log import verify
+
+    if not arguments.file.is_file():
+        raise StimulationError(f'expected an audit log or a dose ledger, got {arguments.file}')
+    key = read_key(arguments.key_file) if arguments.key_file is not None else None
+    found = verify(arguments.file, key, purpose=None)
+    kinds = frozenset(arguments.only.split(',')) if arguments.only else None
+    print('\n'.join(report(arguments.file, found, kinds)))
+    return 0 if found.intact and not found.torn else 1
+
+
+def report(path: Path, found: 'Audit', kinds: frozenset[str] | None = None) -> list[str]:
+    """Return what a person wants to know, line by line; records of ``kinds`` or of all."""
+    lines = _verdict(path, found)
+    if not found.records:
+        return lines
+    first = found.records[0].content
+    if first.get('purpose') == 'dose ledger':
+        return [*lines, *_ledger(found.records)]
+    counts = Counter(str(record.content['kind']) for record in found.records[1:])
+    said = ', '.join(f'{_printable(kind)} {count}' for kind, count in sorted(counts.items()))
+    lines.append(f'  records      {said or "none"}')
+    for record in found.records[1:]:
+        if kinds is None or record.content['kind'] in kinds or record.content['kind'] == 'session':
+            lines.append(_line(record))
+    return lines
+
+
+def _verdict(path: Path, found: 'Audit') -> list[str]:
+    verdict = 'whole' if found.intact else 'BROKEN'
+    lines = [f'{path}: {len(found.records)} records, {verdict}']
+    if not found.intact:
+        lines.append(f'  first broken {found.fault}')
+        lines.append('               nothing from there on can be trusted')
+    if found.records:
+        times = [str(record.content['time']) for record in (found.records[0], found.records[-1])]
+        lines.append(f'  time         {times[0]} to {times[1]}')
+        lines.append(f'  newest hash  {found.hash}')
+    if found.torn:
+        lines.append(f'  cut off      {found.torn} bytes at the end: a process was killed')
+    torn = sum(record.content['kind'] == 'torn' for record in found.records)
+    if torn:
+        lines.append(f'  cut off      {torn} times before, and continued')
+    return lines
+
+
+def _line(record: 'Record') -> str:
+    """Return one record: sessions stand out."""
+    content = record.content
+    fields = {name: value for name, value in content.items() if name not in _STAMPS}
+    time = str(content['time'])[:19].replace('T', ' ')
+    said = _fields(fields)
+    if content['kind'] == 'session':
+        return f'session at {time} UTC: {said}'
+    return f'  {time[11:]}  {_printable(str(content["kind"])):<12} {said}'
+
+
+def _fields(fields: Mapping[str, Any]) -> str:
+    return ', '.join(f'{_printable(name)} {_value(value)}' for name, value in fields.items())
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f'({_fields(value)})'
+    if isinstance(value, list):
+        return f'[{", ".join(_value(item) for item in value)}]'
+    if isinstance(value, float):
+        return f'{value:g}'
+    return _printable(str(value))
+
+
+def _printable(text: str) -> str:
+    """Return a text that does nothing to a terminal: what is logged may come from anybody."""
+    return text if text.isprintable() else ascii(text)[1:-1]
+
+
+def _ledger(records: 'tuple[Record, ...]') -> list[str]:
+    first = records[0].content
+    lines = [f'  ledger       of {first["owner"]} {first["name"]}']
+    days: dict[str, list[float]] = {}
+    for record in records:
+        content = record.content
+        if content['kind'] == 'reserve':
+            day = days.setdefault(str(content['time'])[:10], [0, 0.0, 0])
+            day[0] += len(content['pulses'])
+            day[1] += sum(energy for _, _, energy in content['pulses'])
+        elif content['kind'] == 'settle':
+            day = days.setdefault(str(content['time'])[:10], [0, 0.0, 0])
+            day[2] += len(content['unfired'])
+    for name, (pulses, energy, back) in days.items():
+        lines.append(
+            f'  {name}   {pulses:g} pulses and {energy:.0f} J reserved, {back:g} pulses given back'
+        )
+    return lines

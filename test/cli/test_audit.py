@@ -1,0 +1,116 @@
+"""`rpms audit`: what it says of whole, broken and cut files."""
+
+import time
+
+import pytest
+
+from rpms_ros.stimulation.audit_log import AuditLog
+from rpms_ros.stimulation.dose import PlannedPulse
+from rpms_ros.stimulation.dose_ledger import DoseLedger
+
+SECRET = b'0123456789abcdef'
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / 'audit.jsonl'
+
+
+def write(path, key=None):
+    with AuditLog(path, key) as log:
+        log.append('session', who='operator-a', device='rapid2-240v', patient='P01')
+        log.append('limits', figures={'maximum_intensity': 0.55, 'maximum_rate_hz': 50.0})
+        log.append('arm', who='operator-a')
+        log.append('refusal', limit='maximum_rate_hz', reason='\x1b[2Jexpected\n\ud800')
+        log.append('reset', who='operator-b')
+
+
+def test_a_whole_log(path, rpms):
+    write(path)
+    code, out, err = rpms('audit', path)
+    assert (code, err) == (0, '')
+    assert f'{path}: 6 records, whole' in out
+    assert 'arm 1, limits 1, refusal 1, reset 1, session 1' in out
+    assert 'UTC: who operator-a, device rapid2-240v, patient P01' in out
+    assert 'figures (maximum_intensity 0.55, maximum_rate_hz 50)' in out
+    # nothing that is logged reaches the terminal as it came
+    assert r'reason \x1b[2Jexpected\n\ud800' in out
+    assert 'newest hash  ' in out
+
+
+def test_kinds_can_be_chosen(path, rpms):
+    write(path)
+    _, out, _ = rpms('audit', path, '--only', 'refusal,reset')
+    assert 'who operator-b' in out
+    assert 'session at' in out
+    assert '  arm ' not in out.partition('session at')[2]
+
+
+def test_the_first_broken_record_is_named(path, rpms):
+    write(path)
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[3] = lines[3].replace(b'operator-a', b'operator-b')
+    path.write_bytes(b''.join(lines))
+    code, out, _ = rpms('audit', path)
+    assert code == 1
+    assert f'{path}: 3 records, BROKEN' in out
+    assert 'line 4: expected the next record of the chain, got a line that is not record 3' in out
+
+
+def test_a_log_cut_off_by_a_kill(path, rpms):
+    write(path)
+    path.write_bytes(path.read_bytes()[:-20])
+    code, out, _ = rpms('audit', path)
+    assert code == 1
+    assert 'bytes at the end: a process was killed' in out
+    write(path)
+    code, out, _ = rpms('audit', path)
+    assert code == 0
+    assert 'cut off      1 times before, and continued' in out
+
+
+def test_a_log_with_a_key(path, rpms, tmp_path):
+    write(path, SECRET)
+    key = tmp_path / 'key'
+    key.write_bytes(SECRET + b'\n')
+    key.chmod(0o600)
+    assert rpms('audit', path, '--key-file', key)[0] == 0
+    assert rpms('audit', path)[0] == 1
+    key.chmod(0o644)
+    code, _, err = rpms('audit', path, '--key-file', key)
+    assert code == 2
+    assert 'expected a key file that only its owner can read' in err
+    key.chmod(0o600)
+    key.write_bytes(b'short')
+    assert 'expected a key of 16 bytes or more, got 5' in rpms('audit', path, '--key-file', key)[2]
+    assert 'expected a readable key file' in rpms('audit', path, '--key-file', tmp_path / 'no')[2]
+
+
+def test_a_ledger_is_verified_too(tmp_path, rpms):
+    with DoseLedger(tmp_path, 'coil', 'P01') as ledger:
+        pulses = [PlannedPulse(time.monotonic_ns(), 0.5, 10.0)] * 4
+        ledger.take(ledger.reserve(pulses)[0])
+    path = tmp_path / 'patient-p01.ledger'
+    code, out, _ = rpms('audit', path)
+    assert code == 0
+    assert 'of patient P01' in out
+    assert '4 pulses and 40 J reserved, 3 pulses given back' in out
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    assert rpms('audit', path)[0] == 1
+
+
+def test_what_is_no_log(tmp_path, rpms):
+    code, _, err = rpms('audit', tmp_path / 'absent')
+    assert code == 2
+    assert 'expected an audit log or a dose ledger, got' in err
+    path = tmp_path / 'other'
+    path.write_bytes(bytes(range(256)) * 10)
+    code, out, _ = rpms('audit', path)
+    assert code == 1
+    assert '0 records, BROKEN' in out
+    path.write_bytes(b'')
+    code, out, _ = rpms('audit', path)
+    assert code == 1
+    assert 'expected at least one record, got none' in out
