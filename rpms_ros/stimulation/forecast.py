@@ -1,4 +1,8 @@
-"""Forecast: what a schedule would do to a device, before its first pulse."""
+"""Forecast: what a schedule would do to a device, before its first pulse.
+
+The same limits as in `limiter`, for all pulses of a plan at once: a plan of some hundred thousand
+pulses has to be judged while the executor's signs of life are awaited.
+"""
 
 import dataclasses
 import math
@@ -10,10 +14,12 @@ import numpy as np
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
+from rpms_ros.stimulation.books import Books
 from rpms_ros.stimulation.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limiter import PulseLimiter
-from rpms_ros.stimulation.limiter import Refusal
-from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.plan_check import Broken
+from rpms_ros.stimulation.plan_check import PlanCheck
+from rpms_ros.stimulation.refusals import Refusal
+from rpms_ros.stimulation.refusals import too_quiet
 from rpms_ros.stimulation.schedule import Plan
 from rpms_ros.stimulation.schedule import Schedule
 from rpms_ros.stimulation.thermal import CoilTemperature
@@ -88,39 +94,20 @@ class Forecast:
         return float(self.temperature.max()) if len(self.temperature) else None
 
 
-class _Tally:
-    """Violations by limit: the first of each kind in full, the others counted."""
-
-    def __init__(self) -> None:
-        self._first: dict[str, Violation] = {}
-
-    def add(self, refusal: Refusal, onset_ns: int) -> None:
-        found = self._first.get(refusal.limit)
-        if found is None:
-            time_s = onset_ns / NANOSECONDS_PER_SECOND
-            found = Violation(refusal.limit, refusal.reason, time_s, 0)
-        self._first[refusal.limit] = dataclasses.replace(found, pulses=found.pulses + 1)
-
-    def all(self) -> tuple[Violation, ...]:
-        return tuple(self._first.values())
-
-
 def forecast(schedule: Schedule, specification: DeviceSpecification) -> Forecast:
-    """Return what ``schedule`` comes to on a rested device of ``device_specification``."""
-    limiter = PulseLimiter(specification.limits, tolerance_s=0.0)
-    coil = CoilTemperature(specification.thermal) if specification.thermal else None
-    return forecast_plan(schedule.plan, schedule.width_s, limiter, coil)
+    """Return what ``schedule`` comes to on a rested device that was armed right before."""
+    return forecast_plan(schedule.plan, schedule.width_s, *_rested(specification))
 
 
 def forecast_plan(
     plan: Plan,
     width_s: float,
-    limiter: PulseLimiter,
+    books: Books,
     coil: CoilTemperature | None,
     start_ns: int = 0,
-    to_the_end: bool = True,
+    silent_since_ns: int | None = None,
 ) -> Forecast:
-    """Return what a plan comes to; limiter and coil are used up.
+    """Return what a plan comes to.
 
     Parameters
     ----------
@@ -128,84 +115,72 @@ def forecast_plan(
         The pulses.
     width_s : float
         Their duration [s].
-    limiter : PulseLimiter
-        A trial limiter, with the memory of what was fired before.
+    books : Books
+        What was fired before.
     coil : CoilTemperature or None
-        The coil as warm as it is at ``start_ns``.
+        The coil as warm as it is; only read.
     start_ns : int
-        Beginning of the plan on the clock of limiter and coil [ns].
-    to_the_end : bool
-        Whether to go on after the first violation.
+        Beginning of the plan on the clock of books and coil [ns].
+    silent_since_ns : int, optional
+        When the device was armed, or fired last, on that clock [ns]; ``start_ns`` if missing.
     """
-    tally = _Tally()
-    waits: list[float] = []
-    celsius: list[float] = []
-    energy_before = limiter.session_energy_j
-    last_ns: int | None = None
-    pause_ns = round(limiter.limits.minimum_pause_s * NANOSECONDS_PER_SECOND)
-    for onset, intensity in zip(plan.onset_ns.tolist(), plan.intensity.tolist(), strict=True):
-        if last_ns is not None and onset - last_ns >= pause_ns:
-            waits.append(limiter.wait_s)
-        _check(tally, limiter, onset, intensity, width_s, start_ns, last_ns)
-        if coil is not None:
-            celsius.append(coil.heat(start_ns + onset, limiter.limits.energy_j(intensity)))
-            if celsius[-1] > coil.thermal.cutout:
-                tally.add(_too_warm(coil.thermal, celsius[-1]), onset)
-        last_ns = onset
-        if not to_the_end and tally.all():
-            break
-    if last_ns is not None:
-        waits.append(limiter.wait_s)
-    return _summary(plan, tally, waits, celsius, limiter.session_energy_j - energy_before)
-
-
-def _check(
-    tally: _Tally,
-    limiter: PulseLimiter,
-    onset: int,
-    intensity: float,
-    width_s: float,
-    start_ns: int,
-    last_ns: int | None,
-) -> None:
-    """Hold one pulse against limiter and idle limit; what is refused is booked all the same."""
-    for refusal in limiter.refusals(start_ns + onset, intensity, width_s):
-        tally.add(refusal, onset)
-    limiter.book(start_ns + onset, intensity)
-    silence_s = (onset - (last_ns or 0)) / NANOSECONDS_PER_SECOND
-    if silence_s > limiter.limits.idle_disarm_s:
-        tally.add(_too_quiet(limiter.limits, silence_s), onset)
-
-
-def _too_warm(thermal: CoilThermal, celsius: float) -> Refusal:
-    return Refusal(
-        CUTOUT,
-        f'expected a coil of at most {thermal.cutout:g} Celsius, got {celsius:.3g} forecast',
-    )
-
-
-def _too_quiet(limits: Limits, silence_s: float) -> Refusal:
-    return Refusal(
-        'idle_disarm_s',
-        f'expected at most {limits.idle_disarm_s:g} s without a pulse, got {silence_s:.4g} s',
-    )
-
-
-def _summary(
-    plan: Plan, tally: _Tally, waits: list[float], celsius: list[float], energy: float
-) -> Forecast:
+    check = PlanCheck(plan, width_s, books, start_ns)
+    celsius = np.empty(0) if coil is None else coil.forecast(check.time_ns, check.energy_j)
+    silent_since = start_ns if silent_since_ns is None else silent_since_ns
+    found = [*check.broken(), *_silences(check, plan, start_ns, silent_since)]
+    if coil is not None:
+        found.append(_too_warm(coil.thermal, celsius))
+    found = [broken for broken in found if broken.at.any()]
+    found.sort(key=lambda broken: int(broken.at.argmax()))
     gaps = np.diff(plan.onset_ns)
     duration = plan.duration_ns / NANOSECONDS_PER_SECOND
+    energy = float(check.energy_j.sum())
     return Forecast(
-        violations=tally.all(),
+        violations=tuple(_violation(broken, plan) for broken in found),
         pulses=len(plan),
         duration_s=duration,
         energy_j=energy,
         mean_power_w=energy / duration,
         max_rate_hz=NANOSECONDS_PER_SECOND / float(gaps.min()) if len(gaps) else 0.0,
-        waits_s=tuple(waits),
-        temperature=np.array(celsius),
+        waits_s=tuple(check.waits_s.tolist()),
+        temperature=celsius,
     )
+
+
+def _rested(specification: DeviceSpecification) -> tuple[Books, CoilTemperature | None]:
+    thermal = specification.thermal
+    return Books(specification.limits), CoilTemperature(thermal) if thermal else None
+
+
+def _violation(broken: Broken, plan: Plan) -> Violation:
+    first = int(broken.at.argmax())
+    # one place more than there are pulses: the end
+    onset_ns = int(plan.onset_ns[first]) if first < len(plan) else plan.duration_ns
+    refusal = broken.refusal(first)
+    time_s = onset_ns / NANOSECONDS_PER_SECOND
+    return Violation(refusal.limit, refusal.reason, time_s, int(broken.at[: len(plan)].sum()))
+
+
+def _silences(
+    check: PlanCheck, plan: Plan, start_ns: int, silent_since_ns: int
+) -> tuple[Broken, ...]:
+    """Hold the time before each pulse, and before the end, against the idle limit."""
+    moments = np.concatenate([[silent_since_ns], check.time_ns, [start_ns + plan.duration_ns]])
+    silence_s = np.diff(moments) / NANOSECONDS_PER_SECOND
+    limits = check.limits
+    at = silence_s > limits.idle_disarm_s
+    return (Broken(at, lambda first: too_quiet(limits, float(silence_s[first]))),)
+
+
+def _too_warm(thermal: CoilThermal, celsius: FloatArray) -> Broken:
+    def refusal(first: int) -> Refusal:
+        return Refusal(
+            CUTOUT,
+            f'expected a coil of at most {thermal.cutout:g} Celsius, '
+            f'got {celsius[first]:.3g} forecast',
+        )
+
+    return Broken(celsius > thermal.cutout, refusal)
 
 
 @dataclass(frozen=True)
@@ -268,9 +243,7 @@ def _passes(
     plan = change(schedule.plan, factor)
     if not len(plan):
         return False
-    limiter = PulseLimiter(specification.limits, tolerance_s=0.0)
-    coil = CoilTemperature(specification.thermal) if specification.thermal else None
-    return forecast_plan(plan, schedule.width_s, limiter, coil, to_the_end=False).deliverable
+    return forecast_plan(plan, schedule.width_s, *_rested(specification)).deliverable
 
 
 def _largest(passes: Callable[[float], bool]) -> float:

@@ -7,7 +7,11 @@ it cools exponentially.  Both are exact, whatever the time between pulses.
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
 from rpms_ros.stimulation.fields import Bound
 from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import check_bounds
@@ -57,22 +61,43 @@ class CoilTemperature:
 
     def __init__(self, thermal: CoilThermal, time_ns: int = 0) -> None:
         self.thermal = thermal
-        self._time_ns = time_ns
-        self._celsius = thermal.ambient
+        # time and temperature as one value: other threads read it at any moment
+        self._known = time_ns, thermal.ambient
 
     def at(self, time_ns: int) -> float:
         """Return the temperature [Celsius] at ``time_ns`` [ns] if nothing is fired until then."""
-        elapsed = max(0, time_ns - self._time_ns) / NANOSECONDS_PER_SECOND
-        above = self._celsius - self.thermal.ambient
+        known_ns, celsius = self._known
+        elapsed = max(0, time_ns - known_ns) / NANOSECONDS_PER_SECOND
+        above = celsius - self.thermal.ambient
         return self.thermal.ambient + above * math.exp(-elapsed / self.thermal.time_constant)
 
     def heat(self, time_ns: int, energy_j: float) -> float:
         """Take a pulse of ``energy_j`` [J] into account; return the temperature after it."""
         rise = self.thermal.coil_share * energy_j / self.thermal.heat_capacity
-        self.measured(time_ns, self.at(time_ns) + rise)
-        return self._celsius
+        celsius = self.at(time_ns) + rise
+        self.measured(time_ns, celsius)
+        return celsius
+
+    def forecast(self, time_ns: IntArray, energy_j: FloatArray) -> FloatArray:
+        """Return the temperature [Celsius] after each of many pulses, as if `heat` was called.
+
+        Parameters
+        ----------
+        time_ns : ndarray of int64, shape (pulses,)
+            Onsets in ascending order [ns].
+        energy_j : ndarray of float64, shape (pulses,)
+            Energies [J].
+        """
+        thermal = self.thermal
+        elapsed = np.diff(time_ns, prepend=self._known[0]) / NANOSECONDS_PER_SECOND
+        decay = np.exp(-np.maximum(elapsed, 0.0) / thermal.time_constant)
+        rise = thermal.coil_share * energy_j / thermal.heat_capacity
+        above, found = self._known[1] - thermal.ambient, []
+        for step in zip(decay.tolist(), rise.tolist(), strict=True):
+            above = above * step[0] + step[1]
+            found.append(above)
+        return thermal.ambient + np.array(found)
 
     def measured(self, time_ns: int, celsius: float) -> None:
         """Go on from a measured temperature [Celsius]."""
-        self._time_ns = max(time_ns, self._time_ns)
-        self._celsius = celsius
+        self._known = max(time_ns, self._known[0]), celsius

@@ -14,9 +14,11 @@ from rpms_ros.stimulation import Single
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation import paper_random
 from rpms_ros.stimulation import paper_sinusoid
+from rpms_ros.stimulation.books import Books
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.device_specification import profile_names
 from rpms_ros.stimulation.forecast import forecast
+from rpms_ros.stimulation.forecast import forecast_plan
 from rpms_ros.stimulation.forecast import offers
 from rpms_ros.stimulation.thermal import CoilTemperature
 from rpms_ros.stimulation.thermal import CoilThermal
@@ -96,6 +98,29 @@ def test_coil_warms_by_its_pulses_and_cools_in_between():
     assert coil.at(11 * SECOND) == pytest.approx(20.0 + math.exp(-1.0), abs=1e-12)
     coil.measured(11 * SECOND, 35.0)
     assert coil.at(21 * SECOND) == pytest.approx(20.0 + 15.0 * math.exp(-1.0), abs=1e-12)
+
+
+def test_forecast_of_many_pulses_warms_the_coil_as_one_by_one():
+    thermal = CoilThermal(20.0, 0.5, 100.0, 10.0, 40.0)
+    coil = CoilTemperature(thermal, SECOND)
+    times = np.array([SECOND, 2 * SECOND, 5 * SECOND])
+    ahead = coil.forecast(times, np.array([200.0, 100.0, 50.0]))
+    one_by_one = [coil.heat(int(time), energy) for time, energy in zip(times, [200, 100, 50])]
+    assert ahead.tolist() == pytest.approx(one_by_one, abs=1e-12)
+
+
+def test_silence_counts_from_arming_and_up_to_the_end():
+    limits = dataclasses.replace(RAPID.limits, idle_disarm_s=5.0)
+    specification = dataclasses.replace(RAPID, limits=limits)
+    pause = Schedule((Pause(4.0), Single(duration_s=1.0)))
+    assert forecast(pause, specification).deliverable
+    books = Books(limits)
+    ahead = forecast_plan(pause.plan, 1e-4, books, None, 10 * SECOND, 7 * SECOND)
+    assert [found.limit for found in ahead.violations] == ['idle_disarm_s']
+    assert ahead.violations[0].reason == 'expected at most 5 s without a pulse, got 7 s'
+    trailing = forecast(Schedule((Single(duration_s=1.0), Pause(5.0))), specification)
+    assert [(found.time_s, found.pulses) for found in trailing.violations] == [(6.0, 0)]
+    assert not forecast(Schedule((Pause(5.1),)), specification).deliverable
 
 
 def test_coil_reaches_the_mean_of_its_power():

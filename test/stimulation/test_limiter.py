@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.dose import BookedPulse
 from rpms_ros.stimulation.limiter import PulseLimiter
 from rpms_ros.stimulation.limits import Limits
 
@@ -148,13 +149,32 @@ def test_session_outlives_everything():
     assert limiter.refusal(100 * SECOND, 1.0, WIDTH).limit == 'session_energy_j'
 
 
-def test_trial_gate_leaves_the_real_one_alone():
+def test_copied_books_leave_the_real_ones_alone():
     limiter = PulseLimiter(Limits(session_pulses=5))
     limiter.book(0, 0.5)
-    trial = limiter.trial()
+    trial = limiter.copied()
     give(trial, regular(4, 10.0, start=1.0), 0.5)
     assert (limiter.session_pulses, trial.session_pulses) == (1, 5)
     assert limiter.refusal(SECOND, 0.5, WIDTH) is None
+
+
+def test_history_counts_as_if_this_process_had_fired_it():
+    limits = Limits(pulse_energy_j=100.0, continuous_power_w=30.0, energy_window_s=10.0)
+    limiter = PulseLimiter(limits)
+    # another device gave the patient the second one, this device another patient the third
+    limiter.book_history(
+        [
+            BookedPulse(-SECOND, 1.0, 100.0),
+            BookedPulse(-SECOND // 2, 1.0, 150.0, on_device=False),
+            BookedPulse(-SECOND // 4, 0.5, 25.0, on_patient=False),
+        ]
+    )
+    assert (limiter.session_pulses, limiter.session_energy_j) == (2, 250.0)
+    # a train of 175 J: 175 / 30 s less the half second that it lasted
+    assert limiter.refusal(5 * SECOND, 0.1, WIDTH).limit == 'wait'
+    # 275 J of 300 J in ten seconds, until the first of them is ten seconds ago
+    assert limiter.refusal(9 * SECOND - 1, 0.6, WIDTH).limit == 'continuous_power_w'
+    assert limiter.refusal(9 * SECOND, 0.6, WIDTH) is None
 
 
 @given(st.lists(st.tuples(st.floats(0.001, 0.3), st.floats(0.0, 1.0)), min_size=1, max_size=60))
