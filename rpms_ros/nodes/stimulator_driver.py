@@ -5,7 +5,6 @@ What decides is `rpms_ros.stimulation.controller`; here it meets topics, service
 """
 
 import os
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -54,17 +53,15 @@ from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_lock import DeviceLock
+from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import POSSIBLE
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.stop_buttons import StopButtons
-from rpms_ros.stimulation.threads import PulseThread
-from rpms_ros.stimulation.threads import SupervisorThread
+from rpms_ros.stimulation.threads import ControllerThreads
 
 _TICK_S = 0.05
 _SIGN_S = 0.01
-# how long one thread of Python keeps the others waiting: the pulse thread is one of them
-_SWITCH_S = 5e-4
 _DIAGNOSTICS_PERIOD_S = 1.0
 _REFUSED = 'refused: '
 _NOTE_NS = 10_000_000_000
@@ -92,7 +89,10 @@ class StimulatorDriver(GuardedLifecycleNode):
         self.settings = declare_parameters(self, DriverParameters)
         settings = self.settings
         self.controller = StimulationController(
-            build_device(settings), device_specification_of(settings), driver_settings_of(settings)
+            build_device(settings),
+            device_specification_of(settings),
+            driver_settings_of(settings),
+            ledger=MemoryLedger(),
         )
         self.authority = Authority(settings.heartbeat_timeout, settings.arming_timeout)
         self.buttons = StopButtons(settings.stop_button_timeout, settings.require_stop_button)
@@ -102,13 +102,14 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._active = False
         self._autostart = settings.autostart
         self._schedule = schedule_of(settings) if self._autostart else None
-        self._threads: list[PulseThread | SupervisorThread] = []
+        self._threads = ControllerThreads(self.controller)
         self._next_status_ns = self._next_diagnostics_ns = 0
         self._said: tuple[Any, ...] = ()
         self._audit = DriverAudit(settings.audit_log, self._on_audit_failed)
         name = self.get_fully_qualified_name()
         self._audit.require('start', driver=name, device=device, process=os.getpid())
         self._pulses = PulsePublisher(self, settings.frame_id)
+        self.controller.on_fired = self._pulses.publish
         self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.STOP)
         self._view = DriverView(self.controller, self.buttons, self.authority, device)
@@ -137,16 +138,10 @@ class StimulatorDriver(GuardedLifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the device."""
+        self._threads.start()
         done = self._try(self._configure)
         if done is not TransitionCallbackReturn.SUCCESS:
             return done
-        self.controller.supervise()
-        self._threads = [
-            PulseThread(self.controller, self._pulses.publish),
-            SupervisorThread(self.controller),
-        ]
-        for thread in self._threads:
-            thread.start()
         if self.settings.realtime_priority > 0:
             denied = ask_for_realtime(self.settings.realtime_priority)
             if denied:
@@ -194,6 +189,7 @@ class StimulatorDriver(GuardedLifecycleNode):
     def destroy_node(self) -> None:
         """Let go of the device before anything else of the node goes."""
         self._let_go('node destroyed')
+        self._threads.close()
         self._watch.close()
         self._action.destroy()
         self._audit.note('end')
@@ -236,9 +232,6 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _let_go(self, reason: str) -> None:
         self.controller.cleanup(reason)
         self._after_disarming()
-        threads, self._threads = self._threads, []
-        for thread in threads:
-            thread.close()
         self._unlock()
 
     def _unlock(self) -> None:
@@ -366,6 +359,5 @@ class StimulatorDriver(GuardedLifecycleNode):
 
 def main() -> int:
     """Run the stimulator driver as a process."""
-    sys.setswitchinterval(_SWITCH_S)
     stay_on_this_machine()
     return run(StimulatorDriver)

@@ -163,16 +163,20 @@ class DoseAccount:
 
     def check(self, pulses: Sequence[PlannedPulse]) -> None:
         """Raise DoseExceeded if these pulses would be more than the patient may get."""
+        self.check_total(len(pulses), sum(pulse.energy_j for pulse in pulses))
+
+    def check_total(self, more: int, energy_j: float) -> None:
+        """Raise DoseExceeded if so many pulses of so much energy [J] would be too much."""
         if self.limits is None:
             return
         count, energy = self.totals
-        if count + len(pulses) > self.limits.pulses:
+        if count + more > self.limits.pulses:
             raise DoseExceeded(
                 'dose_pulses',
                 f'expected at most {self.limits.pulses} pulses in {self.limits.window_h:g} h, '
-                f'got {count + len(pulses)}',
+                f'got {count + more}',
             )
-        energy += sum(pulse.energy_j for pulse in pulses)
+        energy += energy_j
         # relative rounding of a sum of many thousand pulses
         if energy > self.limits.energy_j * (1.0 + 1e-9):
             raise DoseExceeded(

@@ -22,20 +22,40 @@ class Refused(StimulationError):
 
 
 class Interlocks:
-    """Signs of life and conditions.
+    """Signs of life and conditions.  Every method but `reset` only notes or looks something up.
 
     Parameters
     ----------
-    timeouts_ns : mapping of str to int
-        Longest age of each sign of life [ns].
+    timeouts_s : mapping of str to float
+        Longest age of each sign of life [s].
     """
 
-    def __init__(self, timeouts_ns: Mapping[str, int]) -> None:
-        self._timeouts_ns = dict(timeouts_ns)
+    def __init__(self, timeouts_s: Mapping[str, float]) -> None:
+        self._timeouts_ns: dict[str, int] = {}
+        self._holds_ns: dict[str, int] = {}
         self._lock = threading.Lock()
         self._seen_ns: dict[str, int] = {}
         self._conditions: dict[str, str] = {}
         self._latched: dict[str, str] = {}
+        for name, timeout_s in timeouts_s.items():
+            self.require(name, timeout_s)
+
+    def require(self, name: str, timeout_s: float, hold_s: float | None = None) -> None:
+        """Ask for a sign of life.
+
+        Parameters
+        ----------
+        name : str
+            Of whom.
+        timeout_s : float
+            Longest silence [s]; then it is a problem.
+        hold_s : float, optional
+            Silence [s] during which pulses are held back, before it is a problem.
+        """
+        with self._lock:
+            self._timeouts_ns[name] = nanoseconds(timeout_s)
+            if hold_s is not None:
+                self._holds_ns[name] = nanoseconds(hold_s)
 
     @property
     def latched(self) -> bool:
@@ -68,8 +88,24 @@ class Interlocks:
         with self._lock:
             self._conditions.pop(name, None)
 
-    def problem(self, now_ns: int) -> tuple[str, str] | None:
-        """Return name and reason of the first open interlock, None if all are closed."""
+    def held_by(self, now_ns: int) -> str | None:
+        """Return whose silence holds pulses back, None if nobody's does."""
+        with self._lock:
+            for name, hold in self._holds_ns.items():
+                if now_ns - self._seen_ns.get(name, now_ns) > hold:
+                    return name
+            return None
+
+    def problem(self, now_ns: int, since_ns: int | None = None) -> tuple[str, str] | None:
+        """Return name and reason of the first open interlock, None if all are closed.
+
+        Parameters
+        ----------
+        now_ns : int
+            Now [ns].
+        since_ns : int, optional
+            A silence counts from then at the earliest [ns].
+        """
         with self._lock:
             for name, reason in self._conditions.items():
                 return name, reason
@@ -77,6 +113,8 @@ class Interlocks:
                 seen = self._seen_ns.get(name)
                 if seen is None:
                     return name, f'{name}: expected a sign of life, got none yet'
+                if since_ns is not None:
+                    seen = max(seen, since_ns)
                 if now_ns - seen > timeout:
                     age = (now_ns - seen) / 1e9
                     return name, (

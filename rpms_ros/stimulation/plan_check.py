@@ -106,7 +106,8 @@ class PlanCheck:
         # n/f: a train of n pulses lasts one period longer than the time between its ends
         lasted_s = span_s * pulses / np.maximum(pulses - 1, 1)
         by_power = self._train_energy_j / self.limits.continuous_power_w - lasted_s
-        return np.maximum(by_power, self.limits.minimum_pause_s)
+        waits: FloatArray = np.maximum(by_power, self.limits.minimum_pause_s)
+        return waits
 
     def _shapes(self) -> tuple[Broken, ...]:
         limits, intensity = self.limits, self._intensity

@@ -1,20 +1,21 @@
-"""Whether a pulse is possible at all: device, state, interlocks, and the stop before everything.
+"""Whether a pulse is possible at all: state, interlocks, and the halt before everything.
 
-One lock guards the state.  It is never held while the device is asked for something that may
-hang, and `stop` takes back the permit and silences the device before it takes the lock, so that a
-stop never waits for anything.
+Only the owner of the device (see `device_owner`) makes pulses possible.  Anybody, from any thread
+and at any time, makes them impossible: a halt is noted, the device silenced out of band, and only
+then the state follows.  A noted halt alone keeps the owner from the next trigger.
 """
 
 import threading
 import time
 from collections import Counter
+from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
-from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.interface import Device
-from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.interlocks import Interlocks
 from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.run import Run
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import Command
 from rpms_ros.stimulation.states import State
@@ -32,13 +33,41 @@ _TEMPERATURE = 'temperature'
 _FORCE_LIMIT = 'force_limit'
 
 
+class Standing(NamedTuple):
+    """State and reason as one value, so that a reader never sees half of a change."""
+
+    state: State
+    reason: str
+
+
+class Halt(NamedTuple):
+    """Something that makes pulses impossible.
+
+    Attributes
+    ----------
+    command : Command
+        FINISH, DISARM, STOP, FAIL or CLEANUP.
+    reason : str
+        Why, in plain words.
+    cause : str
+        Why the run ended, one of `run.CAUSES`.
+    name : str
+        Under which it is counted and latched; empty to count nothing.
+    """
+
+    command: Command
+    reason: str
+    cause: str
+    name: str = ''
+
+
 class SafetyMonitor:
-    """State, interlocks and device of one stimulator.
+    """State and interlocks of one stimulator.
 
     Parameters
     ----------
     device : Device
-        What gives the pulses.
+        What gives the pulses; here it is silenced, and nothing else.
     settings : DriverSettings
         How the driver watches over itself.
     clock : callable
@@ -53,120 +82,63 @@ class SafetyMonitor:
     ) -> None:
         self.device = device
         self.settings = settings
-        self._faults: Counter[str] = Counter()
-        self.state = State.UNCONFIGURED
-        self.reason = 'not configured'
-        self.interlocks = Interlocks(_timeouts_ns(settings))
+        self.interlocks = Interlocks(_timeouts_s(settings))
+        self.run: Run | None = None
+        self.wake = threading.Event()
         self._clock = clock
+        self._standing = Standing(State.UNCONFIGURED, 'not configured')
+        self._faults: Counter[str] = Counter()
+        # held for some assignments only, never while something is waited for
         self._lock = threading.RLock()
-        self._device_lock = threading.Lock()
-        self._permit = False
-        self._stops = 0
-        self._active_ns = 0
-        self._alive_ns = 0
+        self._halts: deque[Halt] = deque()
+        # another object after each halt: who compares it sees that there was one meanwhile
+        self._epoch = object()
 
-    def configure(self) -> None:
-        """Open the device.
+    @property
+    def state(self) -> State:
+        """Where the driver is."""
+        return self._standing.state
 
-        Raises
-        ------
-        StimulationError
-            If it is open already or does not answer.
-        """
-        with self._lock:
-            after(self.state, Command.CONFIGURE)
-        with self._device_lock:
-            self.device.open()
-        self._enter(Command.CONFIGURE, 'device open, disarmed')
+    @property
+    def reason(self) -> str:
+        """Why it is there, in plain words."""
+        return self._standing.reason
 
-    def arm(self) -> None:
-        """Make pulses possible.
+    def status(self) -> tuple[State, bool, str]:
+        """Return state, whether a stop is latched, and the reason; waits for nothing."""
+        state, reason = self._standing
+        return state, self.interlocks.latched, reason
+
+    def stop(self, name: str, reason: str) -> None:
+        """Stop at once and latch it, in whatever state."""
+        self._halt(Halt(Command.STOP, reason, 'stopped', name))
+
+    def fail(self, name: str, reason: str) -> None:
+        """Go to the safe state because something is wrong; only a clean-up leaves it."""
+        self._halt(Halt(Command.FAIL, reason, 'fault', name))
+
+    def disarm(self, reason: str = 'disarmed') -> None:
+        """Make pulses impossible."""
+        self._halt(Halt(Command.DISARM, reason, 'disarmed'))
+
+    def cancel(self, reason: str = 'cancelled', cause: str = 'cancelled') -> None:
+        """End the running schedule and disarm; without one nothing happens."""
+        if self.state is State.RUNNING:
+            self._halt(Halt(Command.FINISH, reason, cause))
+
+    def reset(self) -> None:
+        """Let go of a latched stop; the driver stays disarmed.
 
         Raises
         ------
         Refused
-            If a stop is latched or an interlock is open.
-        StimulationError
-            If the state does not allow it or the device does not answer.
-        """
-        with self._lock:
-            after(self.state, Command.ARM)
-            self._refuse_if_open()
-            stops = self._stops
-        try:
-            with self._device_lock:
-                self.device.arm()
-        except DeviceError as error:
-            self.fail('device', str(error))
-            raise
-        with self._lock:
-            if stops == self._stops and self.state is State.DISARMED:
-                self._active_ns = self._alive_ns = self._clock()
-                self._enter(Command.ARM, 'armed')
-                self._permit = True
-                return
-        self._silence()
-        raise Refused('stop', f'arm: expected no stop meanwhile, got one: {self.reason}')
-
-    def disarm(self, reason: str = 'disarmed') -> None:
-        """Make pulses impossible: intensity zero first, everything else after."""
-        self._silence()
-        with self._lock:
-            self._end_run(reason)
-            if self.state in POSSIBLE:
-                self._enter(Command.DISARM, reason)
-
-    def cleanup(self, reason: str = 'device closed') -> None:
-        """Let go of the device, from whatever state."""
-        self.disarm(reason)
-        # a device that hangs has been disarmed; it is not waited for
-        free = self._device_lock.acquire(timeout=self.settings.stuck_limit_s)
-        try:
-            self.device.close()
-        except DeviceError as error:
-            self.count('device')
-            reason = f'{reason}; {error}'
-        finally:
-            if free:
-                self._device_lock.release()
-        self._enter(Command.CLEANUP, reason)
-
-    def fail(self, name: str, reason: str) -> None:
-        """Go to the safe state because something is wrong with the device."""
-        self._silence()
-        with self._lock:
-            self.count(name)
-            self._end_run(reason)
-            self._enter(Command.FAIL, reason)
-
-    def stop(self, name: str, reason: str) -> None:
-        """Stop at once and latch it, in whatever state."""
-        self._silence()
-        with self._lock:
-            self.count(name)
-            self.interlocks.latch(name, reason)
-            self._end_run(reason)
-            self.state = after(self.state, Command.STOP)
-            if self.state is not State.FAULT:
-                self.reason = reason
-
-    def reset(self) -> None:
-        """Let go of a latched stop.
-
-        Raises
-        ------
-        StimulationError
             If its cause is still there.
         """
+        self._apply_halts()
+        self.interlocks.reset(self._clock())
         with self._lock:
-            self.interlocks.reset(self._clock())
             if self.state is not State.FAULT:
-                self.reason = 'stop was reset'
-
-    def status(self) -> tuple[State, bool, str]:
-        """Return state, whether a stop is latched, and the reason in plain words."""
-        with self._lock:
-            return self.state, self.interlocks.latched, self.reason
+                self._standing = Standing(self.state, 'stop was reset')
 
     def count(self, name: str) -> None:
         """Count something that went wrong."""
@@ -209,6 +181,55 @@ class SafetyMonitor:
         if self.state in POSSIBLE:
             self.stop(name, reason)
 
+    def _halt(self, halt: Halt) -> None:
+        """Make pulses impossible now; the order of these lines is what a stop stands on."""
+        self._halts.append(halt)
+        self._epoch = object()
+        self._silence()
+        self._apply_halts()
+        self.wake.set()
+
+    def _silence(self) -> None:
+        """Silence the device out of band; one that cannot be silenced is left to its watchdog."""
+        try:
+            self.device.silence()
+        except Exception as error:  # noqa: BLE001 - whatever it is, it may be armed
+            reason = f'expected a device that can be silenced, got {error!r}'
+            self._halts.append(Halt(Command.FAIL, reason, 'fault', 'disarm'))
+            self._epoch = object()
+
+    def _apply_halts(self) -> None:
+        """Let state, latch and run follow the halts that were noted."""
+        with self._lock:
+            while self._halts:
+                # noted until it is applied: who looks in between sees one or the other
+                self._apply(self._halts[0])
+                self._halts.popleft()
+
+    def _apply(self, halt: Halt) -> None:
+        if halt.name:
+            self._faults[halt.name] += 1
+        if halt.command is Command.STOP:
+            self.interlocks.latch(halt.name, halt.reason)
+        if self.run is not None:
+            self.run.end(halt.reason, halt.cause)
+        state, reason = self._standing
+        if halt.command is Command.FINISH and state is not State.RUNNING:
+            return
+        moved = after(state, halt.command)
+        # the first cause of a fault is kept, and why it is disarmed already
+        kept = halt.command is Command.DISARM and state not in POSSIBLE
+        kept = kept or state is moved is State.FAULT
+        self._standing = Standing(moved, reason if kept else halt.reason)
+
+    def _enter(self, command: Command, reason: str, since: object) -> bool:
+        """Make more possible than before, if there was no halt ``since``; return whether."""
+        with self._lock:
+            if since is not self._epoch or self._halts:
+                return False
+            self._standing = Standing(after(self.state, command), reason)
+            return True
+
     def _refuse_if_open(self) -> None:
         if self.interlocks.latched:
             why = self.interlocks.latched_reason
@@ -217,34 +238,15 @@ class SafetyMonitor:
         if problem is not None:
             raise Refused(*problem)
 
-    def _silence(self) -> None:
-        self._stops += 1
-        self._permit = False
-        try:
-            self.device.silence()
-        except DeviceError as error:
-            # nothing is sent to it any more, keep-alives neither: it disarms by itself
-            with self._lock:
-                self.count('disarm')
-                self._enter(Command.FAIL, str(error))
 
-    def _end_run(self, reason: str) -> None:
-        """Tell a running schedule that it is over; whoever runs one overrides this."""
-
-    def _enter(self, command: Command, reason: str) -> None:
-        with self._lock:
-            self.state = after(self.state, command)
-            self.reason = reason
-
-
-def _timeouts_ns(settings: DriverSettings) -> dict[str, int]:
-    """Return the signs of life that have to keep coming, with their longest age [ns]."""
+def _timeouts_s(settings: DriverSettings) -> dict[str, float]:
+    """Return the signs of life that have to keep coming, with their longest age [s]."""
     timeouts = {
-        EXECUTOR: nanoseconds(settings.executor_timeout_s),
-        SUPERVISOR: nanoseconds(settings.supervisor_timeout_s),
+        EXECUTOR: settings.executor_timeout_s,
+        SUPERVISOR: settings.supervisor_timeout_s,
     }
     if settings.heartbeat_timeout_s > 0:
-        timeouts[HEARTBEAT] = nanoseconds(settings.heartbeat_timeout_s)
+        timeouts[HEARTBEAT] = settings.heartbeat_timeout_s
     if settings.force_limit_n > 0:
-        timeouts[FORCE] = nanoseconds(settings.force_timeout_s)
+        timeouts[FORCE] = settings.force_timeout_s
     return timeouts

@@ -25,6 +25,8 @@ class DriverSettings:
         the operating system alone may hold a thread up for tens of milliseconds.
     stuck_limit_s : float
         Longest time that a command may hang before the device is silenced [s].
+    open_limit_s : float
+        The same for opening and closing the device [s].
     intensity_tolerance : float
         Largest difference between commanded and delivered intensity (share); more is a fault.
     executor_timeout_s : float
@@ -41,13 +43,20 @@ class DriverSettings:
         Time between two signs of life to an armed device [s].
     temperature_limit : float
         Coil temperature at which it is stopped [Celsius].
+    prepare_s : float
+        How long before its trigger the intensity of a pulse is set, at least; in a longer pause
+        the intensity is zero [s].
+    reserve_s : float
+        How far ahead pulses are put into the dose ledger [s].
     """
 
     lead_s: float = bounded(_SECONDS, 0.05)
     lateness_limit_s: float = bounded(Bound(0.0, 0.1, 's', above=True), 10e-3)
     response_limit_s: float = bounded(_SECONDS, 0.1)
     stuck_limit_s: float = bounded(_SECONDS, 0.2)
-    intensity_tolerance: float = bounded(Bound(0.0, 1.0), 0.02)
+    open_limit_s: float = bounded(_SECONDS, 5.0)
+    # the device is told a number that it can be set to: what is left is rounding
+    intensity_tolerance: float = bounded(Bound(0.0, 1.0), 0.005)
     executor_timeout_s: float = bounded(_SECONDS, 0.5)
     supervisor_timeout_s: float = bounded(_SECONDS, 0.5)
     heartbeat_timeout_s: float = bounded(_SECONDS_OR_OFF, 0.5)
@@ -55,6 +64,8 @@ class DriverSettings:
     force_timeout_s: float = bounded(_SECONDS, 0.2)
     keep_alive_s: float = bounded(_SECONDS, 0.4)
     temperature_limit: float = bounded(Bound(-20.0, 100.0, 'Celsius'), 40.0)
+    prepare_s: float = bounded(_SECONDS, 0.1)
+    reserve_s: float = bounded(_SECONDS, 1.0)
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -16,6 +16,9 @@ MILLISECOND = 1_000_000
 SECOND = 1_000_000_000
 
 
+CALLS = ('open', 'arm', 'prepare', 'fire', 'keep_alive', 'beat', 'rest', 'silence', 'close')
+
+
 @cache
 def cached_specification(name):
     """A specification for a subject who knows every intensity."""
@@ -29,42 +32,74 @@ class Clock:
 
     def __init__(self):
         self.now = SECOND
+        # what other threads do while one waits
+        self.meanwhile = []
 
     def __call__(self):
         return self.now
 
     def wait(self, seconds):
         self.now += round(seconds * SECOND)
+        for other in self.meanwhile:
+            other()
 
 
 class NotingDevice(SimulatedDevice):
-    """Notes when it fired what it was told to, and that it is armed whenever it is told."""
+    """Notes what it was asked for, and when it fired what it was told to.
+
+    ``instead`` maps the name of a call to what is done instead of it.
+    """
 
     def __init__(self, clock, **options):
-        super().__init__(clock=clock, wait=clock.wait, **options)
-        self.commands = []
+        self.commands, self.calls, self.instead = [], [], {}
         self.clock = clock
+        super().__init__(clock=clock, wait=clock.wait, **options)
+
+    def __getattribute__(self, name):
+        found = super().__getattribute__(name)
+        if name not in CALLS:
+            return found
+        self.calls.append(name)
+        return self.instead.get(name, found)
+
+    def hang(self, seconds):
+        """Return a call that takes so long and can be interrupted by nobody."""
+
+        def call(*arguments):
+            del arguments
+            end = self.clock.now + round(seconds * SECOND)
+            while self.clock.now < end:
+                self.clock.wait(1e-3)
+
+        return call
 
     def fire(self, intensity, width_s, latest_ns=None):
         assert self.armed
+        assert intensity == self.intensity or self.faults.foreign_intensity is not None
+        began = self.clock.now
         given = super().fire(intensity, width_s, latest_ns)
-        self.commands.append((given.time_ns if given else self.clock.now, intensity))
+        self.commands.append((given.time_ns if given else began, intensity))
         return given
 
 
 class Driver:
     """A controller in virtual time."""
 
-    def __init__(self, limits=None, specification='simulated', **settings):
+    def __init__(
+        self, limits=None, specification='simulated', ledger=None, steps=0, wire=None, **settings
+    ):
         self.clock = Clock()
-        self.device = NotingDevice(self.clock)
+        self.device = NotingDevice(self.clock, steps=steps, wire=wire)
         chosen = cached_specification(specification)
         if limits is not None:
             chosen = dataclasses.replace(chosen, limits=limits)
         watched = {'heartbeat_timeout_s': 0.0, **settings}
         self.controller = StimulationController(
-            self.device, chosen, DriverSettings(**watched), self.clock
+            self.device, chosen, DriverSettings(**watched), self.clock, ledger
         )
+        self.fired = []
+        self.controller.on_fired = self.fired.append
+        self.clock.meanwhile.append(self.look)
         self.alive = True
         self.look()
 
@@ -82,6 +117,7 @@ class Driver:
             self.controller.seen(EXECUTOR)
             self.controller.seen(HEARTBEAT)
         self.controller.supervise()
+        self.controller.reserve()
 
     def armed(self):
         self.controller.configure()
@@ -89,17 +125,17 @@ class Driver:
         return self
 
     def advance(self, seconds, late_ns=0):
-        """Let time pass; pulses fire when they are due, or later."""
+        """Let time pass; the owner's turns come when they are due, those with a pulse later."""
         end = self.clock.now + round(seconds * SECOND)
-        while self.clock.now < end:
-            due = self.controller.due_ns()
-            step = min(end, self.clock.now + 50 * MILLISECOND)
-            if due is not None and due + late_ns <= step:
-                self.clock.now = max(self.clock.now, due + late_ns)
-                self.controller.fire_next()
-            else:
-                self.clock.now = step
+        while True:
+            following = self.controller.step()
             self.look()
+            late = late_ns if following == self.controller.due_ns() else 0
+            if following + late > end:
+                break
+            self.clock.now = max(self.clock.now, following + late)
+        self.clock.now = max(self.clock.now, end)
+        self.look()
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ NOW = 1000 * SECOND
 
 
 def test_sign_of_life_ages():
-    interlocks = Interlocks({'heart': SECOND})
+    interlocks = Interlocks({'heart': 1.0})
     assert interlocks.problem(0) == ('heart', 'heart: expected a sign of life, got none yet')
     interlocks.seen('heart', 0)
     assert interlocks.problem(SECOND) is None
@@ -30,8 +30,23 @@ def test_condition_is_open_until_it_is_closed():
     assert not interlocks.latched
 
 
+def test_short_silence_holds_pulses_back_before_it_is_a_problem():
+    interlocks = Interlocks({})
+    interlocks.require('ears', 0.5, hold_s=0.04)
+    assert interlocks.held_by(0) is None
+    assert interlocks.problem(0) == ('ears', 'ears: expected a sign of life, got none yet')
+    interlocks.seen('ears', 0)
+    assert interlocks.held_by(SECOND // 25) is None
+    assert interlocks.held_by(SECOND // 25 + 1) == 'ears'
+    assert interlocks.problem(SECOND // 2) is None
+    assert interlocks.problem(SECOND // 2 + 1) is not None
+    # who was armed a moment ago has waited for the device meanwhile
+    assert interlocks.problem(SECOND, since_ns=SECOND // 2) is None
+    assert interlocks.problem(SECOND + 1, since_ns=SECOND // 2) is not None
+
+
 def test_latch_lets_go_only_with_its_causes_gone():
-    interlocks = Interlocks({'heart': SECOND})
+    interlocks = Interlocks({'heart': 1.0})
     interlocks.latch('heart', 'no heartbeat')
     interlocks.latch('door', 'the door was open')
     assert interlocks.latched_reason == 'no heartbeat'

@@ -1,45 +1,87 @@
-"""The two threads in real time: pulses when they are due, an end of a thread that is a stop."""
+"""The threads in real time: pulses when they are due, hangs that others notice, ends that stop."""
+
+import sys
+import threading
+import time
+from functools import partial
 
 import pytest
 
+from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices import SimulatedFaults
+from rpms_ros.stimulation.orders import NoAnswer
+from rpms_ros.stimulation.orders import Orders
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.threads import PulseThread
-from rpms_ros.stimulation.threads import SupervisorThread
+from rpms_ros.stimulation.threads import ControllerThreads
+
+CALLS = ('open', 'prepare', 'fire', 'rest', 'beat', 'silence')
+
+
+class HangingDevice(SimulatedDevice):
+    """Hangs in one of its calls until it is let go; nothing interrupts it."""
+
+    def __init__(self):
+        self.hangs_in = ''
+        self.let_go = threading.Event()
+        self.hanging = threading.Event()
+        self.closed = 0
+        super().__init__()
+
+    def __getattribute__(self, name):
+        found = super().__getattribute__(name)
+        return partial(self.held, found) if name in CALLS else found
+
+    def held(self, call, *arguments):
+        if call.__name__ == self.hangs_in:
+            self.hanging.set()
+            assert self.let_go.wait(30.0)
+        return call(*arguments)
+
+    def close(self):
+        self.closed += 1
+        super().close()
 
 
 @pytest.fixture
-def running():
-    """A driver with its threads, armed; a machine under load may be slow."""
+def driver():
+    """A driver with its threads; a machine under load may be slow."""
     settings = DriverSettings(
         heartbeat_timeout_s=0.0,
         executor_timeout_s=10.0,
         supervisor_timeout_s=10.0,
         lateness_limit_s=0.1,
         response_limit_s=1.0,
+        stuck_limit_s=0.5,
+        open_limit_s=0.5,
     )
     controller = StimulationController(
-        SimulatedDevice(), load_device_specification('simulated'), settings
+        HangingDevice(), load_device_specification('simulated'), settings
     )
     fired = []
-    threads = [PulseThread(controller, fired.append), SupervisorThread(controller)]
-    controller.configure()
-    controller.supervise()
-    controller.seen(EXECUTOR)
-    for thread in threads:
-        thread.start()
-    controller.arm()
+    controller.on_fired = fired.append
+    threads = ControllerThreads(controller)
+    threads.start()
     yield controller, fired, threads
-    for thread in threads:
-        thread.close()
-        assert not thread.is_alive()
+    controller.device.let_go.set()
+    threads.close()
+    assert not any(thread.is_alive() for thread in threads)
+
+
+@pytest.fixture
+def running(driver):
+    """The same, armed."""
+    controller, *_ = driver
+    controller.configure()
+    controller.seen(EXECUTOR)
+    controller.arm()
+    return driver
 
 
 def test_pulses_come_when_they_are_due_never_before(running, wait_for):
@@ -50,41 +92,133 @@ def test_pulses_come_when_they_are_due_never_before(running, wait_for):
     assert len(fired) == 25
     assert all(pulse.delivery.time_ns >= pulse.due_ns for pulse in fired)
     assert [pulse.sequence for pulse in fired] == list(range(25))
+    assert controller.state is State.DISARMED
 
 
-def test_hanging_device_is_silenced_by_the_supervisor(running, wait_for):
+def test_the_owner_shortens_the_switch_interval_whoever_started_it(driver, wait_for):
+    wait_for(lambda: sys.getswitchinterval() <= 5e-4)
+
+
+def test_device_that_hangs_at_the_trigger_is_silenced_by_the_supervisor(running, wait_for):
     controller, _, _ = running
     controller.device.faults = SimulatedFaults(stuck_s=60.0)
     controller.start(constant(0.5, 10.0, 50.0))
     wait_for(lambda: controller.state is State.FAULT)
-    assert controller.fault_counts() == {'stuck': 1}
+    assert controller.fault_counts()['stuck'] == 1
     assert not controller.device.armed
     assert not controller.device.fired
 
 
+@pytest.mark.parametrize('call', ['prepare', 'fire', 'rest', 'beat'])
+def test_hang_is_latched_and_cleaned_up_while_it_lasts(running, wait_for, call):
+    controller, fired, _ = running
+    device = controller.device
+    controller.start(constant(0.5, 10.0, 5.0))
+    wait_for(lambda: bool(fired))
+    device.hangs_in = call
+    wait_for(lambda: controller.state is State.FAULT)
+    assert controller.reason == f'{call}: expected an answer within 0.5 s, got none'
+    assert not device.armed
+    # a clean-up leads out of it although nobody has answered yet
+    controller.cleanup()
+    assert controller.state is State.UNCONFIGURED
+    assert controller.reason == 'device closed; the device hangs'
+    with pytest.raises(NoAnswer, match='expected the driver to answer within'):
+        controller.configure()
+    assert controller.state is State.UNCONFIGURED
+    given, device.hangs_in = len(fired), ''
+    device.let_go.set()
+    wait_for(lambda: device.closed == 1)
+    controller.configure()
+    controller.seen(EXECUTOR)
+    controller.arm()
+    assert controller.state is State.ARMED
+    # a trigger that hung is told when it comes back
+    assert len(fired) <= given + 1
+
+
+def test_status_and_stop_do_not_wait_for_a_device_that_hangs(running, wait_for):
+    controller, _, _ = running
+    controller.device.hangs_in = 'prepare'
+    controller.start(constant(0.5, 10.0, 5.0))
+    wait_for(controller.device.hanging.is_set)
+    began = time.monotonic()
+    controller.status()
+    controller.stop('test', 'a test')
+    # the hang lasts 30 s
+    assert time.monotonic() - began < 10.0
+    assert controller.status()[1]
+    assert not controller.device.armed
+
+
+def test_status_does_not_wait_for_a_device_that_hangs_when_silenced(running, wait_for):
+    controller, _, _ = running
+    controller.device.hangs_in = 'silence'
+    stopping = threading.Thread(target=controller.stop, args=('test', 'a test'), daemon=True)
+    stopping.start()
+    wait_for(controller.device.hanging.is_set)
+    # neither waits for the thread that stops; the supervisor has followed the halt
+    wait_for(lambda: controller.status()[:2] == (State.DISARMED, True))
+    assert stopping.is_alive()
+    controller.device.hangs_in = ''
+    controller.device.let_go.set()
+    wait_for(lambda: not stopping.is_alive())
+
+
+def test_configuring_that_hangs_leaves_state_and_device_closed(driver, wait_for):
+    controller, *_ = driver
+    controller.device.hangs_in = 'open'
+    with pytest.raises(StimulationError, match='expected the driver to answer within'):
+        controller.configure()
+    assert controller.state is State.UNCONFIGURED
+    controller.device.hangs_in = ''
+    controller.device.let_go.set()
+    wait_for(lambda: controller.device.closed == 1)
+    assert not controller.device.opened
+    controller.configure()
+    assert controller.state is State.DISARMED
+
+
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
-def test_end_of_the_supervisor_is_a_fault(running, wait_for):
+@pytest.mark.parametrize('index', [0, 1, 2])
+def test_end_of_a_thread_is_a_fault_and_it_can_be_started_again(running, wait_for, index):
     controller, fired, threads = running
     controller.start(constant(0.5, 10.0, 50.0))
     wait_for(lambda: bool(fired))
-    controller.device.keep_alive = None
+    thread = list(threads)[index]
+    thread.step = None
     wait_for(lambda: controller.state is State.FAULT)
-    assert controller.reason == 'supervisor_thread: expected to run on, got an exception'
-    wait_for(lambda: not threads[1].is_alive())
+    assert controller.reason == f'{thread.name}: expected to run on, got an exception'
+    wait_for(lambda: not thread.is_alive())
     assert not controller.device.armed
+    controller.cleanup()
+    threads.start()
+    assert all(other.is_alive() for other in threads)
+    controller.configure()
 
 
-@pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
-def test_end_of_the_pulse_thread_is_a_fault(running, wait_for):
-    controller, fired, threads = running
+def test_order_that_was_given_up_is_not_done_any_more(wait_for):
+    wake, done = threading.Event(), []
+    orders = Orders(wake)
+    hanging, let_go = threading.Event(), threading.Event()
 
-    controller.device.fire = None
-    controller.start(constant(0.5, 10.0, 50.0))
-    wait_for(lambda: controller.state is State.FAULT)
-    wait_for(lambda: not threads[0].is_alive())
-    assert controller.reason == 'pulse_thread: expected to run on, got an exception'
-    assert not controller.device.armed
-    assert fired == []
+    def own():
+        assert wake.wait(10.0)
+        hanging.set()
+        assert let_go.wait(10.0)
+        orders.serve()
+        done.append('served')
+
+    orders.owner = threading.Thread(target=own)
+    orders.owner.start()
+    with pytest.raises(NoAnswer, match='expected the driver to answer within 0.01 s') as caught:
+        orders.ask(lambda: done.append('too late'), 0.01)
+    assert not caught.value.begun
+    with pytest.raises(NoAnswer, match='expected the driver to answer'):
+        orders.ask(lambda: done.append('kept'), 0.01, keep=True)
+    let_go.set()
+    wait_for(lambda: done == ['kept', 'served'])
+    orders.owner.join(10.0)
 
 
 def test_simulated_device_refuses_what_a_real_one_would():

@@ -1,0 +1,367 @@
+"""The owner of a device: one thread that alone asks it for anything, watched by another.
+
+What others want comes as orders.  Each turn of the owner and each of its calls has a deadline,
+which the supervisor holds it to: a device that hangs is silenced out of band, latched as a fault,
+and whatever its call comes back with counts for nothing.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+from typing import ParamSpec
+from typing import TypeVar
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation.devices.interface import Device
+from rpms_ros.stimulation.devices.interface import DeviceError
+from rpms_ros.stimulation.devices.interface import DeviceStatus
+from rpms_ros.stimulation.devices.interface import TooLate
+from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.orders import NoAnswer
+from rpms_ros.stimulation.orders import Orders
+from rpms_ros.stimulation.safety_monitor import POSSIBLE
+from rpms_ros.stimulation.safety_monitor import SUPERVISOR
+from rpms_ros.stimulation.safety_monitor import Halt
+from rpms_ros.stimulation.safety_monitor import SafetyMonitor
+from rpms_ros.stimulation.settings import DriverSettings
+from rpms_ros.stimulation.states import Command
+from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.states import after
+from rpms_ros.stimulation.thermal import CoilTemperature
+
+# How often the owner and the supervisor look around when nothing is due: a device wants a sign
+# of life from the owner every 50 ms.
+LOOK_NS = 20_000_000
+# When something that could not be done is tried again.
+AGAIN_NS = 1_000_000
+# How much longer than its calls may take a turn of the owner is waited for.
+_SLACK_S = 0.3
+
+Arguments = ParamSpec('Arguments')
+Result = TypeVar('Result')
+
+
+class Deadline(NamedTuple):
+    """Until when the owner has to come back from something.
+
+    Attributes
+    ----------
+    name : str
+        What it does.
+    limit_s : float
+        How long that may take [s].
+    until_ns : int
+        When it must be over [ns].
+    """
+
+    name: str
+    limit_s: float
+    until_ns: int
+
+
+class DeviceOwner(SafetyMonitor):
+    """Opens, arms, keeps alive and closes a device.
+
+    Parameters
+    ----------
+    device : Device
+        What gives the pulses.
+    settings : DriverSettings
+        How the driver watches over itself.
+    limits : Limits
+        Of the device.
+    coil : CoilTemperature or None
+        Model of the coil.
+    clock : callable
+        Monotonic time [ns].
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        settings: DriverSettings,
+        limits: Limits,
+        coil: CoilTemperature | None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(device, settings, clock)
+        self.limits = limits
+        self.coil = coil
+        self.orders = Orders(self.wake)
+        self._deadline: Deadline | None = None
+        # when the device was armed, and when it was armed or fired last
+        self._armed_ns = 0
+        self._active_ns = 0
+        # when the device answered last, and how long it takes to be kept alive
+        self._answered_ns = 0
+        self._keeping_ns = 30_000_000
+        # what the device was told and what it said
+        self._set_intensity: float | None = None
+        self._charged: bool | None = None
+
+    def configure(self) -> None:
+        """Open the device.
+
+        Raises
+        ------
+        StimulationError
+            If it is open already or does not answer; it is closed again then.
+        """
+        self._order(self._open, self.settings.open_limit_s)
+
+    def arm(self) -> None:
+        """Make pulses possible.
+
+        Raises
+        ------
+        Refused
+            If a stop is latched or an interlock is open.
+        StimulationError
+            If the state does not allow it or the device does not answer.
+        """
+        self._order(self._arm, self.device.arm_s)
+
+    def cleanup(self, reason: str = 'device closed') -> None:
+        """Let go of the device, from whatever state; one that hangs is closed when it comes back.
+
+        Until then it is not opened again.
+        """
+        self.disarm(reason)
+        try:
+            self.orders.ask(lambda: self._close(reason), self.settings.stuck_limit_s + _SLACK_S, keep=True)
+        except NoAnswer:
+            self._halt(Halt(Command.CLEANUP, f'{reason}; the device hangs', 'disarmed'))
+
+    def step(self) -> int:
+        """Do what is due; return when there is more to do [ns].  Called by the owner alone."""
+        due_ns = None
+        limit_s = self.settings.stuck_limit_s
+        with self._deadline_of('a turn of the driver', limit_s):
+            try:
+                self._apply_halts()
+                self.orders.serve()
+                due_ns = self._advance()
+                self._keep_alive(due_ns)
+                if self.state in (State.DISARMED, *POSSIBLE):
+                    self._call('beat', limit_s, self._epoch, self.device.beat)
+            except DeviceError:
+                # it was dealt with where it came up
+                pass
+            except Exception as error:  # noqa: BLE001 - whatever it is, nothing may go on
+                self.fail('owner', f'expected a turn of the driver without error, got {error!r}')
+        now = self._clock()
+        return min(now + AGAIN_NS if due_ns is None else due_ns, now + LOOK_NS)
+
+    def supervise(self) -> None:
+        """Watch over everything else; called steadily by a thread of its own."""
+        now = self._clock()
+        self.seen(SUPERVISOR)
+        self._apply_halts()
+        deadline = self._deadline
+        if deadline is not None and now > deadline.until_ns:
+            self._deadline = None
+            self.fail(
+                'stuck',
+                f'{deadline.name}: expected an answer within {deadline.limit_s:g} s, got none',
+            )
+        if self.state not in POSSIBLE:
+            return
+        problem = self.interlocks.problem(now, self._armed_ns)
+        idle_s = (now - self._active_ns) / NANOSECONDS_PER_SECOND
+        if problem is not None:
+            self.stop(*problem)
+        elif idle_s > self.limits.idle_disarm_s:
+            self.count('idle')
+            self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
+        elif self.coil is not None:
+            self.temperature(self.coil.at(now))
+
+    @property
+    def coil_temperature(self) -> float:
+        """Temperature of the coil [Celsius], measured or modelled; NaN if neither is known."""
+        return math.nan if self.coil is None else self.coil.at(self._clock())
+
+    def _order(self, do: Callable[[], Result], limit_s: float) -> Result:
+        """Have the owner do something; what it does not come back from is a fault."""
+        try:
+            return self.orders.ask(do, limit_s + self.settings.stuck_limit_s + _SLACK_S)
+        except NoAnswer as error:
+            if error.begun:
+                self.fail('stuck', str(error))
+            raise
+
+    def _open(self) -> None:
+        after(self.state, Command.CONFIGURE)
+        began, limit_s = self._clock(), self.settings.open_limit_s
+        try:
+            self._call('open', limit_s, self._epoch, self.device.open)
+            self._answered_ns = self._clock()
+            if self._answered_ns - began > nanoseconds(limit_s):
+                # who asked for it does not wait any more
+                raise DeviceError(
+                    f'open: expected an answer within {limit_s:g} s, got a later one'
+                )
+        except DeviceError as error:
+            self._close(str(error))
+            raise
+        # a stop that came meanwhile stays latched; only arming asks for it
+        self._enter(Command.CONFIGURE, 'device open, disarmed', self._epoch)
+
+    def _arm(self) -> None:
+        after(self.state, Command.ARM)
+        self._refuse_if_open()
+        since, limit_s = self._epoch, self.device.arm_s + self.settings.stuck_limit_s
+        status = self._call('arm', limit_s, since, self.device.arm)
+        self._heed(status, since, 0.0)
+        self._armed_ns = self._active_ns = self._answered_ns = self._clock()
+        self._set_intensity = 0.0
+        if not self._enter(Command.ARM, 'armed', since):
+            self._silence()
+            raise Refused('stop', f'arm: expected no stop meanwhile, got one: {self.reason}')
+
+    def _close(self, reason: str) -> None:
+        """Close the device; one that does not close is let go."""
+        with self._deadline_of('close', self.settings.open_limit_s):
+            try:
+                self.device.close()
+            except Exception as error:  # noqa: BLE001 - nothing more can be done about it
+                self.count('device')
+                reason = f'{reason}; {error}'
+        self._halt(Halt(Command.CLEANUP, reason, 'disarmed'))
+
+    def _advance(self) -> int:
+        """Do what a run asks for; return when there is more to do [ns]."""
+        return self._clock() + LOOK_NS
+
+    @contextmanager
+    def _deadline_of(self, name: str, limit_s: float) -> Iterator[None]:
+        """Have the supervisor see to it that something is over in time."""
+        outer = self._deadline
+        self._deadline = Deadline(name, limit_s, self._clock() + nanoseconds(limit_s))
+        try:
+            yield
+        finally:
+            if outer is not None:
+                until_ns = self._clock() + nanoseconds(outer.limit_s)
+                outer = outer._replace(until_ns=until_ns)
+            self._deadline = outer
+
+    def _call(
+        self,
+        name: str,
+        limit_s: float,
+        since: object,
+        do: Callable[Arguments, Result],
+        *arguments: Arguments.args,
+        **options: Arguments.kwargs,
+    ) -> Result:
+        """Call a device, or somebody else who may fail or hang, with a deadline.
+
+        Parameters
+        ----------
+        name : str
+            What it is called for.
+        limit_s : float
+            How long it may take [s].
+        since : object
+            The epoch in which this was decided: a halt since then has to be heard by a device
+            that has just been asked for something else.
+
+        Raises
+        ------
+        DeviceError
+            Whatever went wrong; it is a fault already.  `TooLate` is none.
+        """
+        with self._deadline_of(name, limit_s):
+            try:
+                return do(*arguments, **options)
+            except TooLate:
+                raise
+            except Exception as error:
+                reason = str(error)
+                if not isinstance(error, StimulationError):
+                    reason = f'{name}: expected no error, got {error!r}'
+                self.fail('device', reason)
+                raise DeviceError(reason) from error
+            finally:
+                if since is not self._epoch:
+                    self._silence()
+                    self._apply_halts()
+
+    def _keep_alive(self, due_ns: int) -> None:
+        """Keep the device alive if nothing else has, at a moment when no pulse is due."""
+        now = self._clock()
+        silent_ns = now - self._answered_ns
+        keep_ns = nanoseconds(self.settings.keep_alive_s)
+        if self.state not in (State.DISARMED, *POSSIBLE) or silent_ns < keep_ns:
+            return
+        # in a train that leaves no room for it a pulse is given up, but not at once
+        no_room = self.state is State.RUNNING and due_ns - now < self._keeping_ns
+        if no_room and silent_ns < 2 * keep_ns:
+            return
+        self._ask_status(self._epoch)
+        self._keeping_ns = self._clock() - now
+
+    def _ask_status(self, since: object) -> None:
+        limit_s = self.settings.stuck_limit_s
+        status = self._call('keep_alive', limit_s, since, self.device.keep_alive)
+        self._answered_ns = self._clock()
+        if self.state in POSSIBLE:
+            self._heed(status, since, self._set_intensity)
+        elif since is self._epoch:
+            self._feel(status)
+
+    def _feel(self, status: DeviceStatus) -> None:
+        """Take over a temperature that was measured."""
+        if status.temperature is not None:
+            if self.coil is not None:
+                self.coil.measured(self._clock(), status.temperature)
+            self.temperature(status.temperature)
+
+    def _heed(
+        self, status: DeviceStatus | None, since: object, expected: float | None = None
+    ) -> None:
+        """Take what a device says of itself into account.
+
+        Parameters
+        ----------
+        status : DeviceStatus or None
+            What it says.
+        since : object
+            The epoch in which it was asked: one that was silenced since says that it is disarmed.
+        expected : float, optional
+            The intensity that was set (share).
+
+        Raises
+        ------
+        DeviceError
+            If it must not fire; it is a fault already.
+        """
+        if status is None or since is not self._epoch:
+            return
+        self._charged = status.ready
+        self._feel(status)
+        for name, is_wrong, reason in (
+            ('coil', status.coil_present is False, 'expected a coil, got none'),
+            ('coil', status.replace_coil, 'expected a usable coil, got one to be replaced'),
+            ('error', status.error, 'expected a device without an error, got one'),
+            ('armed', status.armed is False, 'expected an armed device, got a disarmed one'),
+            ('intensity', *self._intensity_off(status.intensity, expected)),
+        ):
+            if is_wrong:
+                self.fail(name, reason)
+                raise DeviceError(reason)
+
+    def _intensity_off(self, given: float | None, expected: float | None) -> tuple[bool, str]:
+        """Return whether an intensity that was read back is a wrong one, and what to say then."""
+        if given is None or expected is None:
+            return False, ''
+        # written so that NaN is wrong
+        is_wrong = not abs(given - expected) <= self.settings.intensity_tolerance
+        return is_wrong, f'expected intensity {expected:.3g} from the device, got {given:.3g}'
