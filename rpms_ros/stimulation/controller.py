@@ -8,13 +8,14 @@ import dataclasses
 import time
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
-
-import numpy as np
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation.admission import quantized_plan
+from rpms_ros.stimulation.admission import refuse_over_dose
+from rpms_ros.stimulation.admission import refuse_undeliverable
+from rpms_ros.stimulation.device_faults import intensity_fault
 from rpms_ros.stimulation.device_owner import AGAIN_NS
 from rpms_ros.stimulation.device_owner import LOOK_NS
 from rpms_ros.stimulation.device_owner import DeviceOwner
@@ -27,8 +28,7 @@ from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.dose import DoseExceeded
 from rpms_ros.stimulation.dose import LedgerError
 from rpms_ros.stimulation.dose_ledger import MemoryLedger
-from rpms_ros.stimulation.forecast import Forecast
-from rpms_ros.stimulation.forecast import forecast_plan
+from rpms_ros.stimulation.fired import Fired
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.lateness import Lateness
 from rpms_ros.stimulation.limiter import TIMING_LIMITS
@@ -44,38 +44,6 @@ from rpms_ros.stimulation.states import Command
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.states import after
 from rpms_ros.stimulation.thermal import CoilTemperature
-
-
-@dataclass(frozen=True)
-class Fired:
-    """One pulse whose trigger was sent to the device.
-
-    Attributes
-    ----------
-    due_ns : int
-        When the schedule wanted it, monotonic clock [ns].
-    intensity : float
-        What was commanded (share).
-    width_s : float
-        Duration [s].
-    sequence : int
-        Counts the commanded pulses.
-    delivery : Delivery or None
-        What the device says it did; all of it unverified if the device did not answer; None if it
-        says that no pulse came.
-    delivered_sequence : int
-        Counts those with a delivery.
-    answered : bool
-        Whether the device answered.
-    """
-
-    due_ns: int
-    intensity: float
-    width_s: float
-    sequence: int
-    delivery: Delivery | None
-    delivered_sequence: int
-    answered: bool = True
 
 
 class StimulationController(DeviceOwner):
@@ -393,11 +361,12 @@ class StimulationController(DeviceOwner):
         run.delivered += 1
         self.limiter.correct(delivery.time_ns)
         self.lateness.add(delivery.time_ns - fired.due_ns)
-        is_off, reason = self._intensity_off(delivery.intensity, fired.intensity)
+        tolerance = self.settings.intensity_tolerance
+        wrong = intensity_fault(delivery.intensity, fired.intensity, tolerance)
         slow_s = (delivery.time_ns - began_ns) / NANOSECONDS_PER_SECOND
         limit_s = self.settings.response_limit_s
-        if is_off:
-            self.fail('intensity', reason)
+        if wrong is not None:
+            self.fail('intensity', wrong)
         elif slow_s > limit_s:
             reason = f'expected the pulse within {limit_s:g} s, got it after {slow_s:.3g} s'
             self.fail('slow', reason)
@@ -417,42 +386,14 @@ class StimulationController(DeviceOwner):
         """Return the plan as the device can give it, or raise what stands against it."""
         after(self.state, Command.START)
         self._refuse_if_open()
-        left = self.limits.session_pulses - self.limiter.session_pulses
-        if schedule.pulse_count > left:
-            raise Refused(
-                'session_pulses',
-                f'session_pulses: expected at most {left} more pulses in this session, '
-                f'got {schedule.pulse_count}',
-            )
-        plan = schedule.plan
-        plan = dataclasses.replace(plan, intensity=self.device.quantized(plan.intensity))
-        self._refuse_over_dose(plan)
         books, coil, since_ns = self._order(
             lambda: (self.limiter.copied(), copy(self.coil), self._active_ns),
             self.settings.stuck_limit_s,
         )
-        ahead = forecast_plan(plan, schedule.width_s, books, coil, start_ns, since_ns)
-        for violation in ahead.violations:
-            raise Refused(
-                violation.limit,
-                f'{violation.limit}: {violation.reason}; at {violation.time_s:.4g} s of the '
-                f'schedule, mean power {ahead.mean_power_w:.4g} W{self._advice(ahead)}',
-            )
+        plan = quantized_plan(schedule, books, self.device)
+        refuse_over_dose(plan, self.limits, self.ledger)
+        refuse_undeliverable(plan, schedule.width_s, books, coil, start_ns, since_ns)
         return plan
-
-    def _refuse_over_dose(self, plan: Plan) -> None:
-        energy_j = self.limits.pulse_energy_j * float(np.sum(plan.intensity**2))
-        try:
-            self.ledger.account.check_total(len(plan), energy_j)
-        except DoseExceeded as error:
-            raise Refused(error.limit, str(error)) from error
-
-    def _advice(self, ahead: Forecast) -> str:
-        """Return what could go on for ever at the same rate, in words."""
-        if not ahead.max_rate_hz > 0.0:
-            return ''
-        highest = self.limits.highest_intensity(ahead.max_rate_hz)
-        return f'; at {ahead.max_rate_hz:.4g} Hz intensities up to {highest:.3f} can be delivered'
 
 
 def _nobody(fired: Fired) -> None:

@@ -118,7 +118,7 @@ def test_goal_delivers_every_pulse_and_says_so(graph):
     assert [pulse.sequence for pulse in lab.commanded] == list(range(10))
     assert lab.feedback
     assert lab.feedback[0].segments == 1
-    lab.wait_for_state(DriverStatus.ARMED)
+    lab.wait_for_state(DriverStatus.DISARMED)
     assert lab.statuses[-1].pulses_delivered == 10
 
 
@@ -138,6 +138,8 @@ def test_second_goal_is_refused_and_cancel_stops_the_first(graph):
     assert answer.result.error_code == RunSchedule.Result.CANCELLED
     assert not answer.result.completed
     assert lab.driver.controller.due_ns() is None
+    assert not lab.driver.controller.device.armed
+    lab.graph.wait_for(lambda: lab.change(Transition.TRANSITION_ACTIVATE))
     assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
 
 

@@ -177,7 +177,7 @@ def test_force_sensor_that_falls_silent_stops(graph):
         (SimulatedFaults(silent_loss=1.0), 'expected a pulse from the device, got none'),
         (SimulatedFaults(extra_intensity=0.1), 'expected intensity 0.5 from the device, got 0.6'),
         (SimulatedFaults(slow_s=0.15), 'expected the pulse within 0.1 s'),
-        (SimulatedFaults(stuck_s=60.0), 'expected an answer of the device within 0.2 s'),
+        (SimulatedFaults(stuck_s=60.0), 'fire: expected an answer within 0.2 s'),
         (SimulatedFaults(vanish_after=1), 'expected an answer from the device, got none'),
     ],
 )

@@ -4,11 +4,11 @@ from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.threads import PulseThread
-from rpms_ros.stimulation.threads import SupervisorThread
+from rpms_ros.stimulation.threads import ControllerThreads
 
 
 def test_whole_driver_on_the_line(instrument, wait_for):
@@ -17,14 +17,20 @@ def test_whole_driver_on_the_line(instrument, wait_for):
         SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0),
         load_device_specification('rapid2-240v'),
         # a machine under load may hold up a thread or two
-        DriverSettings(heartbeat_timeout_s=0.0, lateness_limit_s=0.1, response_limit_s=1.0),
+        DriverSettings(
+            heartbeat_timeout_s=0.0,
+            executor_timeout_s=5.0,
+            lateness_limit_s=0.1,
+            response_limit_s=1.0,
+            stuck_limit_s=2.0,
+        ),
+        ledger=MemoryLedger(),
     )
     fired = []
-    threads = [PulseThread(controller, fired.append), SupervisorThread(controller)]
+    controller.on_fired = fired.append
+    threads = ControllerThreads(controller)
+    threads.start()
     controller.configure()
-    controller.supervise()
-    for thread in threads:
-        thread.start()
 
     def alive():
         controller.seen(EXECUTOR)
@@ -38,15 +44,17 @@ def test_whole_driver_on_the_line(instrument, wait_for):
     assert fake.fired() == [40] * 10
     assert {pulse.delivery.intensity for pulse in fired} == {0.4}
     assert {pulse.delivery.unverified for pulse in fired} == {frozenset({'delivery'})}
+    alive()
+    controller.arm()
+    alive()
     controller.start(constant(0.4, 5.0, 20.0))
     wait_for(lambda: alive() and len(fake.triggers) > 12)
     controller.stop('test', 'a test')
     wait_for(lambda: not fake.armed)
     assert fake.percent == 0
     stopped = len(fake.triggers)
-    for thread in threads:
-        thread.close()
     controller.cleanup()
+    threads.close()
     assert not fake.remote
     assert len(fake.triggers) == stopped
     assert controller.state is State.UNCONFIGURED

@@ -105,7 +105,8 @@ def test_forecast_of_many_pulses_warms_the_coil_as_one_by_one():
     coil = CoilTemperature(thermal, SECOND)
     times = np.array([SECOND, 2 * SECOND, 5 * SECOND])
     ahead = coil.forecast(times, np.array([200.0, 100.0, 50.0]))
-    one_by_one = [coil.heat(int(time), energy) for time, energy in zip(times, [200, 100, 50])]
+    pulses = zip(times.tolist(), [200.0, 100.0, 50.0], strict=True)
+    one_by_one = [coil.heat(*pulse) for pulse in pulses]
     assert ahead.tolist() == pytest.approx(one_by_one, abs=1e-12)
 
 

@@ -95,7 +95,8 @@ def test_pulses_come_when_they_are_due_never_before(running, wait_for):
     assert controller.state is State.DISARMED
 
 
-def test_the_owner_shortens_the_switch_interval_whoever_started_it(driver, wait_for):
+@pytest.mark.usefixtures('driver')
+def test_the_owner_shortens_the_switch_interval_whoever_started_it(wait_for):
     wait_for(lambda: sys.getswitchinterval() <= 5e-4)
 
 
@@ -211,7 +212,7 @@ def test_order_that_was_given_up_is_not_done_any_more(wait_for):
 
     orders.owner = threading.Thread(target=own)
     orders.owner.start()
-    with pytest.raises(NoAnswer, match='expected the driver to answer within 0.01 s') as caught:
+    with pytest.raises(NoAnswer, match=r'expected the driver to answer within 0\.01 s') as caught:
         orders.ask(lambda: done.append('too late'), 0.01)
     assert not caught.value.begun
     with pytest.raises(NoAnswer, match='expected the driver to answer'):
