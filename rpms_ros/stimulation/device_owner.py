@@ -279,7 +279,7 @@ class DeviceOwner(SafetyMonitor):
         Raises
         ------
         DeviceError
-            Whatever went wrong; it is a fault already, unless there was a halt.  `TooLate` is none.
+            Whatever went wrong: a fault already, unless there was a halt.  `TooLate` is none.
         """
         with self._deadline_of(name, limit_s):
             try:
