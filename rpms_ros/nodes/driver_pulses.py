@@ -10,7 +10,8 @@ from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
-from rpms_ros.stimulation.controller import Fired
+from rpms_ros.stimulation.devices import Delivery
+from rpms_ros.stimulation.fired import Fired
 
 UNVERIFIED = {
     'delivery': PulseMessage.UNVERIFIED_DELIVERY,
@@ -58,26 +59,25 @@ class PulsePublisher:
         offset_ns = clock_offset_ns()
         asked = Pulse(fired.due_ns + offset_ns, fired.intensity, fired.sequence, fired.width_s)
         self._asked.publish(self._message(asked))
-        self._given.publish(self._message(given_pulse(fired, offset_ns)))
+        if fired.delivery is not None:
+            given = given_pulse(fired, fired.delivery, offset_ns)
+            self._given.publish(self._message(given))
 
     def _message(self, pulse: Pulse) -> PulseMessage:
         return messages.pulse_message(pulse, MESSAGE_TYPES, self._frame_id)
 
 
-def given_pulse(fired: Fired, offset_ns: int) -> Pulse:
+def given_pulse(fired: Fired, delivery: Delivery, offset_ns: int) -> Pulse:
     """Return a trigger as a pulse, with what the device did not confirm.
 
     One that was not answered may have been given: it is a pulse of which nothing is confirmed.
     """
-    given = fired.delivery
-    if given is None:
-        nothing = sum(UNVERIFIED.values())
-        onset_ns, intensity, unverified = fired.due_ns, fired.intensity, nothing
-    else:
-        onset_ns, intensity = given.time_ns, given.intensity
-        unverified = sum(UNVERIFIED[name] for name in given.unverified)
     return Pulse(
-        onset_ns + offset_ns, intensity, fired.delivered_sequence, fired.width_s, unverified
+        delivery.time_ns + offset_ns,
+        delivery.intensity,
+        fired.delivered_sequence,
+        fired.width_s,
+        sum(UNVERIFIED[name] for name in delivery.unverified),
     )
 
 

@@ -68,11 +68,6 @@ class Interlocks:
         with self._lock:
             return next(iter(self._latched.values()), '')
 
-    def require(self, name: str, timeout_s: float) -> None:
-        """Ask for one more sign of life, of at most this age [s]."""
-        with self._lock:
-            self._timeouts_ns[name] = nanoseconds(timeout_s)
-
     def seen(self, name: str, now_ns: int) -> None:
         """Note a sign of life."""
         with self._lock:
