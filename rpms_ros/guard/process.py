@@ -122,13 +122,16 @@ def _listening(path: Path) -> socket.socket:
             else:
                 raise ValueError(f'expected no guard at {path}, got one that runs')
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    # it gets its name when it listens: who finds it can connect
+    hidden = path.with_name(f'.{path.name}.{os.getpid()}')
     before = os.umask(0o177)
     try:
-        listening.bind(str(path))
+        listening.bind(str(hidden))
     finally:
         os.umask(before)
     # one driver at a time
     listening.listen(0)
+    hidden.rename(path)
     return listening
 
 

@@ -36,7 +36,8 @@ TEMPERATURE_LENGTH = 9
 UNTIL_ZERO = 0
 """Length of an answer that ends with a zero byte and a check byte."""
 LONGEST_ANSWER = 32
-_PLAIN = frozenset({ENABLE, RELEASE, DISARM, ARM, TRIGGER, TEMPERATURE, PARAMETERS, VERSION})
+# remote control is given back by the guard, when it has disarmed
+_PLAIN = frozenset({ENABLE, DISARM, ARM, TRIGGER, TEMPERATURE, PARAMETERS, VERSION})
 _REFUSALS = {
     ord('?'): 'data that it does not accept',
     ord('S'): 'a command that does not suit its state',

@@ -1,6 +1,7 @@
 """The guard: what it relays, what it refuses, and real processes that die, hang or are stopped."""
 
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -18,7 +19,7 @@ from rpms_ros.guard.port import open_port
 
 TRAIN = Path(__file__).parents[1] / 'guarded_train.py'
 RATE_HZ = 20.0
-ARMED = [b'Q@', b'@040', b'EB', b'EH']
+COMMANDS = (b'Q@', b'EA', b'EB', b'EB', b'EH', b'EH', b'EH', b'F@')
 
 
 class Driver:
@@ -116,13 +117,13 @@ def test_nothing_is_relayed_before_the_driver_listens(fake, driver):
         b'\x03' + rapid2.framed(b'EH') * 2,
     ],
 )
-def test_frame_that_is_not_known_ends_it_disarmed(fake, driver, payload):
+def test_frame_that_is_not_known_ends_it_disarmed(fake, driver, payload, wait_for):
     driver.armed().send(packets.EXCHANGE, 1, payload=payload)
     assert 'expected a known command' in driver.ended()
     assert not fake.armed
     assert fake.percent == 0
     assert fake.fired() == []
-    assert fake.frames[-1] == b'R@'
+    wait_for(lambda: fake.frames[-1] == b'R@')
 
 
 @pytest.mark.parametrize('raw', [b'E', b'\xff' * 13, bytes(300), b'Z' + bytes(12)])
@@ -243,12 +244,12 @@ def test_line_that_never_becomes_quiet(fake, driver):
 @pytest.mark.parametrize(
     'number', ['SIGHUP', 'SIGINT', 'SIGQUIT', 'SIGTERM', 'SIGUSR1', 'SIGALRM', 'SIGXCPU']
 )
-def test_a_signal_to_the_guard_disarms_first(fake, driver, number):
+def test_a_signal_to_the_guard_disarms_first(fake, driver, number, wait_for):
     driver.armed().guard.send_signal(signal.Signals[number])
     assert 'the guard was told to end' in driver.ended()
     assert driver.guard.returncode == 0
     assert not fake.armed
-    assert fake.frames[-1] == b'R@'
+    wait_for(lambda: fake.frames[-1] == b'R@')
     assert driver.received().kind == packets.DISARMED
 
 
@@ -269,6 +270,56 @@ def test_guard_knows_neither_numpy_nor_ros_nor_an_environment(tmp_path):
         check=True,
     )
     assert found.stdout.strip() == "['__main__', 'rpms_ros']"
+
+
+def random_packet(chance):
+    """Return a packet of a driver gone wrong: known and unknown frames, silences, noise."""
+    kind = chance.choices(
+        [packets.EXCHANGE, packets.BEAT, packets.LISTEN, packets.SILENCE, b'noise'],
+        [200, 20, 10, 4, 1],
+    )[0]
+    if kind == b'noise':
+        return chance.randbytes(chance.randrange(1, 60))
+    percents = chance.choices([0, 20, 40, 41, 100], [10, 10, 10, 1, 1])
+    frame = rapid2.framed(chance.choice([*COMMANDS, rapid2.power(percents[0])]))
+    if chance.random() < 0.005:
+        frame = chance.randbytes(chance.randrange(6))
+    latest = packets.FOREVER_NS if chance.random() < 0.9 else 0
+    payload = bytes([3]) + frame if kind == packets.EXCHANGE else b''
+    return packets.packed(Packet(kind, chance.randrange(2**32), latest, payload))
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarmed(
+    fake, seed, wait_for
+):
+    chance = random.Random(seed)
+    driver = Driver(fake.port, '--beat-limit=20', '--answer-limit=5', '--maximum-percent=40')
+    assert driver.listen().exchange(b'Q@').kind == packets.ANSWER
+    # begin anew whenever it was refused: most of what follows then passes
+    anew = [Packet(packets.LISTEN)]
+    for body in (b'@020', b'EB', b'EH'):
+        payload = b'\x03' + rapid2.framed(body)
+        anew.append(Packet(packets.EXCHANGE, 1, packets.FOREVER_NS, payload))
+    coming = []
+    for _ in range(200):
+        try:
+            driver.socket.settimeout(0.5 if coming else 0.01)
+            driver.socket.send(coming.pop(0) if coming else random_packet(chance))
+            if driver.received().kind in (packets.REFUSED, packets.DISARMED):
+                coming = [packets.packed(packet) for packet in anew]
+        except TimeoutError:
+            continue
+        except (OSError, ValueError):
+            # it has ended
+            break
+    driver.close()
+    assert not fake.armed
+    assert fake.percent == 0
+    wait_for(lambda: fake.frames[-1] == b'R@')
+    assert fake.fired()
+    assert all(percent <= 40 for percent in fake.fired())
+    assert not {b'@041', b'@100'} & set(fake.frames)
 
 
 # ---- processes
@@ -337,7 +388,7 @@ def test_driver_is_killed(train, wait_for):
     run.process.kill()
     assert_silent(fake, wait_for, 'was told to')
     wait_for(lambda: gone(run.guard))
-    assert fake.frames[-1] == b'R@'
+    wait_for(lambda: fake.frames[-1] == b'R@')
 
 
 def test_driver_is_stopped_and_goes_on(train, wait_for):

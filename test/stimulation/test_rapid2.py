@@ -78,13 +78,23 @@ def test_any_status_with_its_check_byte(status, data):
 @given(st.binary(max_size=8))
 def test_only_known_commands_pass(raw):
     command = rapid2.command_of(raw)
-    known = (b'Q@', b'R@', b'EA', b'EB', b'EH', b'F@', b'\\@', b'ND')
+    known = (b'Q@', b'EA', b'EB', b'EH', b'F@', b'\\@', b'ND')
     assert command is None or command in known or command[:1] == b'@'
 
 
 @pytest.mark.parametrize(
     'frame',
-    [b'', b'E', b'EH', b'EH\x00', framed(b'b@'), framed(b'[010'), framed(b'@101'), framed(b'@9')],
+    [
+        b'',
+        b'E',
+        b'EH',
+        b'EH\x00',
+        framed(b'b@'),
+        framed(b'R@'),
+        framed(b'[010'),
+        framed(b'@101'),
+        framed(b'@9'),
+    ],
 )
 def test_frames_that_no_driver_has_use_for(frame):
     assert rapid2.command_of(frame) is None

@@ -12,7 +12,9 @@ import threading
 import time
 
 import pytest
+import serial
 
+from rpms_ros.guard.port import open_port
 from rpms_ros.guard.process import main
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices import DeviceStatus
@@ -383,6 +385,15 @@ def test_port_that_is_not_there(tmp_path):
         SerialDevice(str(tmp_path / 'file')).open()
 
 
+def test_line_that_is_a_trigger_on_some_cables_is_off(fake, monkeypatch):
+    asked = []
+    # a pseudo-terminal has neither line
+    monkeypatch.setattr(serial.Serial, '_update_dtr_state', lambda _: None)
+    monkeypatch.setattr(serial.Serial, '_update_rts_state', lambda port: asked.append(port.rts))
+    os.close(open_port(fake.port))
+    assert asked == [False]
+
+
 def test_triggers_above_the_bound_do_not_pass_the_guard(fake, wait_for):
     device = SerialDevice(fake.port, maximum_intensity=0.405, **PATIENT)
     device.open()
@@ -399,31 +410,37 @@ def test_a_child_of_the_driver_inherits_nothing_that_keeps_it_alive(device):
     assert not any(os.get_inheritable(descriptor.number) for descriptor in held)
 
 
-def test_guard_that_was_started_by_hand(fake, tmp_path, wait_for):
+@pytest.fixture
+def by_hand(fake, tmp_path, wait_for):
+    """A guard on a socket of its own: the process, and the path."""
     path = tmp_path / 'guard'
     command = [sys.executable, '-m', 'rpms_ros.guard', '--port', fake.port, '--socket', str(path)]
-    with subprocess.Popen(
-        [*command, '--answer-limit=5', '--beat-limit=20', '--maximum-percent=30'],
-        stderr=subprocess.PIPE,
-    ) as guard:
+    limits = ['--answer-limit=5', '--beat-limit=20', '--maximum-percent=30']
+    with subprocess.Popen([*command, *limits], stderr=subprocess.PIPE) as guard:
         wait_for(path.is_socket)
-        assert path.stat().st_mode & 0o077 == 0
-        for _ in range(2):
-            device = SerialDevice(str(path), **PATIENT)
-            device.open()
-            assert device.guard_pid == guard.pid
-            assert armed(device, 0.3).fire(0.3, WIDTH) is not None
-            device.close()
-            wait_for(lambda: not fake.armed)
-        # the bound is the guard's, whatever the driver was given
+        yield guard, path
+        guard.kill()
+
+
+def test_guard_that_was_started_by_hand(fake, by_hand, wait_for):
+    guard, path = by_hand
+    assert path.stat().st_mode & 0o077 == 0
+    for _ in range(2):
+        device = SerialDevice(str(path), **PATIENT)
         device.open()
-        with pytest.raises(DeviceError, match=r'percent|maximum'):
-            armed(device, 0.31)
+        assert device.guard_pid == guard.pid
+        assert armed(device, 0.3).fire(0.3, WIDTH) is not None
         device.close()
-        guard.terminate()
-        assert guard.wait(10) == 0
-        said = guard.stderr.read().decode()
-    assert 'drivers find it at' in said
+        wait_for(lambda: not fake.armed)
+    # the bound is the guard's, whatever the driver was given
+    device.open()
+    device.arm()
+    with pytest.raises(DeviceError, match=r'expected at most 30 percent, got 31'):
+        device.prepare(0.31)
+    device.close()
+    guard.terminate()
+    assert guard.wait(10) == 0
+    assert b'drivers find it at' in guard.stderr.read()
     assert not path.exists()
     assert fake.fired() == [30, 30]
 
