@@ -70,7 +70,8 @@ class FakeRapid2(threading.Thread):
         self.refuse, self.cut = {}, None
         self.triggers, self.commands, self.disarmed = [], [], []
         self._ready_ns = self._heard_ns = self._frame_ns = 0
-        self._pending, self._frame = b'', b''
+        self._pending, self._frame = [], b''
+        self._hung_ns = 0
         self._in_free_ns = self._out_free_ns = 0
         self._due = []
         self._log = log
@@ -141,7 +142,7 @@ class FakeRapid2(threading.Thread):
 
     def _take(self, raw, now):
         if not self.wire:
-            self._pending += raw
+            self._pending += [(now, raw[n : n + 1]) for n in range(len(raw))]
             return
         for byte in raw:
             self._in_free_ns = max(now, self._in_free_ns) + BYTE_NS
@@ -150,14 +151,17 @@ class FakeRapid2(threading.Thread):
     def _do_what_is_due(self, now):
         due = [item for item in self._due if item[0] <= now]
         self._due = [item for item in self._due if item[0] > now]
-        for _, way, raw in sorted(due):
+        for when, way, raw in sorted(due):
             if way == 'in':
-                self._pending += raw
+                self._pending.append((when, raw))
             else:
                 self._write(raw)
+        if self.hang:
+            self._hung_ns = now
         while self._pending and not self.hang:
-            byte, self._pending = self._pending[:1], self._pending[1:]
-            self._byte(byte, now)
+            when, byte = self._pending.pop(0)
+            # when it was on the line, or when the instrument went on
+            self._byte(byte, max(when, self._hung_ns))
 
     def _byte(self, byte, now):
         if self._frame and now - self._frame_ns > FORGET_NS:

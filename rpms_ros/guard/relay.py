@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from rpms_ros.guard import packets
 from rpms_ros.guard import rapid2
+from rpms_ros.guard.driver_socket import DriverGone
+from rpms_ros.guard.driver_socket import DriverSocket
 from rpms_ros.guard.line import Exchange
 from rpms_ros.guard.line import Line
 from rpms_ros.guard.line import LineError
@@ -85,7 +87,7 @@ class Guard:
         self.line = Line(line, clock)
         self.limits = limits
         self.ended = ''
-        self._driver = driver
+        self._driver = DriverSocket(driver)
         self._wakeup = wakeup
         self._clock = clock
         # nothing is relayed before the driver says that it listens
@@ -103,19 +105,19 @@ class Guard:
         """Serve until the end; return why it ended, with the instrument disarmed."""
         poll = select.poll()
         poll.register(self.line.descriptor, select.POLLIN)
-        poll.register(self._driver, select.POLLIN)
+        poll.register(self._driver.descriptor, select.POLLIN)
         poll.register(self._wakeup, select.POLLIN)
         try:
             while not self.ended or self._attempts:
                 ready = {descriptor for descriptor, _ in poll.poll(self._pause_ms())}
                 self._step(ready)
-                if self.ended and self._driver in ready:
-                    poll.unregister(self._driver)
+                if self.ended and self._driver.descriptor in ready:
+                    poll.unregister(self._driver.descriptor)
                 if self._wakeup in ready:
                     poll.unregister(self._wakeup)
             self.line.write(rapid2.framed(rapid2.RELEASE))
         except LineError as error:
-            self._tell(packets.DISARMED, str(error).encode())
+            self._driver.tell(packets.DISARMED, str(error).encode())
             return str(error)
         except BaseException:
             # a mistake in here must not leave it armed
@@ -137,16 +139,19 @@ class Guard:
         self._attempts = _DISARM_ATTEMPTS
         self._disarm()
         for sequence in refused:
-            self._tell(packets.REFUSED, reason.encode(), sequence)
+            self._driver.tell(packets.REFUSED, reason.encode(), sequence)
         if told and was_live:
-            self._tell(packets.DISARMED, reason.encode())
+            self._driver.tell(packets.DISARMED, reason.encode())
 
     def _step(self, ready: set[int]) -> None:
         if self._wakeup in ready:
             self._end('the guard was told to end')
         # everything that the driver has sent: a silence counts before what was sent earlier
-        if self._driver in ready and not self.ended:
-            self._obey(self._received())
+        if self._driver.descriptor in ready and not self.ended:
+            try:
+                self._obey(self._driver.received())
+            except DriverGone as error:
+                self._end(str(error))
         if self.line.descriptor in ready:
             self._listen()
         self._look_at_the_time()
@@ -157,27 +162,6 @@ class Guard:
             self.silence(reason)
 
     # ---- the driver
-
-    def _received(self) -> list[Packet]:
-        """Return what the driver has sent; its end is the end of the guard."""
-        received: list[Packet] = []
-        while len(received) < 100:
-            try:
-                raw = os.read(self._driver, packets.MAXIMUM_PACKET + 1)
-            except BlockingIOError:
-                return received
-            except OSError as error:
-                self._end(f'the driver is gone: {error}')
-                return []
-            if not raw:
-                self._end('the driver is gone')
-                return []
-            try:
-                received.append(packets.unpacked(raw, packets.FROM_DRIVER))
-            except ValueError as error:
-                self._end(str(error))
-                return []
-        return received
 
     def _obey(self, received: list[Packet]) -> None:
         if received:
@@ -191,14 +175,14 @@ class Guard:
             reason = 'the driver has silenced the device'
             for packet in received[:last]:
                 if packet.kind in (packets.EXCHANGE, packets.LISTEN):
-                    self._tell(packets.REFUSED, reason.encode(), packet.sequence)
+                    self._driver.tell(packets.REFUSED, reason.encode(), packet.sequence)
             self.silence(reason, told=False)
             received = received[last:]
         for packet in received:
             if self.ended:
                 return
             if packet.kind == packets.BEAT:
-                self._tell(packets.PONG, b'', packet.sequence)
+                self._driver.tell(packets.PONG, b'', packet.sequence)
             elif packet.kind == packets.LISTEN:
                 self._begin_to_listen(packet)
             else:
@@ -208,7 +192,7 @@ class Guard:
         """Relay an exchange at once, or when the line is free."""
         if not self._live:
             reason = b'expected a driver that listens to an armed line, got a silenced one'
-            self._tell(packets.REFUSED, reason, packet.sequence)
+            self._driver.tell(packets.REFUSED, reason, packet.sequence)
         elif self.line.outstanding is None:
             self._relay(packet)
         elif len(self._waiting) < _WAITING:
@@ -229,24 +213,17 @@ class Guard:
         bound = self.limits.maximum_percent
         if percent is not None and percent > bound:
             self.silence(f'expected at most {bound} percent, got {percent}')
-            self._tell(packets.REFUSED, b'above the maximum intensity', packet.sequence)
+            self._driver.tell(packets.REFUSED, b'above the maximum intensity', packet.sequence)
             return
         if command == rapid2.TRIGGER and self._percent is None:
             self.silence('expected an intensity before a trigger, got none')
-            self._tell(packets.REFUSED, b'a trigger without an intensity', packet.sequence)
+            self._driver.tell(packets.REFUSED, b'a trigger without an intensity', packet.sequence)
             return
         # the last moment before it is written
         if self._clock() > packet.time_ns:
-            self._tell(packets.LATE, b'', packet.sequence)
+            self._driver.tell(packets.LATE, b'', packet.sequence)
             return
         self.line.ask(command, length, packet.sequence)
-
-    def _tell(self, kind: bytes, payload: bytes, sequence: int = 0, time_ns: int = 0) -> None:
-        try:
-            os.write(self._driver, packets.packed(Packet(kind, sequence, time_ns, payload)))
-        except OSError:
-            # gone, or it does not read: its silence or its end shows soon
-            return
 
     # ---- the line
 
@@ -255,6 +232,7 @@ class Guard:
         self._attempts = 0
         self._live = False
         self.line.outstanding = None
+        self._waiting.clear()
         self._noise_ns = self._quiet_ns = self._clock()
 
     def _listen(self) -> None:
@@ -278,7 +256,9 @@ class Guard:
             percent = rapid2.percent_of(exchange.command)
             if percent is not None and _obeyed(exchange):
                 self._percent = percent
-            self._tell(packets.ANSWER, exchange.answer, exchange.sequence, exchange.written_ns)
+            self._driver.tell(
+                packets.ANSWER, exchange.answer, exchange.sequence, exchange.written_ns
+            )
             return
         try:
             status = rapid2.parsed(exchange.command, exchange.answer, exchange.length).status
@@ -332,7 +312,7 @@ class Guard:
             return
         if now - self._quiet_ns >= _QUIET_NS:
             self._listening, self._live = None, True
-            self._tell(packets.LISTEN, b'', packet.sequence)
+            self._driver.tell(packets.LISTEN, b'', packet.sequence)
         elif now - self._noise_ns > _LONGEST_NOISE_NS:
             self.silence(f'expected a quiet line, got {self._heard!r} all the time')
 

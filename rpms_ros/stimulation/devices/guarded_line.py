@@ -21,6 +21,7 @@ from rpms_ros.guard.packets import Packet
 from rpms_ros.guard.port import open_port
 from rpms_ros.guard.port import release_port
 from rpms_ros.guard.relay import GuardLimits
+from rpms_ros.stimulation.devices.descriptor import Descriptor
 from rpms_ros.stimulation.devices.interface import DeviceError
 
 _SECOND = 1_000_000_000
@@ -46,21 +47,6 @@ class Reply(NamedTuple):
 
     answer: bytes
     written_ns: int
-
-
-class Descriptor:
-    """A descriptor that is closed when nobody holds it any more, and never under somebody's hands.
-
-    `silence` uses one while another thread closes the line: without a lock, which it would have
-    to wait for, it must not write to a number that meanwhile stands for something else.
-    """
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-
-    def __del__(self) -> None:
-        with contextlib.suppress(OSError):
-            os.close(self.number)
 
 
 class GuardedLine:

@@ -64,7 +64,7 @@ class SerialDevice:
         maximum_intensity: float = 1.0,
         clock: Callable[[], int] = time.monotonic_ns,
         timeout_s: float = 0.15,
-        beat_limit_s: float = 1.0,
+        beat_limit_s: float = 0.25,
     ) -> None:
         bound = round(_STEPS * quantized_down(maximum_intensity, _STEPS))
         self._line = GuardedLine(port, GuardLimits(bound, beat_limit_s, timeout_s), clock)

@@ -1,0 +1,19 @@
+"""A descriptor that several threads may hold, and none of them closes under the others."""
+
+import contextlib
+import os
+
+
+class Descriptor:
+    """A descriptor that is closed when nobody holds it any more, and never under somebody's hands.
+
+    `silence` uses one while another thread closes the line: without a lock, which it would have
+    to wait for, it must not write to a number that meanwhile stands for something else.
+    """
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+    def __del__(self) -> None:
+        with contextlib.suppress(OSError):
+            os.close(self.number)
