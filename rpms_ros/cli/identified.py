@@ -23,6 +23,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import session_hash
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
@@ -119,6 +120,7 @@ def as_document(recording: 'Recording', session: IdentifiedSession) -> dict[str,
     stamps = recording.forces.stamp_ns
     known = last.curve_known
     return {
+        'session_hash': session_hash(recording),
         'estimator': last.estimator,
         'samples': len(session.stamp_ns),
         'pulses': last.pulses,

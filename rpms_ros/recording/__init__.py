@@ -7,6 +7,7 @@ from rpms_ros.recording.reading import RecordingFacts
 from rpms_ros.recording.reading import Topics
 from rpms_ros.recording.reading import read_facts
 from rpms_ros.recording.reading import read_recording
+from rpms_ros.recording.session_hash import session_hash
 from rpms_ros.recording.writing import RecordingWriter
 from rpms_ros.recording.writing import write_recording
 
@@ -19,5 +20,6 @@ __all__ = [
     'read_csv',
     'read_facts',
     'read_recording',
+    'session_hash',
     'write_recording',
 ]

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpms_ros.pulses import IntArray
-from rpms_ros.recording.records import ByteArray
 from rpms_ros.recording.records import Records
-from rpms_ros.recording.records import windows
 
 
 @dataclass(frozen=True)
@@ -29,10 +27,6 @@ class Batch:
 
     def __len__(self) -> int:
         return len(self.topic)
-
-    def part(self, begin: int, end: int) -> 'Batch':
-        """Return the messages from `begin` up to `end`."""
-        return Batch(self.topic[begin:end], self.records.select(slice(begin, end)))
 
 
 def merged(topics: Mapping[int, Records]) -> Batch:
@@ -68,13 +62,3 @@ def _order_of_reception(times_ns: Sequence[IntArray]) -> IntArray:
 
 def _joined(parts: Sequence[IntArray]) -> IntArray:
     return np.concatenate(parts) if parts else np.empty(0, np.int64)
-
-
-def copied(records: Records, target: ByteArray, at: IntArray) -> None:
-    """Copy messages into `target`, each to its place, one length after the other."""
-    length = records.end - records.start
-    for size in np.unique(length).tolist():
-        if size:
-            chosen = length == size
-            source = windows(records.buffer, f'V{size}')
-            windows(target, f'V{size}')[at[chosen]] = source[records.start[chosen]]

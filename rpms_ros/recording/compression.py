@@ -1,58 +1,80 @@
-"""Packing and unpacking of parts of a recording; of cut-off parts, as much as is there."""
+"""Unpacking of parts of a recording, up to a limit; of cut-off parts, as much as is there."""
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from backports import zstd
 from lz4 import frame as lz4  # type: ignore[import-untyped]
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK = 1 << 20
-_ERRORS = (zstd.ZstdError, RuntimeError, EOFError)
+# Of a damaged frame, so much at once: no more than this is lost before the damage.
+_STEP = 1 << 16
+_ERRORS = (zstd.ZstdError, RuntimeError, EOFError, MemoryError)
 
-COMPRESSORS: dict[str, Callable[[bytes], bytes]] = {
-    '': bytes,
-    'lz4': lz4.compress,
-    'zstd': zstd.compress,
+DECOMPRESSORS: dict[str, Callable[[], Any]] = {
+    'lz4': lz4.LZ4FrameDecompressor,
+    'zstd': zstd.ZstdDecompressor,
 }
-"""How a chunk is packed, by the name that mcap has for it."""
-
-_WHOLE: dict[str, Callable[[bytes], bytes]] = {
-    '': bytes,
-    'lz4': lz4.decompress,
-    'zstd': zstd.decompress,
-}
+"""What unpacks a chunk, by the name that mcap has for its compression."""
 
 
-def unpacked(data: bytes, compression: str) -> bytes:
-    """Return the content; if the data end early or are damaged, what comes before that.
+def unpacked(data: bytes, compression: str, limit: int) -> bytes:
+    """Return the content, at most `limit` bytes; of damaged data what comes before the damage.
 
     Parameters
     ----------
     data : bytes
-        Packed bytes.
+        Packed bytes, of one frame or several.
     compression : str
-        A key of `COMPRESSORS`.
+        A key of `DECOMPRESSORS`.
+    limit : int
+        Never more than this is made, whatever the data say [bytes].
     """
-    try:
-        return _WHOLE[compression](data)
-    except _ERRORS:
-        return _beginning(data, compression)
-
-
-def _beginning(data: bytes, compression: str) -> bytes:
-    decompressor = lz4.LZ4FrameDecompressor() if compression == 'lz4' else zstd.ZstdDecompressor()
     parts: list[bytes] = []
-    for begin in range(0, len(data), _BLOCK):
+    left = limit
+    while data and left > 0:
+        decompressor = DECOMPRESSORS[compression]()
         try:
-            parts.append(decompressor.decompress(data[begin : begin + _BLOCK]))
+            part = decompressor.decompress(data, max_length=left)
         except _ERRORS:
+            parts.append(_beginning(data, compression, left))
+            break
+        parts.append(part)
+        left -= len(part)
+        if not decompressor.eof:
+            break
+        data = decompressor.unused_data or b''
+    return parts[0] if len(parts) == 1 else b''.join(parts)
+
+
+def _beginning(data: bytes, compression: str, limit: int) -> bytes:
+    decompressor = DECOMPRESSORS[compression]()
+    parts: list[bytes] = []
+    left = limit
+    for begin in range(0, len(data), _STEP):
+        try:
+            part = decompressor.decompress(data[begin : begin + _STEP], max_length=left)
+        except _ERRORS:
+            break
+        parts.append(part)
+        left -= len(part)
+        if decompressor.eof or left <= 0:
             break
     return b''.join(parts)
 
 
-def unpack_file(packed: Path, target: Path) -> bool:
-    """Write the content of a zstd file to `target`; tell whether it was complete."""
+def unpack_file(packed: Path, target: Path, limit: int) -> bool | None:
+    """Write the content of a zstd file to `target`.
+
+    Returns
+    -------
+    bool or None
+        Whether the file was complete; None if its content is larger than `limit` [bytes], in
+        which case no more than that was written.
+    """
+    written = 0
     with zstd.open(packed, 'rb') as source, target.open('wb') as sink:
         while True:
             try:
@@ -61,4 +83,7 @@ def unpack_file(packed: Path, target: Path) -> bool:
                 return False
             if not block:
                 return True
+            written += len(block)
+            if written > limit:
+                return None
             sink.write(block)

@@ -4,6 +4,7 @@ A recording may have been made with another version of a message.  What it carri
 the package knows is for recordings that carry nothing, and for writing.
 """
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,24 @@ MUSCLE_ESTIMATE = 'rpms_msgs/msg/MuscleEstimate'
 
 FOLDER = Path(__file__).parent / 'msg'
 _IDL_SEPARATOR = '=' * 80 + '\n'
+
+# Ten times what the largest messages of ROS have.
+_LONGEST = 500_000
+_MOST_FIELDS = 10_000
+_DEEPEST = 30
+_DEEPEST_IDL = 8
+_IDL_TEXT = re.compile(r'"(?:[^"\\\n]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
+_IDL_EXPRESSION = re.compile(r'\bconst\b[^;=]*=[^;]*[(|^&<>+*/%~]')
+# What rosbags raises at texts that are no definitions.
+_ERRORS = (
+    TypesysError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
 
 Fields = list[tuple[str, Any]]
 """Names and rosbags descriptions of the fields of one type, in order."""
@@ -76,7 +95,7 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
     Raises
     ------
     RecordingError
-        If the definition cannot be parsed, or is missing and the type is not known either.
+        If the definition cannot be used, or is missing and the type is not known either.
     """
     if not text:
         if type_name not in known_types().fielddefs:
@@ -86,27 +105,59 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
         return known_types()
     store = get_typestore(Stores.EMPTY)
     try:
+        if len(text) > _LONGEST:
+            raise TypesysError(f'{len(text)} characters')
         store.register(_parse(type_name, text, encoding))
-    except TypesysError as error:
+        _count_fields(store.fielddefs, type_name)
+    except _ERRORS as error:
+        reason = str(error).splitlines() or [type(error).__name__]
         raise RecordingError(
-            f'expected a definition of {type_name} that can be parsed, got {error}'
+            f'expected a definition of {type_name} that can be used, got {reason[0]:.200}'
         ) from error
-    if type_name not in store.fielddefs:
-        raise RecordingError(
-            f'expected a definition of {type_name}, got one of {", ".join(store.fielddefs)}'
-        )
     return store
+
+
+def _count_fields(fielddefs: Types, type_name: str, depth: int = 0) -> int:
+    """Return how many fields a type has with those of its parts.
+
+    Raises
+    ------
+    TypesysError
+        If a part is missing or contains itself, or if they are more than any message has.
+    """
+    if type_name not in fielddefs:
+        raise TypesysError(f'no {type_name} among {", ".join(fielddefs) or "no types"}')
+    count = 0
+    for _, (_, detail) in fielddefs[type_name][1]:
+        name = detail[0][1] if isinstance(detail[0], tuple) else detail
+        count += _count_fields(fielddefs, name, depth + 1) if isinstance(name, str) else 1
+        if depth > _DEEPEST or count > _MOST_FIELDS:
+            raise TypesysError(f'more than {_DEEPEST} levels or {_MOST_FIELDS} fields')
+    return count
 
 
 def _parse(type_name: str, text: str, encoding: str) -> Types:
     if encoding == 'ros2msg':
         return dict(get_types_from_msg(text, type_name))
+    _expect_simple_idl(text)
     types: Types = {}
     parts = text.split(_IDL_SEPARATOR)[1:] if text.startswith(_IDL_SEPARATOR) else [text]
     for part in parts:
         body = part.split('\n', 1)[1] if part.startswith('IDL: ') else part
         types.update(get_types_from_idl(body))
     return types
+
+
+def _expect_simple_idl(text: str) -> None:
+    """Refuse what rosbags' parser of IDL takes longer for with every level, without end."""
+    bare = _IDL_TEXT.sub('', text)
+    if _IDL_EXPRESSION.search(bare) or bare.count('<') > _MOST_FIELDS:
+        raise TypesysError('a constant that is calculated')
+    depth = 0
+    for char in filter('<>{}'.__contains__, bare):
+        depth += 1 if char in '<{' else -1
+        if depth > _DEEPEST_IDL:
+            raise TypesysError(f'more than {_DEEPEST_IDL} levels')
 
 
 def differs_from_known(type_name: str, types: Typestore) -> bool:

@@ -9,18 +9,18 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from typing import Protocol
 
-import yaml
-
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.batches import Batch
+from rpms_ros.recording.budget import Budget
 from rpms_ros.recording.compression import unpack_file
 from rpms_ros.recording.findings import Findings
 from rpms_ros.recording.mcap_reading import McapFile
+from rpms_ros.recording.metadata import CRC_KEY
+from rpms_ros.recording.metadata import NAME
+from rpms_ros.recording.metadata_reading import read_metadata
 from rpms_ros.recording.records import Channel
 from rpms_ros.recording.sqlite_reading import SqliteFile
 
-METADATA_NAME = 'metadata.yaml'
-METADATA_KEY = 'rosbag2_bagfile_information'
 PACKED_SUFFIX = '.zstd'
 
 
@@ -51,12 +51,23 @@ class RecordingFiles:
         Type by topic as metadata.yaml tells, also of topics without messages.
     custom : dict of str to str
         What the writer noted for people.
+    message_count : int or None
+        Number of messages as metadata.yaml tells.
+    crc32 : int or None
+        Checksum of a sqlite3 file as metadata.yaml tells.
     """
 
     paths: tuple[Path, ...]
     storage: str
     topics: dict[str, str]
     custom: dict[str, str]
+    message_count: int | None = None
+    crc32: int | None = None
+
+    @property
+    def size(self) -> int:
+        """Size of all files [bytes]."""
+        return sum(path.stat().st_size for path in self.paths)
 
 
 def find_files(path: Path, findings: Findings) -> RecordingFiles:
@@ -71,42 +82,24 @@ def find_files(path: Path, findings: Findings) -> RecordingFiles:
         raise RecordingError(f'expected a recording at {path}, got no such file or folder')
     metadata: dict[str, Any] = {}
     if path.is_dir():
-        metadata = _metadata(path / METADATA_NAME, findings)
+        metadata = read_metadata(path / NAME, findings)
         paths = _listed(path, metadata, findings) or _storage_files(path)
     else:
-        paths = [path] if _suffix(path) else []
+        paths = [path] if _is_storage(path) else []
+        metadata = _beside_file(path)
     if not paths:
         raise RecordingError(f'expected .mcap or .db3 files at {path}, got none')
     topics = [entry['topic_metadata'] for entry in metadata.get('topics_with_message_count', [])]
+    custom = {str(key): str(value) for key, value in (metadata.get('custom_data') or {}).items()}
+    crc32 = custom.pop(CRC_KEY, '')
     return RecordingFiles(
         tuple(paths),
         'mcap' if _suffix(paths[0]) == '.mcap' else 'sqlite3',
         {topic['name']: topic['type'] for topic in topics},
-        dict(metadata.get('custom_data') or {}),
+        custom,
+        metadata.get('message_count') if path.is_dir() else None,
+        int(crc32, 16) if re.fullmatch('[0-9a-f]{8}', crc32) else None,
     )
-
-
-def _metadata(path: Path, findings: Findings) -> dict[str, Any]:
-    if not path.exists():
-        findings.add('missing_metadata', f'{path.name} is missing: read without it')
-        return {}
-    try:
-        content = yaml.load(path.read_text(), getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
-        metadata = _checked(content[METADATA_KEY])
-    except (yaml.YAMLError, TypeError, KeyError, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0]
-        findings.add('damaged_metadata', f'{path.name} left aside: {reason}')
-        return {}
-    return metadata
-
-
-def _checked(metadata: Any) -> dict[str, Any]:
-    """Return metadata that have the entries which are used later."""
-    for entry in metadata['topics_with_message_count']:
-        str(entry['topic_metadata']['name'] + entry['topic_metadata']['type'])
-    for name in metadata['relative_file_paths']:
-        Path(name)
-    return dict(metadata)
 
 
 def _listed(folder: Path, metadata: dict[str, Any], findings: Findings) -> list[Path]:
@@ -114,21 +107,36 @@ def _listed(folder: Path, metadata: dict[str, Any], findings: Findings) -> list[
     paths: list[Path] = []
     for name in metadata.get('relative_file_paths', []):
         path = folder / Path(name).name
-        if path.exists() and _suffix(path):
+        if _is_storage(path):
             paths.append(path)
         else:
-            findings.add('missing_file', f'{path.name} is named in {METADATA_NAME} but not there')
+            findings.add('missing_file', f'{path.name} is named in {NAME} but not there')
     return paths
 
 
 def _storage_files(folder: Path) -> list[Path]:
     """Return the storage files of a folder, part 2 before part 10."""
-    return sorted(filter(_suffix, folder.iterdir()), key=_natural_order)
+    return sorted(filter(_is_storage, folder.iterdir()), key=_natural_order)
 
 
 def _natural_order(path: Path) -> list[tuple[int, str]]:
     parts = re.split(r'(\d+)', path.name)
     return [(int(part), '') if part.isdigit() else (-1, part) for part in parts]
+
+
+def _beside_file(path: Path) -> dict[str, Any]:
+    """Return the metadata beside a storage file, without its topics, if they are its own."""
+    metadata = read_metadata(path.with_name(NAME), Findings())
+    return {
+        key: value
+        for key, value in metadata.items()
+        if key == 'custom_data' and metadata['relative_file_paths'] == [path.name]
+    }
+
+
+def _is_storage(path: Path) -> bool:
+    # Not a pipe, which would be waited for, nor a device.
+    return bool(_suffix(path)) and path.is_file()
 
 
 def _suffix(path: Path) -> str:
@@ -138,14 +146,17 @@ def _suffix(path: Path) -> str:
 
 
 @contextmanager
-def opened(path: Path, findings: Findings) -> Iterator[StorageFile]:
+def opened(path: Path, findings: Findings, budget: Budget) -> Iterator[StorageFile]:
     """Open one file, unpacked first if it is packed as a whole."""
     reader = READERS[_suffix(path)]
     if path.suffix != PACKED_SUFFIX:
-        yield reader(path, findings)
+        yield reader(path, findings, budget)
         return
     with TemporaryDirectory() as folder:
         plain = Path(folder, path.stem)
-        if not unpack_file(path, plain):
+        complete = unpack_file(path, plain, budget.memory)
+        if complete is None:
+            raise budget.exceeded(f'{path.name}, which unpacks into more')
+        if not complete:
             findings.add('truncated_file', f'{path.name} is cut off or damaged')
-        yield reader(plain, findings)
+        yield reader(plain, findings, budget)

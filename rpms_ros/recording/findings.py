@@ -4,6 +4,16 @@ from collections import Counter
 from dataclasses import dataclass
 from dataclasses import field
 
+# A file of damaged chunks must not become a screen full of lines, nor a memory full of them.
+_MOST_REMARKS = 10
+
+
+def printable(text: str) -> str:
+    """Return text in which nothing moves the cursor or breaks the line of a terminal."""
+    return ''.join(
+        char if char.isprintable() else char.encode('unicode_escape').decode() for char in text
+    )
+
 
 @dataclass
 class Findings:
@@ -13,14 +23,27 @@ class Findings:
     ----------
     counts : Counter of str
         How often each kind of fault was met, such as ``truncated_file``.
-    remarks : list of str
-        Lines that name what is missing or odd.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
-    remarks: list[str] = field(default_factory=list)
+    _remarks: dict[str, list[str]] = field(default_factory=dict)
+    _left_out: Counter[str] = field(default_factory=Counter)
 
     def add(self, kind: str, remark: str, count: int = 1) -> None:
         """Count a fault and note it in words."""
         self.counts[kind] += count
-        self.remarks.append(remark)
+        remarks = self._remarks.setdefault(kind, [])
+        if len(remarks) < _MOST_REMARKS:
+            remarks.append(printable(remark))
+        else:
+            self._left_out[kind] += 1
+
+    @property
+    def remarks(self) -> list[str]:
+        """Lines that name what is missing or odd, a few of each kind."""
+        lines: list[str] = []
+        for kind, remarks in self._remarks.items():
+            lines += remarks
+            if more := self._left_out[kind]:
+                lines.append(f'{more} more of {kind}')
+        return lines

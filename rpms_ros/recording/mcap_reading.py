@@ -8,16 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.recording import mcap_records as mcap
 from rpms_ros.recording.batches import Batch
-from rpms_ros.recording.compression import COMPRESSORS
+from rpms_ros.recording.budget import Budget
+from rpms_ros.recording.compression import DECOMPRESSORS
 from rpms_ros.recording.compression import unpacked
 from rpms_ros.recording.findings import Findings
-from rpms_ros.recording.mcap_records import CHANNEL
-from rpms_ros.recording.mcap_records import CHUNK
-from rpms_ros.recording.mcap_records import FOOTER
-from rpms_ros.recording.mcap_records import MAGIC
 from rpms_ros.recording.mcap_records import RECORD_HEAD
-from rpms_ros.recording.mcap_records import SCHEMA
 from rpms_ros.recording.mcap_records import Content
 from rpms_ros.recording.mcap_records import Frame
 from rpms_ros.recording.mcap_records import messages_of
@@ -40,6 +37,13 @@ class McapFile:
         The file.
     findings : Findings
         Where faults are noted.
+    budget : Budget
+        What reading may take.
+
+    Attributes
+    ----------
+    channels : dict of int to Channel
+        Channels that were met so far, by number.
 
     Raises
     ------
@@ -47,29 +51,34 @@ class McapFile:
         If the file is empty or no mcap file.
     """
 
-    def __init__(self, path: Path, findings: Findings) -> None:
+    def __init__(self, path: Path, findings: Findings, budget: Budget) -> None:
         self._path = path
         self._findings = findings
+        self._budget = budget
         self._schemas: dict[int, _Schema] = {0: ('', '', '')}
         self.channels: dict[int, Channel] = {}
+        self._count = 0
         size = path.stat().st_size
         with path.open('rb') as file:
-            magic = file.read(len(MAGIC))
-        if magic != MAGIC:
+            magic = file.read(len(mcap.MAGIC))
+        if magic != mcap.MAGIC:
             found = repr(magic) if magic else 'an empty file'
             raise RecordingError(f'expected an mcap file at {path}, got {found}')
         self._data: ByteArray = np.asarray(np.memmap(path, np.uint8, 'r', shape=(size,)))
 
     def batches(self) -> Iterator[Batch]:
         """Yield the messages in the order of the file."""
-        frame = walk(self._data, len(MAGIC))
+        frame = walk(self._data, len(mcap.MAGIC))
         after = 0
-        for chunk in np.flatnonzero(frame.kind == CHUNK).tolist():
+        chunks = np.flatnonzero(frame.kind == mcap.CHUNK).tolist()
+        for chunk in chunks:
             yield from self._messages(self._data, frame.part(after, chunk))
             yield from self._chunk(int(frame.start[chunk]), int(frame.end[chunk]))
             after = chunk + 1
         yield from self._messages(self._data, frame.part(after, len(frame.kind)))
-        if not len(frame.kind) or frame.kind[-1] != FOOTER:
+        if frame.ends_file(self._data):
+            self._check_end(frame, chunked=bool(chunks))
+        else:
             yield from self._cut_off(frame.stop)
 
     def _cut_off(self, stop: int) -> Iterator[Batch]:
@@ -77,7 +86,7 @@ class McapFile:
         self._findings.add(
             'truncated_file', f'{self._path.name} has no end: {lost} bytes from a cut-off record'
         )
-        if lost > RECORD_HEAD + _CHUNK_HEAD and self._data[stop] == CHUNK:
+        if lost > RECORD_HEAD + _CHUNK_HEAD and self._data[stop] == mcap.CHUNK:
             yield from self._chunk(stop + RECORD_HEAD, len(self._data))
 
     def _chunk(self, start: int, end: int) -> Iterator[Batch]:
@@ -97,36 +106,43 @@ class McapFile:
         head.position = 16
         size, checksum, compression = head.number('Q'), head.number('I'), head.text()
         packed_size = head.number('Q')
-        if compression not in COMPRESSORS:
-            kinds = ', '.join(filter(None, COMPRESSORS))
+        packed = record[head.position : head.position + packed_size]
+        if not compression:
+            content = packed
+        elif compression in DECOMPRESSORS:
+            self._budget.unpack(size, f'a chunk of {len(packed)} bytes')
+            content = np.frombuffer(unpacked(packed.tobytes(), compression, size), np.uint8)
+        else:
+            kinds = ', '.join(DECOMPRESSORS)
             raise RecordingError(
                 f'expected a compression of {kinds} in {self._path.name}, got {compression!r}'
             )
-        packed = record[head.position : head.position + packed_size]
-        content = (
-            np.frombuffer(unpacked(packed.tobytes(), compression), np.uint8)
-            if compression
-            else packed
-        )
-        if len(content) < size:
+        fits = not checksum or zlib.crc32(content.data) == checksum
+        if len(content) != size:
             self._findings.add(
                 'damaged_chunk',
                 f'chunk at byte {start}: {len(content)} of {size} bytes are readable',
             )
-        elif checksum and zlib.crc32(content.data) != checksum:
+        elif not fits:
             self._findings.add(
                 'damaged_chunk', f'chunk at byte {start} left out: its checksum does not fit'
             )
-            return None
-        return content
+        # Of a chunk that ends early, the beginning is all that there is.
+        return content if fits or len(content) < size else None
 
     def _messages(self, data: ByteArray, frame: Frame) -> Iterator[Batch]:
-        for start, end in frame.of_kind(SCHEMA):
-            self._add_schema(Content(data[start:end].tobytes()))
-        for start, end in frame.of_kind(CHANNEL):
-            self._add_channel(Content(data[start:end].tobytes()))
+        for kind, add in ((mcap.SCHEMA, self._add_schema), (mcap.CHANNEL, self._add_channel)):
+            for start, end in frame.of_kind(kind):
+                try:
+                    add(Content(data[start:end].tobytes()))
+                except struct.error:
+                    self._findings.add(
+                        'damaged_record',
+                        f'{self._path.name}: a schema or channel of {end - start} bytes left out',
+                    )
         batch = messages_of(data, frame)
         if len(batch):
+            self._count += len(batch)
             yield batch
 
     def _add_schema(self, content: Content) -> None:
@@ -139,3 +155,19 @@ class McapFile:
         topic, serialization = content.text(), content.text()
         name, encoding, text = self._schemas.get(schema, ('', '', ''))
         self.channels[number] = Channel(topic, name, text, encoding, serialization)
+
+    def _check_end(self, frame: Frame, chunked: bool) -> None:
+        """Compare what was read with the checksums and the count at the end of the file."""
+        end = mcap.end_of(self._data, frame)
+        if not end.summary_fits:
+            self._findings.add(
+                'wrong_checksum', f'the checksum of the index of {self._path.name} does not fit'
+            )
+        elif end.message_count not in (None, self._count) and not self._findings.counts:
+            self._findings.add(
+                'wrong_count',
+                f'{self._path.name} states {end.message_count} messages, got {self._count}',
+            )
+        # What is in chunks has been checked chunk by chunk.
+        if not chunked and not mcap.data_fits(self._data, frame):
+            self._findings.add('wrong_checksum', f'the checksum of {self._path.name} does not fit')

@@ -5,6 +5,7 @@ reads like any other.
 """
 
 import struct
+import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,10 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
 CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA = range(8, 13)
 METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(13, 16)
 RECORD_HEAD = 9
+FOOTER_SIZE = 20
+_COUNT_SIZE = 8
+_CHECKSUM_SIZE = 4
+_BLOCK = 1 << 20
 MESSAGE_HEAD = 22
 """Channel, sequence, time of logging and of publishing, before the data of a message."""
 
@@ -45,6 +50,15 @@ class Frame:
     start: IntArray
     end: IntArray
     stop: int
+
+    def ends_file(self, data: ByteArray) -> bool:
+        """Tell whether the last record is a footer, with nothing but the magic behind it."""
+        return (
+            len(self.kind) > 0
+            and self.kind[-1] == FOOTER
+            and self.end[-1] - self.start[-1] == FOOTER_SIZE
+            and data[self.stop : self.stop + 9].tobytes() == MAGIC
+        )
 
     def part(self, begin: int, end: int) -> 'Frame':
         """Return the records from number `begin` up to `end`."""
@@ -104,6 +118,49 @@ def messages_of(data: ByteArray, frame: Frame) -> Batch:
     time_ns = gather(data, start + 6, '<u8').astype(np.int64)
     records = Records(data, start + MESSAGE_HEAD, frame.end[chosen], time_ns)
     return Batch(gather(data, start, '<u2').astype(np.int64), records)
+
+
+@dataclass(frozen=True)
+class End:
+    """What the end of a complete file states.
+
+    Attributes
+    ----------
+    summary_fits : bool
+        Whether the checksum of the index fits, if there is one.
+    message_count : int or None
+        Number of messages in the file, if it is stated.
+    """
+
+    summary_fits: bool
+    message_count: int | None
+
+
+def end_of(data: ByteArray, frame: Frame) -> End:
+    """Return what the end of a file states whose last record is its footer."""
+    footer = int(frame.start[-1])
+    begin, _, checksum = struct.unpack('<QQI', data[footer : footer + FOOTER_SIZE].tobytes())
+    # Without an index the checksum covers the head of the footer alone.
+    covered = data[begin or footer - RECORD_HEAD : footer + FOOTER_SIZE - 4]
+    fits = not checksum or zlib.crc32(covered.tobytes()) == checksum
+    statistics = frame.of_kind(STATISTICS)
+    if not statistics or statistics[-1][1] - statistics[-1][0] < _COUNT_SIZE:
+        return End(fits, None)
+    count = data[statistics[-1][0] : statistics[-1][0] + _COUNT_SIZE]
+    return End(fits, int.from_bytes(count.tobytes(), 'little'))
+
+
+def data_fits(data: ByteArray, frame: Frame) -> bool:
+    """Tell whether the checksum of everything before the index fits, if there is one."""
+    ends = frame.of_kind(DATA_END)
+    if not ends or ends[-1][1] - ends[-1][0] != _CHECKSUM_SIZE:
+        return True
+    begin, end = ends[-1]
+    checksum = int.from_bytes(data[begin:end].tobytes(), 'little')
+    value = 0
+    for place in range(0, begin - RECORD_HEAD, _BLOCK):
+        value = zlib.crc32(data[place : min(place + _BLOCK, begin - RECORD_HEAD)].data, value)
+    return not checksum or value == checksum
 
 
 class Content:

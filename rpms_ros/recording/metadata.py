@@ -6,16 +6,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import yaml
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import dump_qos_v9
 
 from rpms_ros.recording.records import Channel
 
 VERSION = 9
+NAME = 'metadata.yaml'
+KEY = 'rosbag2_bagfile_information'
+CRC_KEY = 'storage_crc32'
+"""Name in `custom_data` under which the CRC-32 of a sqlite3 file stands."""
 _NO_TIME = 2**63 - 1
 
 
-@dataclass(frozen=True)
+@dataclass
 class TopicEntry:
-    """A topic that was written.
+    """A topic that is written.
 
     Attributes
     ----------
@@ -23,13 +29,16 @@ class TopicEntry:
         Its name and type.
     digest : str
         Hash of the type.
+    qos : sequence of Qos
+        Quality of service that its publishers offer.
     count : int
-        Number of messages.
+        Number of messages so far.
     """
 
     channel: Channel
     digest: str
-    count: int
+    qos: Sequence[Qos] = ()
+    count: int = 0
 
 
 def metadata_of(
@@ -48,8 +57,8 @@ def metadata_of(
     storage : str
         ``mcap`` or ``sqlite3``.
     topics : sequence of TopicEntry
-        All topics.
-    span_ns : tuple of int, optional
+        What was written.
+    span_ns : (int, int) or None
         First and last time of reception [ns]; None without messages.
     custom : mapping of str to str
         Notes for people.
@@ -80,13 +89,25 @@ def _topic(topic: TopicEntry) -> dict[str, Any]:
             'name': topic.channel.topic,
             'type': topic.channel.type_name,
             'serialization_format': topic.channel.serialization,
-            'offered_qos_profiles': [],
+            'offered_qos_profiles': dump_qos_v9(list(topic.qos)),
             'type_description_hash': topic.digest,
         },
         'message_count': topic.count,
     }
 
 
-def as_yaml(document: Mapping[str, Any]) -> str:
+def qos_text(qos: Sequence[Qos]) -> str:
+    """Return profiles as rosbag2 writes them into a storage file."""
+    return as_yaml(dump_qos_v9(list(qos))) if qos else ''
+
+
+def as_yaml(document: object) -> str:
     """Return a document as rosbag2 writes it."""
-    return yaml.safe_dump(dict(document), sort_keys=False, allow_unicode=True)
+    return yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what stands in two places twice, not once and a reference to it."""
+
+    def ignore_aliases(self, _data: object) -> bool:
+        return True

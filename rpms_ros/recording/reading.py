@@ -97,15 +97,17 @@ class Recording:
     facts: RecordingFacts
 
 
-def read_facts(path: Path | str, progress: Progress | None = None) -> RecordingFacts:
-    """Return what a recording holds, without decoding it.
+def read_facts(
+    path: Path | str, progress: Progress | None = None, memory: int | None = None
+) -> RecordingFacts:
+    """Return what a recording holds, without decoding it; parameters as of `read_recording`.
 
     Raises
     ------
     RecordingError
         If it cannot be read.
     """
-    scan = Scan(Path(path))
+    scan = Scan(Path(path), memory)
     for _ in scan.blocks(progress):
         pass
     return _facts(scan)
@@ -117,6 +119,7 @@ def read_recording(
     axis: str | Sequence[float] = 'z',
     sign: int = 1,
     progress: Progress | None = None,
+    memory: int | None = None,
 ) -> Recording:
     """Return pulses and forces of a recording.
 
@@ -132,6 +135,9 @@ def read_recording(
         1, or -1 where the sensor shows the muscle's pull as negative.
     progress : callable, optional
         Is told how many messages were read.
+    memory : int, optional
+        What reading may take [bytes]; 1 GB and four times the size of the recording if it is not
+        given.
 
     Raises
     ------
@@ -142,14 +148,13 @@ def read_recording(
     direction = direction_of(axis)
     if sign not in (1, -1):
         raise RecordingError(f'expected sign 1 or -1, got {sign}')
-    scan = Scan(Path(path))
+    scan = Scan(Path(path), memory)
     pulses = TopicReading(topics.pulses, PULSE_TYPES)
     force = TopicReading(
         topics.force, {kind: fields.along(direction) for kind, fields in FORCE_TYPES.items()}
     )
     for channel, records in scan.blocks(progress):
-        pulses.take(channel, records)
-        force.take(channel, records)
+        scan.budget.keep(pulses.take(channel, records) + force.take(channel, records))
     if not any(facts.count for facts in scan.topics.values()):
         raise RecordingError(f'expected messages in {path}, got none')
     pulse_values, force_values = pulses.values(scan), force.values(scan)

@@ -11,12 +11,15 @@ import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.batches import Batch
+from rpms_ros.recording.budget import Budget
+from rpms_ros.recording.checksums import crc32
 from rpms_ros.recording.compression import ZSTD_MAGIC
 from rpms_ros.recording.compression import unpacked
 from rpms_ros.recording.files import RecordingFiles
 from rpms_ros.recording.files import find_files
 from rpms_ros.recording.files import opened
 from rpms_ros.recording.findings import Findings
+from rpms_ros.recording.metadata import NAME as METADATA
 from rpms_ros.recording.records import Channel
 from rpms_ros.recording.records import Records
 from rpms_ros.recording.records import gather
@@ -65,6 +68,8 @@ class Scan:
     ----------
     path : Path
         Folder or file.
+    memory : int or None
+        What reading may take [bytes]; None for 1 GB and four times the size of the recording.
     findings : Findings
         Faults, complete after the pass.
     topics : dict of (topic, type) to TopicFacts
@@ -72,12 +77,14 @@ class Scan:
     """
 
     path: Path
+    memory: int | None = None
     findings: Findings = field(default_factory=Findings)
     topics: dict[tuple[str, str], TopicFacts] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._count = 0
         self.files: RecordingFiles = find_files(self.path, self.findings)
+        self.budget = Budget(self.files.size, self.memory)
 
     def blocks(self, progress: Progress | None = None) -> Iterator[tuple[Channel, Records]]:
         """Yield the messages in the order of the files.
@@ -96,9 +103,14 @@ class Scan:
                 if len(self.files.paths) == 1:
                     raise _one_class(error) from error
                 self.findings.add('unreadable_file', f'{path.name} left out: {error}')
+        stated = self.files.message_count
+        if stated not in (None, self._count) and not self.findings.counts:
+            remark = f'{METADATA} states {stated} messages, got {self._count}'
+            self.findings.add('wrong_count', remark)
 
     def _file(self, path: Path, progress: Progress | None) -> Iterator[tuple[Channel, Records]]:
-        with opened(path, self.findings) as file:
+        self._check_sum(path)
+        with opened(path, self.findings, self.budget) as file:
             for batch in file.batches():
                 for number, records in self._placed(batch):
                     if number not in file.channels:
@@ -110,7 +122,7 @@ class Scan:
                     self.topics[key] = self.topics[key].with_records(records)
                     if progress:
                         progress(len(records))
-                    yield channel, _unpacked(records)
+                    yield channel, _unpacked(records, self.budget)
             for channel in file.channels.values():
                 self._facts(channel)
 
@@ -121,6 +133,11 @@ class Scan:
         whole = replace(batch.records, place=place)
         for number in np.unique(batch.topic).tolist():
             yield number, whole.select(batch.topic == number)
+
+    def _check_sum(self, path: Path) -> None:
+        """Compare a sqlite3 file, which has no checksums of its own, with the stated one."""
+        if self.files.crc32 is not None and crc32(path) != self.files.crc32:
+            self.findings.add('wrong_checksum', f'the checksum of {path.name} does not fit')
 
     def _unknown(self, path: Path, number: int, count: int) -> None:
         remark = f'messages of topic number {number} left out: {path.name} does not describe it'
@@ -135,18 +152,17 @@ def _one_class(error: Exception) -> RecordingError:
     return error if isinstance(error, RecordingError) else RecordingError(str(error))
 
 
-def _unpacked(records: Records) -> Records:
+def _unpacked(records: Records, budget: Budget) -> Records:
     """Return messages that were packed one by one (`compression_mode: message`) as they were."""
     long_enough = records.end - records.start >= len(ZSTD_MAGIC)
     head = gather(records.buffer, records.start[long_enough], 'V4')
     if not (head == np.void(ZSTD_MAGIC)).any():
         return records
-    messages = (records.message(index) for index in range(len(records)))
-    return Records.of(
-        [
-            unpacked(message, 'zstd') if message.startswith(ZSTD_MAGIC) else message
-            for message in messages
-        ],
-        records.time_ns,
-        records.place,
-    )
+    messages: list[bytes] = []
+    for index in range(len(records)):
+        message = records.message(index)
+        if message.startswith(ZSTD_MAGIC):
+            message = unpacked(message, 'zstd', budget.chunk)
+            budget.unpack(len(message), 'a message')
+        messages.append(message)
+    return Records.of(messages, records.time_ns, records.place)

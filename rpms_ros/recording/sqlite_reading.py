@@ -11,6 +11,7 @@ import apsw
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.batches import Batch
+from rpms_ros.recording.budget import Budget
 from rpms_ros.recording.findings import Findings
 from rpms_ros.recording.records import Channel
 from rpms_ros.recording.sqlite_batches import batches
@@ -31,6 +32,13 @@ class SqliteFile:
         The file.
     findings : Findings
         Where faults are noted.
+    _budget : Budget
+        Not needed: nothing in the file is packed.
+
+    Attributes
+    ----------
+    channels : dict of int to Channel
+        Channels by number; empty before the first batch was asked for.
 
     Raises
     ------
@@ -38,7 +46,7 @@ class SqliteFile:
         If the file is empty, no sqlite3 file, or not one of rosbag2.
     """
 
-    def __init__(self, path: Path, findings: Findings) -> None:
+    def __init__(self, path: Path, findings: Findings, _budget: Budget) -> None:
         self._path = path
         self._findings = findings
         self.channels: dict[int, Channel] = {}
@@ -80,9 +88,14 @@ class SqliteFile:
                 if cut_off:
                     # Lets SQLite open a file that is shorter than its header says.
                     connection.execute('PRAGMA writable_schema = ON')
+                _expect_tables(connection)
                 self.channels = _channels(connection)
+                if not cut_off and not _is_finished(connection):
+                    self._findings.add(
+                        'truncated_file', f'{self._path.name} has no end: its writer stopped'
+                    )
                 yield from self._messages(connection)
-        except apsw.Error as error:
+        except (apsw.Error, TypeError, ValueError) as error:
             raise RecordingError(
                 f'expected tables of rosbag2 in {self._path}, got {error}'
             ) from error
@@ -90,7 +103,7 @@ class SqliteFile:
     def _messages(self, connection: apsw.Connection) -> Iterator[Batch]:
         try:
             yield from batches(connection)
-        except apsw.Error as error:
+        except (apsw.Error, ValueError) as error:
             self._findings.add(
                 'truncated_file', f'{self._path.name} cannot be read to its end: {error}'
             )
@@ -115,6 +128,28 @@ def _promised_size(path: Path) -> int:
     """Return the size of the file that the header states [bytes]."""
     with path.open('rb') as file:
         return int.from_bytes(file.read(32)[28:], 'big') * _page_size(path)
+
+
+def _expect_tables(connection: apsw.Connection) -> None:
+    """Refuse views and virtual tables, which may have rows without end."""
+    kinds = dict(connection.execute('SELECT name, type FROM sqlite_master ORDER BY type'))
+    virtual = [
+        name
+        for (name,) in connection.execute(
+            "SELECT name FROM sqlite_master WHERE sql LIKE 'create virtual%'"
+        )
+    ]
+    for name in ('topics', 'messages', 'message_definitions', 'metadata', 'schema'):
+        if kinds.get(name, 'table') != 'table' or name in virtual:
+            raise apsw.SQLError(f'{name} is no plain table')
+
+
+def _is_finished(connection: apsw.Connection) -> bool:
+    """Tell whether the writer came to its end, where it says so behind the last message."""
+    tables = {name for (name,) in connection.execute('SELECT name FROM sqlite_master')}
+    return 'metadata' not in tables or bool(
+        connection.execute('SELECT count(*) FROM metadata').fetchall()[0][0]
+    )
 
 
 def _channels(connection: apsw.Connection) -> dict[int, Channel]:

@@ -1,10 +1,12 @@
 """A sqlite3 file of rosbag2; what was committed survives a killed writer."""
 
 import sqlite3
+from contextlib import suppress
 from pathlib import Path
 
-from rpms_ros.recording.batches import Batch
-from rpms_ros.recording.records import Channel
+from rpms_ros.recording.metadata import VERSION
+from rpms_ros.recording.metadata import TopicEntry
+from rpms_ros.recording.metadata import qos_text
 
 # The tables of rosbag2's version 4 and, behind them, who wrote them.
 _TABLES = """
@@ -25,10 +27,14 @@ CREATE TABLE messages(
   data BLOB NOT NULL);
 INSERT INTO schema VALUES (4, 'jazzy');
 """
+# About a megabyte of force samples in one transaction.
+_MOST_WAITING = 8192
 
 
 class SqliteFileWriter:
     """Writer of one sqlite3 file.
+
+    rosbags' writer commits only at its end: a killed process would leave nothing.
 
     Parameters
     ----------
@@ -42,45 +48,57 @@ class SqliteFileWriter:
         self._connection = sqlite3.connect(path, check_same_thread=False)
         self._connection.executescript(_TABLES)
         self._types: set[str] = set()
+        self._waiting: list[tuple[int, int, bytes | memoryview]] = []
 
-    def add_channel(self, channel: Channel, digest: str) -> int:
+    def add_topic(self, topic: TopicEntry) -> int:
         """Return the number of a new topic."""
+        channel = topic.channel
         if channel.type_name not in self._types:
             self._types.add(channel.type_name)
             self._connection.execute(
                 'INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, ?)',
-                (channel.type_name, channel.definition_encoding, channel.definition, digest),
+                (channel.type_name, channel.definition_encoding, channel.definition, topic.digest),
             )
         cursor = self._connection.execute(
             'INSERT INTO topics VALUES (NULL, ?, ?, ?, ?, ?)',
-            (channel.topic, channel.type_name, channel.serialization, '', digest),
+            (
+                channel.topic,
+                channel.type_name,
+                channel.serialization,
+                qos_text(topic.qos),
+                topic.digest,
+            ),
         )
         self._connection.commit()
         return int(cursor.lastrowid or 0)
 
-    def write(self, batch: Batch) -> None:
-        """Write messages and commit them."""
-        records = batch.records
-        view = records.buffer.data
-        places = zip(records.start.tolist(), records.end.tolist(), strict=True)
-        rows = zip(
-            batch.topic.tolist(),
-            records.time_ns.tolist(),
-            (view[start:end] for start, end in places),
-            strict=True,
-        )
-        self._connection.executemany('INSERT INTO messages VALUES (NULL, ?, ?, ?)', rows)
+    def append(self, topic: int, time_ns: int, message: bytes | memoryview) -> None:
+        """Take one message; it is written with the next `flush`, or earlier if many wait."""
+        self._waiting.append((topic, time_ns, message))
+        if len(self._waiting) >= _MOST_WAITING:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits, and commit it."""
+        waiting, self._waiting = self._waiting, []
+        self._connection.executemany('INSERT INTO messages VALUES (NULL, ?, ?, ?)', waiting)
         self._connection.commit()
 
-    def close(self, metadata: str, version: int = 9) -> None:
-        """Write index and metadata, and close the file."""
+    def finish(self, metadata: str) -> None:
+        """Write what waits, the metadata and the index, and close the file."""
         try:
+            self.flush()
             self._connection.execute(
-                'INSERT INTO metadata VALUES (NULL, ?, ?)', (version, metadata)
+                'INSERT INTO metadata VALUES (NULL, ?, ?)', (VERSION, metadata)
             )
             self._connection.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
             self._connection.commit()
             # One file at rest, as ros2 bag leaves it.
             self._connection.execute('PRAGMA journal_mode = DELETE')
         finally:
+            self._connection.close()
+
+    def abandon(self) -> None:
+        """Close the file without metadata: readers then see that something is missing."""
+        with suppress(sqlite3.Error):
             self._connection.close()

@@ -122,10 +122,10 @@ class TopicReading:
         self._types = types
         self._candidates: dict[tuple[str, str], _Candidate] = {}
 
-    def take(self, channel: Channel, records: Records) -> None:
-        """Decode messages if they may belong to the topic."""
+    def take(self, channel: Channel, records: Records) -> int:
+        """Decode messages if they may belong to the topic; return how many were kept."""
         if not self._fits(channel.topic) or channel.type_name not in self._types:
-            return
+            return 0
         key = channel.topic, channel.type_name
         candidate = self._candidates.setdefault(key, _Candidate())
         fields = self._types[channel.type_name]
@@ -135,11 +135,12 @@ class TopicReading:
                 candidate.decoders[channel] = Decoder(channel, fields.wanted, string)
         except RecordingError as problem:
             candidate.problem = problem
-            return
+            return 0
         candidate.columns.append(candidate.decoders[channel].decode(records))
         candidate.received_ns.append(records.time_ns)
         assert records.place is not None, 'a scan counts the places'
         candidate.place.append(records.place)
+        return len(records)
 
     def values(self, scan: Scan) -> TopicValues:
         """Return the numbers of the topic, after the pass over the recording.

@@ -1,52 +1,52 @@
 """Recordings written: raw messages as they come, or arrays at once."""
 
+import os
 from collections.abc import Mapping
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from sqlite3 import Error as SqliteError
 from types import TracebackType
+from typing import NoReturn
 
-import numpy as np
+from rosbags.interfaces import Qos
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import metadata
 from rpms_ros.recording.axis import direction_of
-from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.batches import merged
-from rpms_ros.recording.compression import COMPRESSORS
+from rpms_ros.recording.checksums import crc32
+from rpms_ros.recording.checksums import write_checksums
 from rpms_ros.recording.definitions import PULSE
 from rpms_ros.recording.definitions import WRENCH_STAMPED
 from rpms_ros.recording.definitions import written_definition
 from rpms_ros.recording.encoding import encode_forces
 from rpms_ros.recording.encoding import encode_pulses
-from rpms_ros.recording.files import METADATA_KEY
-from rpms_ros.recording.files import METADATA_NAME
 from rpms_ros.recording.mcap_writing import McapFileWriter
+from rpms_ros.recording.metadata import CRC_KEY
 from rpms_ros.recording.metadata import TopicEntry
-from rpms_ros.recording.metadata import as_yaml
-from rpms_ros.recording.metadata import metadata_of
 from rpms_ros.recording.records import Channel
-from rpms_ros.recording.records import Records
 from rpms_ros.recording.sqlite_writing import SqliteFileWriter
 
 STORAGES: dict[str, type[McapFileWriter] | type[SqliteFileWriter]] = {
     'mcap': McapFileWriter,
     'sqlite3': SqliteFileWriter,
 }
+COMPRESSIONS = ('', 'lz4', 'zstd')
 PULSES_TOPIC = '/pulses'
 FORCE_TOPIC = '/force'
 PULSE_FRAME = 'coil'
-# About a megabyte of force samples: one chunk of mcap, one transaction of sqlite3.
-_MESSAGES_PER_WRITE = 8192
+_REFUSALS = (OSError, SqliteError)
 
 
 class RecordingWriter:
     """A recording that is being written: a folder with a storage file and metadata.yaml.
 
-    Every `flush` and `write` hands its messages to the operating system: a process that is killed
-    afterwards leaves them readable.
+    Every `flush` hands its messages to the operating system: a process that is killed afterwards
+    leaves them readable.  Once the device has refused something, the recording stays without its
+    end, so that every reader sees that something is missing.
 
     Parameters
     ----------
@@ -58,6 +58,8 @@ class RecordingWriter:
         Of the chunks of mcap: empty, ``lz4`` or ``zstd``.
     custom : mapping of str to str, optional
         Notes for people, kept in metadata.yaml.
+    key : bytes, optional
+        Signs the recording.
 
     Raises
     ------
@@ -71,98 +73,114 @@ class RecordingWriter:
         storage: str = 'mcap',
         compression: str = '',
         custom: Mapping[str, str] | None = None,
+        key: bytes | None = None,
     ) -> None:
         self.path = Path(path)
+        self.custom = dict(custom or {})
         self._storage = storage
-        self._custom = custom or {}
-        self._topics: list[tuple[Channel, str]] = []
-        self._counts: list[int] = []
-        self._span_ns: tuple[int, int] | None = None
-        self._pending: tuple[list[int], list[int], list[bytes]] = ([], [], [])
+        self._key = key
+        self._topics: dict[int, TopicEntry] = {}
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._closed = False
         if storage not in STORAGES:
             raise RecordingError(f'expected storage {" or ".join(STORAGES)}, got {storage!r}')
-        if compression not in (COMPRESSORS if storage == 'mcap' else ('',)):
+        if compression not in (COMPRESSIONS if storage == 'mcap' else ('',)):
             raise RecordingError(
                 f'expected compression lz4 or zstd of mcap, got {compression!r} of {storage}'
             )
-        if self.path.exists():
+        if os.path.lexists(self.path):
             raise RecordingError(f'expected a new folder for the recording, got {path}')
         self._file_path = self.path / f'{self.path.name}_0{STORAGES[storage].suffix}'
         try:
             self.path.mkdir(parents=True)
             self._file = STORAGES[storage](self._file_path, compression)
-        except (OSError, SqliteError) as error:
-            raise self._refused(error) from error
+        except _REFUSALS as error:
+            raise self._error(error) from error
 
-    def add_topic(self, name: str, type_name: str) -> int:
-        """Return the number of a new topic, for `append` and `write`."""
-        text, digest = written_definition(type_name)
-        channel = Channel(name, type_name, text)
+    def add_topic(
+        self,
+        name: str,
+        type_name: str,
+        qos: Sequence[Qos] = (),
+        definition: tuple[str, str] | None = None,
+    ) -> int:
+        """Return the number of a new topic, for `append`.
+
+        Parameters
+        ----------
+        name, type_name : str
+            Topic and type of its messages.
+        qos : sequence of Qos
+            Quality of service that its publishers offer.
+        definition : (str, str), optional
+            Text and hash of the type, if it is not one that the package knows.
+        """
+        text, digest = definition or written_definition(type_name)
+        entry = TopicEntry(Channel(name, type_name, text), digest, qos)
         try:
-            number = self._file.add_channel(channel, digest)
-        except (OSError, SqliteError) as error:
-            raise self._refused(error) from error
-        self._topics.append((channel, digest))
-        self._counts.append(0)
+            number = self._file.add_topic(entry)
+        except _REFUSALS as error:
+            self._refuse(error)
+        self._topics[number] = entry
         return number
 
-    def append(self, topic: int, time_ns: int, message: bytes) -> None:
-        """Take one message, received at `time_ns`; it is written with the next `flush`."""
-        for values, value in zip(self._pending, (topic, time_ns, message), strict=True):
-            values.append(value)  # type: ignore[attr-defined]
-
-    def flush(self) -> None:
-        """Write the messages that were appended."""
-        (topics, times, messages), self._pending = self._pending, ([], [], [])
-        if topics:
-            records = Records.of(messages, np.array(times, np.int64))
-            self.write(Batch(np.array(topics, np.int64), records))
-
-    def write(self, batch: Batch) -> None:
-        """Write messages at once.
+    def append(self, topic: int, time_ns: int, message: bytes | memoryview) -> None:
+        """Take one message, received at `time_ns`; it is written with the next `flush`.
 
         Raises
         ------
         RecordingError
-            If the device refuses them, for instance because it is full.
+            If the device refuses what has come so far, for instance because it is full.
         """
-        for begin in range(0, len(batch), _MESSAGES_PER_WRITE):
-            self._write(batch.part(begin, begin + _MESSAGES_PER_WRITE))
-
-    def _write(self, batch: Batch) -> None:
+        if self._closed:
+            raise RecordingError(f'expected an open recording, got {self.path} that is closed')
         try:
-            self._file.write(batch)
-        except (OSError, SqliteError) as error:
-            raise self._refused(error) from error
-        for number, count in zip(*np.unique(batch.topic, return_counts=True), strict=True):
-            self._counts[number - 1] += int(count)
-        first, last = int(batch.records.time_ns.min()), int(batch.records.time_ns.max())
-        if self._span_ns:
-            first, last = min(first, self._span_ns[0]), max(last, self._span_ns[1])
-        self._span_ns = first, last
+            self._file.append(topic, time_ns, message)
+        except _REFUSALS as error:
+            self._refuse(error)
+        self._topics[topic].count += 1
+        if self._first_ns is None:
+            self._first_ns = self._last_ns = time_ns
+        self._first_ns = min(self._first_ns, time_ns)
+        self._last_ns = max(self._last_ns, time_ns)
+
+    def flush(self) -> None:
+        """Write the messages that were appended."""
+        if self._closed:
+            return
+        try:
+            self._file.flush()
+        except _REFUSALS as error:
+            self._refuse(error)
 
     def close(self) -> None:
-        """Write what is left, the index and metadata.yaml."""
-        try:
-            self.flush()
-        finally:
-            self._finish()
-
-    def _finish(self) -> None:
-        entries = [
-            TopicEntry(channel, digest, count)
-            for (channel, digest), count in zip(self._topics, self._counts, strict=True)
-        ]
-        metadata = metadata_of(
-            self._file_path.name, self._storage, entries, self._span_ns, self._custom
+        """Write what is left, the index, metadata.yaml and the checksums."""
+        if self._closed:
+            return
+        self._closed = True
+        span_ns = None if self._first_ns is None else (self._first_ns, self._last_ns)
+        name = self._file_path.name
+        content = metadata.metadata_of(
+            name, self._storage, list(self._topics.values()), span_ns, self.custom
         )
         try:
-            self._file.close(as_yaml(metadata))
-            (self.path / METADATA_NAME).write_text(as_yaml({METADATA_KEY: metadata}))
-        except (OSError, SqliteError) as error:
-            raise self._refused(error) from error
+            self._file.finish(metadata.as_yaml(content))
+            if self._storage == 'sqlite3':
+                # mcap has checksums of its own.
+                content['custom_data'] = {**self.custom, CRC_KEY: f'{crc32(self._file_path):08x}'}
+            text = metadata.as_yaml({metadata.KEY: content})
+            (self.path / metadata.NAME).write_text(text, 'utf-8')
+            write_checksums(self.path, (name, metadata.NAME), self._key)
+        except _REFUSALS as error:
+            raise self._error(error) from error
 
-    def _refused(self, error: Exception) -> RecordingError:
+    def _refuse(self, error: Exception) -> NoReturn:
+        self._closed = True
+        self._file.abandon()
+        raise self._error(error) from error
+
+    def _error(self, error: Exception) -> RecordingError:
         return RecordingError(f'expected room and permission to write {self.path}, got {error}')
 
     def __enter__(self) -> 'RecordingWriter':
@@ -191,6 +209,7 @@ def write_recording(
     compression: str = '',
     axis: str | Sequence[float] = 'z',
     custom: Mapping[str, str] | None = None,
+    key: bytes | None = None,
 ) -> None:
     """Write pulses and forces as a recording.
 
@@ -204,7 +223,7 @@ def write_recording(
         Go to topic ``/pulses``.
     forces : ForceTrace
         Go to topic ``/force``.
-    storage, compression, custom
+    storage, compression, custom, key
         As in `RecordingWriter`.
     axis : str or sequence of float
         Axis of the force in the frame of the sensor.
@@ -218,6 +237,16 @@ def write_recording(
         (PULSES_TOPIC, PULSE): encode_pulses(pulses, PULSE_FRAME),
         (FORCE_TOPIC, WRENCH_STAMPED): encode_forces(forces, direction_of(axis)),
     }
-    with RecordingWriter(path, storage, compression, custom) as writer:
-        numbers = {writer.add_topic(*topic): records for topic, records in encoded.items()}
-        writer.write(merged(numbers))
+    with RecordingWriter(path, storage, compression, custom, key) as writer:
+        batch = merged({writer.add_topic(*topic): part for topic, part in encoded.items()})
+        records = batch.records
+        # Not a copy of each message but a view: a thousand of them are a small part of the work.
+        view = records.buffer.data
+        for topic, time_ns, start, end in zip(
+            batch.topic.tolist(),
+            records.time_ns.tolist(),
+            records.start.tolist(),
+            records.end.tolist(),
+            strict=True,
+        ):
+            writer.append(topic, time_ns, view[start:end])

@@ -256,7 +256,7 @@ def test_file_named_in_the_metadata_is_missing(session: Session, tmp_path: Path)
     metadata.write_text(metadata.read_text().replace('- bag_0.mcap', '- bag_0.mcap\n  - b_1.mcap'))
     recording = read_recording(path)
     assert len(recording.forces) == len(session[1])
-    assert recording.facts.faults == {'missing_file': 1}
+    assert recording.facts.faults == {'missing_file': 1, 'wrong_checksum': 1}
 
 
 def test_missing_topic_names_those_that_are_there(session: Session, tmp_path: Path) -> None:
@@ -321,7 +321,7 @@ def test_definition_that_is_another_one_is_used_and_named(
         connection.execute(change + "encoded_message_definition, 'float64 width', 'int64 width')")
     connection.close()
     recording = read_recording(path)
-    assert recording.facts.faults == {'other_definition': 1}
+    assert recording.facts.faults == {'other_definition': 1, 'wrong_checksum': 1}
     assert recording.pulses.intensity.tolist() == session[0].intensity.tolist()
     assert recording.pulses.width[0] == np.array(1e-4).view(np.int64)
 

@@ -1,0 +1,140 @@
+"""metadata.yaml of any writer, believed only if it is whole and what it should be."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.recording.checksums import read_checksums
+from rpms_ros.recording.checksums import sha256
+from rpms_ros.recording.findings import Findings
+from rpms_ros.recording.metadata import KEY
+
+# A recording with a thousand topics has a tenth of it [bytes].
+_LARGEST = 4_000_000
+_DEEPEST = 32
+_MOST_NODES = 100_000
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+_REQUIRED = (
+    (1, ('version', 'storage_identifier', 'relative_file_paths', 'duration', 'starting_time')),
+    (1, ('message_count', 'topics_with_message_count')),
+    (3, ('compression_format', 'compression_mode')),
+    (5, ('files',)),
+    (6, ('custom_data',)),
+    (8, ('ros_distro',)),
+)
+"""Keys that every version of rosbag2 writes from a version on."""
+_KINDS: dict[str, type | tuple[type, ...]] = {
+    'version': int,
+    'message_count': int,
+    'relative_file_paths': list,
+    'topics_with_message_count': list,
+    'custom_data': (dict, type(None)),
+}
+
+
+def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
+    """Return what metadata.yaml tells; nothing, and a fault, if it is missing or damaged."""
+    if not path.exists():
+        findings.add('missing_metadata', f'{path.name} is missing: read without it')
+        return {}
+    try:
+        metadata = checked(loaded(_text(path))[KEY])
+    except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError) as error:
+        return _left_aside(path, error, findings)
+    except (OSError, RecordingError, RecursionError, TypeError, ValueError) as error:
+        return _left_aside(path, error, findings)
+    _check_sum(path, findings)
+    return metadata
+
+
+def _left_aside(path: Path, error: Exception, findings: Findings) -> dict[str, Any]:
+    reason = (str(error).splitlines() or [type(error).__name__])[0]
+    findings.add('damaged_metadata', f'{path.name} left aside: {reason}')
+    return {}
+
+
+def _text(path: Path) -> str:
+    if not path.is_file() or path.stat().st_size > _LARGEST:
+        raise RecordingError(f'expected a regular file of {_LARGEST} bytes at most')
+    return path.read_text('utf-8')
+
+
+def loaded(text: str) -> Any:
+    """Return a YAML document, if it is neither too deep nor too large with all aliases resolved.
+
+    An alias stands for the content of its anchor: a few nested ones stand for more than a memory
+    holds.  The loader calls itself for every level: thousands of them end the process.
+
+    Raises
+    ------
+    RecordingError
+        If it is too deep or too large.
+    yaml.YAMLError, ValueError
+        If it is no YAML.
+    """
+    sizes: dict[str | None, int] = {}
+    open_nodes: list[tuple[str | None, int]] = [(None, 0)]
+    total = 0
+    for event in yaml.parse(text, _LOADER):
+        if isinstance(event, yaml.AliasEvent):
+            # An anchor that is not closed yet would contain itself.
+            total += sizes.get(event.anchor, _MOST_NODES)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, begun = open_nodes.pop()
+            if anchor:
+                sizes[anchor] = total - begun
+        elif isinstance(event, yaml.NodeEvent):
+            if isinstance(event, yaml.CollectionStartEvent):
+                open_nodes.append((event.anchor, total))
+            elif event.anchor:
+                sizes[event.anchor] = 1
+            total += 1
+        if len(open_nodes) > _DEEPEST or total > _MOST_NODES:
+            raise RecordingError(f'expected at most {_DEEPEST} levels and {_MOST_NODES} entries')
+    return yaml.load(text, _LOADER)
+
+
+def checked(metadata: Any) -> dict[str, Any]:
+    """Return metadata that have all keys of their version, with values that can be used.
+
+    Raises
+    ------
+    RecordingError
+        If something is missing: the file may have been cut off between two keys.
+    """
+    if not isinstance(metadata, dict):
+        raise RecordingError(f'expected a mapping, got {type(metadata).__name__}')
+    for name, kind in _KINDS.items():
+        if name in metadata and not isinstance(metadata[name], kind):
+            raise RecordingError(f'expected another {name}, got {metadata[name]!r:.80}')
+    version = metadata['version']
+    missing = [
+        name
+        for since, names in _REQUIRED
+        for name in names
+        if version >= since and name not in metadata
+    ]
+    if missing:
+        raise RecordingError(f'expected {", ".join(missing)}, got no such entry')
+    for entry in metadata['topics_with_message_count']:
+        _expect_text(entry['topic_metadata']['name'], entry['topic_metadata']['type'])
+    _expect_text(*metadata['relative_file_paths'])
+    return metadata
+
+
+def _expect_text(*values: object) -> None:
+    if wrong := [value for value in values if not isinstance(value, str)]:
+        raise RecordingError(f'expected names as text, got {wrong[0]!r:.80}')
+
+
+def _check_sum(path: Path, findings: Findings) -> None:
+    """Compare metadata.yaml with SHA256SUMS; the storage files have quicker checksums."""
+    try:
+        sums = read_checksums(path.parent)
+    except (OSError, RecordingError) as error:
+        findings.add('wrong_checksum', str(error))
+        return
+    if sums is not None and sums.get(path.name) != sha256(path):
+        findings.add('wrong_checksum', f'{path.name} is not what was written: its SHA-256 differs')

@@ -1,0 +1,204 @@
+"""Checksums, signature and ends of recordings: what changed or is missing never passes unnamed."""
+
+import hashlib
+import hmac
+import subprocess
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import Recording
+from rpms_ros.recording import RecordingWriter
+from rpms_ros.recording import read_facts
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import session_hash
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.checksums import read_key
+from rpms_ros.recording.checksums import signature_fits
+from rpms_ros.recording.definitions import PULSE
+
+Session = tuple[PulseTrain, ForceTrace]
+STORAGES = [('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', '')]
+FLIPS = 40
+KEY = b'sixteen bytes or more'
+
+
+def storage_file(path: Path) -> Path:
+    return next(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
+
+
+def shown(recording: Recording) -> tuple[Any, ...]:
+    """Return everything that a command could print of a recording."""
+    facts = recording.facts
+    return session_hash(recording), facts.topics, dict(facts.frame_ids), dict(facts.custom)
+
+
+def short(session: Session) -> Session:
+    pulses, forces = session
+    return pulses[:5], ForceTrace(forces.stamp_ns[:250], forces.force[:250])
+
+
+@pytest.mark.parametrize(('storage', 'compression'), STORAGES)
+def test_a_flipped_bit_is_named_or_changes_nothing(
+    session: Session, tmp_path: Path, storage: str, compression: str
+) -> None:
+    path = tmp_path / 'bag'
+    custom = {'operator': 'somebody', 'seed': '7'}
+    write_recording(path, *short(session), storage=storage, compression=compression, custom=custom)
+    before = shown(read_recording(path))
+    generator = Random(3)
+    for file in (storage_file(path), path / 'metadata.yaml'):
+        whole = file.read_bytes()
+        for _ in range(FLIPS):
+            content = bytearray(whole)
+            content[generator.randrange(len(content))] ^= 1 << generator.randrange(8)
+            file.write_bytes(content)
+            try:
+                recording = read_recording(path)
+            except RecordingError:
+                continue
+            assert recording.facts.faults or shown(recording) == before
+        file.write_bytes(whole)
+
+
+def test_halved_intensities_are_named(session: Session, tmp_path: Path) -> None:
+    for storage in ('mcap', 'sqlite3'):
+        path = tmp_path / storage
+        write_recording(path, *session, storage=storage)
+        content = storage_file(path).read_bytes()
+        for intensity in session[0].intensity:
+            raw = np.array(intensity, '<f8').tobytes()
+            content = content.replace(raw, np.array(intensity / 2, '<f8').tobytes())
+        storage_file(path).write_bytes(content)
+        facts = read_facts(path)
+        assert facts.faults
+        assert any('checksum' in remark for remark in facts.remarks)
+
+
+def test_every_checksum_of_the_format_is_written(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    with storage_file(path).open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert sum(1 for _ in reader.iter_messages()) == 2040
+        summary = reader.get_summary()
+    content = storage_file(path).read_bytes()
+    assert summary is not None
+    # The last field of the footer, before the closing magic.
+    assert content[-12:-8] != bytes(4)
+    # The checksum of the data, before the schemas of the summary.
+    first = min(content.rindex(b'\x0f' + (4).to_bytes(8, 'little')), len(content))
+    assert content[first + 9 : first + 13] != bytes(4)
+
+
+def test_checksums_are_those_of_sha256sum(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    subprocess.run(['sha256sum', '--check', '--strict', 'SHA256SUMS'], cwd=path, check=True)
+
+
+def test_a_signature_needs_the_key(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session, key=KEY)
+    text = (path / 'SHA256SUMS').read_bytes()
+    expected = hmac.new(KEY, text, hashlib.sha256).hexdigest()
+    assert (path / 'SHA256SUMS.hmac').read_text() == f'{expected}\n'
+    assert signature_fits(path, KEY) is True
+    assert signature_fits(path, KEY + b'x') is False
+    (path / 'SHA256SUMS.hmac').unlink()
+    assert signature_fits(path, KEY) is None
+
+
+def test_a_key_that_protects_nothing_is_refused(tmp_path: Path) -> None:
+    (tmp_path / 'key').write_text(' short \n')
+    with pytest.raises(RecordingError, match=r'expected a key of 16 bytes or more in .*, got 5'):
+        read_key(tmp_path / 'key')
+    with pytest.raises(RecordingError, match=r'expected a key of 16 bytes or more in .*, got 0'):
+        read_key(tmp_path / 'nothing')
+
+
+def test_the_hash_is_that_of_the_session(session: Session, tmp_path: Path) -> None:
+    found = set()
+    for storage, compression in STORAGES:
+        path = tmp_path / f'{storage}{compression}'
+        write_recording(path, *session, storage=storage, compression=compression)
+        found.add(session_hash(read_recording(path)))
+    assert len(found) == 1
+    pulses, forces = session
+    changes = [
+        (pulses, ForceTrace(forces.stamp_ns + 1, forces.force)),
+        (pulses, ForceTrace(forces.stamp_ns, np.nextafter(forces.force, 1e9))),
+        (PulseTrain(pulses.onset_ns, pulses.intensity, pulses.sequence + 1, pulses.width), forces),
+        (pulses[:-1], forces),
+    ]
+    for number, changed in enumerate(changes):
+        path = tmp_path / f'changed{number}'
+        write_recording(path, *changed)
+        found.add(session_hash(read_recording(path)))
+    assert len(found) == 1 + len(changes)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_every_cut_of_the_metadata_is_named(
+    session: Session, tmp_path: Path, storage: str
+) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *short(session), storage=storage, custom={'seed': '7'})
+    file = path / 'metadata.yaml'
+    whole = file.read_bytes()
+    for size in range(0, len(whole), 7):
+        file.write_bytes(whole[:size])
+        faults = read_facts(path).faults
+        assert 'damaged_metadata' in faults or 'wrong_checksum' in faults
+
+
+def test_cut_metadata_of_other_writers_are_named(write_with_rosbags: Any, make: Any) -> None:
+    path = write_with_rosbags([('/pulses', PULSE, 1, make.pulse(1))])
+    file = path / 'metadata.yaml'
+    lines = file.read_text().splitlines(keepends=True)
+    assert read_facts(path).faults == {}
+    unnamed = []
+    for count in range(len(lines)):
+        file.write_text(''.join(lines[:count]))
+        if 'damaged_metadata' not in read_facts(path).faults:
+            unnamed.append(''.join(lines[count:]))
+    # Nothing is missing without a trace.
+    assert unnamed == []
+
+
+def test_a_count_that_does_not_fit_is_named(write_with_rosbags: Any, make: Any) -> None:
+    path = write_with_rosbags([('/pulses', PULSE, 1, make.pulse(1))])
+    file = path / 'metadata.yaml'
+    file.write_text(file.read_text().replace('message_count: 1', 'message_count: 2'))
+    assert read_facts(path).faults == {'wrong_count': 1}
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_recording_that_the_device_refused_has_no_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str
+) -> None:
+    path = tmp_path / 'bag'
+    writer = RecordingWriter(path, storage)
+    topic = writer.add_topic('/pulses', PULSE)
+    writer.append(topic, 1, b'abc')
+    writer.flush()
+
+    def refuse() -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(writer._file, 'flush', refuse)
+    with pytest.raises(RecordingError, match=r'expected room and permission .* No space left'):
+        writer.flush()
+    writer.close()
+    facts = read_facts(path)
+    assert facts.faults['truncated_file'] == 1
+    assert [topic.count for topic in facts.topics] == [1]
+    with pytest.raises(RecordingError, match=r'expected an open recording, got .* that is closed'):
+        writer.append(topic, 2, b'abc')
