@@ -40,6 +40,7 @@ setup(
         'jinja2>=3.1',
         'lz4',
         'matplotlib>=3.6',
+        'mcap>=1.6',
         'numba',
         'numpy>=1.26',
         'pyserial>=3.5',

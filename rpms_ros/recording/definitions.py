@@ -5,6 +5,7 @@ the package knows is for recordings that carry nothing, and for writing.
 """
 
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -161,8 +162,22 @@ def _expect_simple_idl(text: str) -> None:
 
 
 def differs_from_known(type_name: str, types: Typestore) -> bool:
-    """Tell whether a definition out of a recording is not the one that the package knows."""
+    """Tell whether a definition out of a recording contradicts the one that the package knows.
+
+    One that ends earlier, or goes on with more fields, is of an older or newer version and tells
+    the same.
+    """
     known = known_types()
-    return type_name in known.fielddefs and (
-        known.hash_rihs01(type_name) != types.hash_rihs01(type_name)
-    )
+    if type_name not in known.fielddefs:
+        return False
+    pairs = zip(_leaves(known, type_name), _leaves(types, type_name), strict=False)
+    return any(here != there for here, there in pairs)
+
+
+def _leaves(types: Typestore, type_name: str, prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield names and kinds of all fields in the order in which they are sent."""
+    for name, (kind, detail) in types.fielddefs[type_name][1]:
+        if detail in types.fielddefs:
+            yield from _leaves(types, detail, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}', (kind, detail)

@@ -87,18 +87,18 @@ class McapFile:
             'truncated_file', f'{self._path.name} has no end: {lost} bytes from a cut-off record'
         )
         if lost > RECORD_HEAD + _CHUNK_HEAD and self._data[stop] == mcap.CHUNK:
-            yield from self._chunk(stop + RECORD_HEAD, len(self._data))
+            yield from self._chunk(stop + RECORD_HEAD, len(self._data), cut_off=True)
 
-    def _chunk(self, start: int, end: int) -> Iterator[Batch]:
+    def _chunk(self, start: int, end: int, cut_off: bool = False) -> Iterator[Batch]:
         try:
-            content = self._unpacked(start, end)
+            content = self._unpacked(start, end, cut_off)
         except struct.error:
             self._findings.add('damaged_chunk', f'chunk at byte {start} has no head')
             return
         if content is not None:
             yield from self._messages(content, walk(content))
 
-    def _unpacked(self, start: int, end: int) -> ByteArray | None:
+    def _unpacked(self, start: int, end: int, cut_off: bool) -> ByteArray | None:
         """Return the content of a chunk, or None where it must not be used."""
         # Read, not mapped: a mapped page costs more than its copy, and stays in memory.
         record = np.fromfile(self._path, np.uint8, end - start, offset=start)
@@ -117,18 +117,24 @@ class McapFile:
             raise RecordingError(
                 f'expected a compression of {kinds} in {self._path.name}, got {compression!r}'
             )
+        return content if self._is_usable(content, size, checksum, start, cut_off) else None
+
+    def _is_usable(
+        self, content: ByteArray, size: int, checksum: int, start: int, cut_off: bool
+    ) -> bool:
+        """Tell whether the content of a chunk can be used; note what is wrong with it."""
         fits = not checksum or zlib.crc32(content.data) == checksum
-        if len(content) != size:
-            self._findings.add(
-                'damaged_chunk',
-                f'chunk at byte {start}: {len(content)} of {size} bytes are readable',
-            )
-        elif not fits:
+        if len(content) < size or (fits and len(content) > size):
+            if not cut_off:
+                found = f'{len(content)} of {size} bytes are readable'
+                self._findings.add('damaged_chunk', f'chunk at byte {start}: {found}')
+            # Of a chunk that ends early, the beginning is all that there is.
+            return True
+        if not fits:
             self._findings.add(
                 'damaged_chunk', f'chunk at byte {start} left out: its checksum does not fit'
             )
-        # Of a chunk that ends early, the beginning is all that there is.
-        return content if fits or len(content) < size else None
+        return fits
 
     def _messages(self, data: ByteArray, frame: Frame) -> Iterator[Batch]:
         for kind, add in ((mcap.SCHEMA, self._add_schema), (mcap.CHANNEL, self._add_channel)):

@@ -18,6 +18,7 @@ from rpms_ros.recording import write_recording
 Rpms = Callable[..., tuple[int, str, str]]
 AsJson = Callable[..., dict[str, Any]]
 KEYS = [
+    'session_hash',
     'estimator',
     'samples',
     'pulses',

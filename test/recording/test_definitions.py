@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.definitions import FOLDER
 from rpms_ros.recording.definitions import PULSE
+from rpms_ros.recording.definitions import differs_from_known
 from rpms_ros.recording.definitions import known_types
 from rpms_ros.recording.definitions import types_of
 from rpms_ros.recording.definitions import written_definition
@@ -84,3 +86,43 @@ def test_definition_of_something_else_is_refused() -> None:
         RecordingError, match=r'expected a definition of lab/msg/Jaw .* got no lab/msg/Jaw among'
     ):
         types_of('lab/msg/Jaw', PULSE_IDL, 'ros2idl')
+
+
+@pytest.mark.parametrize(
+    ('change', 'contradicts'),
+    [
+        (lambda text: text, False),
+        (lambda text: text.replace('float64 width\n', 'float64 width\nuint8 more\n'), True),
+        (lambda text: text.replace('uint8 unverified\n', ''), False),
+        (lambda text: text.replace('uint8 unverified\n', 'uint8 unverified\nfloat64 b\n'), False),
+        (lambda text: text.replace('float64 width', 'int64 width'), True),
+        (lambda text: text.replace('float64 width', 'float64 height'), True),
+    ],
+)
+def test_a_definition_of_another_version_contradicts_nothing(
+    change: Callable[[str], str], contradicts: bool
+) -> None:
+    types = types_of(PULSE, change(written_definition(PULSE)[0]), 'ros2msg')
+    assert differs_from_known(PULSE, types) is contradicts
+
+
+CALCULATED = 'module rpms_msgs { module msg { const double X = ((1)); }; };'
+DEEP = f'module a {{ struct C {{ {"sequence<" * 9}double{">" * 9} x; }}; }};'
+OF_ITSELF = f'rpms_msgs/Pulse p\n{"=" * 80}\nMSG: rpms_msgs/Pulse\nrpms_msgs/Pulse p\n'
+
+
+@pytest.mark.parametrize(
+    ('text', 'encoding', 'found'),
+    [
+        (CALCULATED, 'ros2idl', 'a constant that is calculated'),
+        (DEEP, 'ros2idl', 'more than 8 levels'),
+        (OF_ITSELF, 'ros2msg', '(more than 30 levels|maximum recursion)'),
+        ('geometry_msgs/Wrench w\n', 'ros2msg', 'no geometry_msgs/msg/Wrench among'),
+        ('#' * 600_000, 'ros2msg', '600000 characters'),
+    ],
+)
+def test_definition_that_would_take_too_long_is_refused(
+    text: str, encoding: str, found: str
+) -> None:
+    with pytest.raises(RecordingError, match=f'expected a definition of .* used, got {found}'):
+        types_of(PULSE, text, encoding)
