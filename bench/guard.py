@@ -181,7 +181,7 @@ def exchanges(count):
         direct = [timed(lambda: direct_exchange(descriptor)) for _ in range(count)]
         os.close(descriptor)
         line = GuardedLine(fake.port, GuardLimits(beat_limit_s=10.0, answer_limit_s=10.0))
-        line.open()
+        started = timed(line.open)
         line.listen()
         through = [timed(lambda: line.exchange(rapid2.ENABLE, 3)) for _ in range(count)]
         written = [until_written(line) for _ in range(count)]
@@ -193,7 +193,8 @@ def exchanges(count):
         f'past the guard {microseconds(statistics.median(direct))}, '
         f'through it {microseconds(statistics.median(through))}, added {microseconds(added)}\n'
         f'from the call to the writing by the guard: median '
-        f'{microseconds(statistics.median(written))}, 99 % within {microseconds(late)}'
+        f'{microseconds(statistics.median(written))}, 99 % within {microseconds(late)}\n'
+        f'start of a guard: {1e3 * started:.0f} ms'
     )
     return added < 1e-3
 

@@ -26,8 +26,6 @@ _LEFT_ALONE = {
 def main(arguments: list[str] | None = None) -> int:
     """Run the guard; return the exit status."""
     options = _parser().parse_args(arguments)
-    # nothing here makes cycles; a collection would only hold a disarming up
-    gc.disable()
     try:
         limits = GuardLimits(
             options.maximum_percent,
@@ -88,9 +86,9 @@ def _serve_by_hand(port: str, path: Path, limits: GuardLimits) -> int:
     # only here: a child is handed its port
     from rpms_ros.guard.port import open_port
 
-    wakeup = _woken_by_signals()
     line = open_port(port)
     with contextlib.closing(_listening(path)) as listening:
+        wakeup = _woken_by_signals()
         _say(f'{port} is held; drivers find it at {path}')
         while not _was_told_to_end():
             listening.settimeout(0.2)
@@ -144,6 +142,8 @@ def _was_told_to_end() -> bool:
 
 def _woken_by_signals() -> int:
     """Return a descriptor that becomes readable with any signal that asks this process to end."""
+    # nothing here makes cycles; a collection would only hold a disarming up
+    gc.disable()
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)

@@ -5,6 +5,7 @@ The instrument's own list of triggers is the oracle: what was given, whatever wa
 
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -410,6 +411,58 @@ def test_a_child_of_the_driver_inherits_nothing_that_keeps_it_alive(device):
     assert not any(os.get_inheritable(descriptor.number) for descriptor in held)
 
 
+def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(fake, device, wait_for):
+    armed(device)
+    first = device.guard_pid
+    os.kill(first, signal.SIGKILL)
+
+    def beaten():
+        try:
+            device.beat()
+        except DeviceError as error:
+            return 'guard' in str(error)
+        return False
+
+    wait_for(beaten)
+    wait_for(lambda: not fake.armed)
+    with pytest.raises(DeviceError, match='expected a guard'):
+        device.arm()
+    device.close()
+    device.open()
+    assert device.guard_pid != first
+    assert armed(device).fire(0.5, WIDTH) is not None
+
+
+def test_a_fork_that_outlives_the_driver_does_not_keep_it_armed(fake, wait_for):
+    # the fork holds the driver's socket open: its end is never seen, its silence is
+    text = (
+        'import os, sys, time\n'
+        'from rpms_ros.stimulation.devices.serial_line import SerialDevice\n'
+        'device = SerialDevice(sys.argv[1], beat_limit_s=1.0)\n'
+        'device.open()\n'
+        'device.arm()\n'
+        'child = os.fork()\n'
+        'if not child:\n'
+        '    time.sleep(60)\n'
+        '    os._exit(0)\n'
+        'print(child, flush=True)\n'
+        'while True:\n'
+        '    device.beat()\n'
+        '    time.sleep(0.01)\n'
+    )
+    command = [sys.executable, '-c', text, fake.port]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as driver:
+        child = int(driver.stdout.readline())
+        try:
+            assert fake.armed
+            driver.kill()
+            wait_for(lambda: not fake.armed)
+            assert fake.disarmed[-1][1] == 'was told to'
+        finally:
+            driver.kill()
+            os.kill(child, signal.SIGKILL)
+
+
 @pytest.fixture
 def by_hand(fake, tmp_path, wait_for):
     """A guard on a socket of its own: the process, and the path."""
@@ -425,6 +478,8 @@ def by_hand(fake, tmp_path, wait_for):
 def test_guard_that_was_started_by_hand(fake, by_hand, wait_for):
     guard, path = by_hand
     assert path.stat().st_mode & 0o077 == 0
+    for second in (path, path.with_name('second')):
+        assert main(['--port', fake.port, '--socket', str(second)]) == 2
     for _ in range(2):
         device = SerialDevice(str(path), **PATIENT)
         device.open()
