@@ -25,7 +25,10 @@ setup(
     maintainer_email='rpms-ros@users.noreply.github.com',
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', '**/*.yaml', '**/*.xml', '**/*.msg', '**/*.css', '**/*.js']},
+    package_data={
+        NAME: ['py.typed', '**/LICENSE']
+        + [f'**/*.{ending}' for ending in ('yaml', 'xml', 'msg', 'css', 'js', 'html')]
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -52,7 +55,7 @@ setup(
     extras_require={
         'study': ['pyarrow'],
         'cluster': ['distributed', 'pyarrow'],
-        'test': ['hypothesis', 'pytest', 'pytest-timeout'],
+        'test': ['hypothesis', 'jsonschema', 'pytest', 'pytest-timeout'],
     },
     entry_points={
         'console_scripts': [

@@ -210,7 +210,7 @@ def _report(
     session = identified(recording, IdentificationOptions(estimator, preset))
     print(truth_table(session, subject))
     figure = launcher.folder / 'demo.png'
-    draw_session(figure, session, recording.pulses, subject, _title(settings))
+    draw_session([figure], session, recording.pulses, subject, _title(settings))
     print(f'  figure     {figure}')
     print(f'  recording  {path}')
     print(f'  off line   rpms identify {path} --estimator {estimator} --preset {preset}')

@@ -88,9 +88,10 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify the recording; return 1 if something was wrong with the recording itself."""
     from rpms_ros.cli.identified import IdentificationOptions
-    from rpms_ros.cli.identified import as_document
     from rpms_ros.cli.identified import compile_estimator
     from rpms_ros.cli.identified import identified
+    from rpms_ros.report.result import result_of
+    from rpms_ros.schema import plain
 
     options = IdentificationOptions(
         arguments.estimator, arguments.preset, arguments.rate_hz, arguments.seed
@@ -103,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
         # Figures show a path of estimates; the result is the last one.
         most = _MOST_ESTIMATES if arguments.out else 1
         session = identified(recording, options, advance, most)
-    document = as_document(recording, session)
+    document = plain(result_of(recording, session))
     if arguments.json:
         print(json.dumps(document, allow_nan=False))
     else:
@@ -184,5 +185,5 @@ def _write(
         (folder / 'result.json').write_text(json.dumps(document, allow_nan=False, indent=1))
     except OSError as error:
         raise ReportError(f'expected to write into {folder}, got {error}') from error
-    for name in ('session.png', 'session.svg'):
-        draw_session(folder / name, session, recording.pulses, title=title)
+    paths = (folder / 'session.png', folder / 'session.svg')
+    draw_session(paths, session, recording.pulses, title=title)

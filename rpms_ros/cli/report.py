@@ -111,11 +111,11 @@ def stated_items(texts: list[str]) -> dict[str, str]:
 
 def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.cli.identified import IdentificationOptions
-    from rpms_ros.cli.identified import as_document
     from rpms_ros.cli.identified import compile_estimator
     from rpms_ros.cli.identified import identified
     from rpms_ros.identification.catalogue import estimator_by_name
     from rpms_ros.report.recorded import recorded_words
+    from rpms_ros.report.result import result_of
     from rpms_ros.report.session import analyse
     from rpms_ros.report.session.analysis import ReportSettings
     from rpms_ros.stimulation.device_specification import load_device_specification
@@ -139,7 +139,7 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
             recording,
             recorded_words(arguments.bag),
             session,
-            as_document(recording, session),
+            result_of(recording, session),
             lambda: estimator_by_name(
                 options.estimator, options.preset, options.seed, options.rate_hz
             ),

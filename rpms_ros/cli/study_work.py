@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from rpms_ros.cli.identified import IdentificationOptions
-from rpms_ros.cli.identified import as_document
 from rpms_ros.cli.identified import identified
 from rpms_ros.errors import RecordingError
 from rpms_ros.errors import RpmsError
 from rpms_ros.recording import Topics
 from rpms_ros.recording import read_recording
+from rpms_ros.report.result import result_of
+from rpms_ros.schema import plain
 
 Row = dict[str, Any]
 # The processes share the processors already; threads of theirs would only wait for each other.
@@ -66,7 +67,7 @@ def work(path: str, options: StudyOptions) -> Row:
     try:
         topics = Topics(options.pulses_topic, options.force_topic)
         recording = read_recording(path, topics, options.axis, options.sign)
-        document = as_document(recording, identified(recording, options, most_estimates=1))
+        document = plain(result_of(recording, identified(recording, options, most_estimates=1)))
     except RpmsError as error:
         return failure(str(error))
     return _row(document)

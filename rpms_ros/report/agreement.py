@@ -11,6 +11,13 @@ import numpy as np
 from rpms_ros.identification import Estimate
 from rpms_ros.muscle import Subject
 
+_PARAMETERS = {
+    'u_thr': 'threshold',
+    'u_sat': 'saturation',
+    'alpha_sat': 'saturation_slope',
+    'alpha_thr': 'threshold_slope',
+}
+
 
 @dataclass(frozen=True)
 class Agreement:
@@ -76,3 +83,10 @@ def curve_error(estimate: Estimate, subject: Subject) -> float:
         return float('nan')
     true = subject.steady_force(estimate.curve_intensity, estimate.repetition_rate)
     return float(np.abs(estimate.curve_force - true).max() / true.max())
+
+
+def true_parameters(subject: Subject | None) -> dict[str, float]:
+    """Return the true recruitment parameters by the names of the identified ones."""
+    if subject is None:
+        return {}
+    return {name: getattr(subject.recruitment, field) for name, field in _PARAMETERS.items()}

@@ -25,26 +25,26 @@ class DriverWord:
 
     Attributes
     ----------
-    delivered, dropped : int
+    pulses_delivered, pulses_dropped : int
         Pulses.
-    coil_energy : float
+    coil_energy_j : float
         Energy put into the coil [J].
-    highest_temperature : float
+    highest_temperature_celsius : float
         Of the coil, measured or modelled, over the recording [Celsius].
-    lateness_max : float
+    lateness_max_s : float
         Of delivered pulses against their schedule [s].
-    schedule : str
-        Name of the last schedule that ran; empty if none did.
+    schedule : str or None
+        Name of the last schedule that ran; None if none did.
     faults : dict of str to int
         What went wrong.
     """
 
-    delivered: int
-    dropped: int
-    coil_energy: float
-    highest_temperature: float
-    lateness_max: float
-    schedule: str
+    pulses_delivered: int
+    pulses_dropped: int
+    coil_energy_j: float
+    highest_temperature_celsius: float
+    lateness_max_s: float
+    schedule: str | None
     faults: dict[str, int]
 
 
@@ -118,11 +118,11 @@ def _word_of(statuses: list[Any]) -> DriverWord | None:
     counts = (int(count) for count in last.fault_counts)
     names = [str(status.schedule) for status in statuses if status.schedule]
     return DriverWord(
-        delivered=int(last.pulses_delivered),
-        dropped=int(last.pulses_dropped),
-        coil_energy=float(last.coil_energy),
-        highest_temperature=max(float(status.coil_temperature) for status in statuses),
-        lateness_max=float(last.lateness_max),
-        schedule=names[-1] if names else '',
+        pulses_delivered=int(last.pulses_delivered),
+        pulses_dropped=int(last.pulses_dropped),
+        coil_energy_j=float(last.coil_energy),
+        highest_temperature_celsius=max(float(status.coil_temperature) for status in statuses),
+        lateness_max_s=float(last.lateness_max),
+        schedule=names[-1] if names else None,
         faults=dict(zip(map(str, last.fault_names), counts, strict=True)),
     )

@@ -8,14 +8,8 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import twitch
 from rpms_ros.report.agreement import curve_error
+from rpms_ros.report.agreement import true_parameters
 from rpms_ros.report.text import table
-
-_PARAMETERS = {
-    'u_thr': 'threshold',
-    'u_sat': 'saturation',
-    'alpha_sat': 'saturation_slope',
-    'alpha_thr': 'threshold_slope',
-}
 
 
 def truth_table(session: IdentifiedSession, subject: Subject) -> str:
@@ -30,9 +24,9 @@ def truth_table(session: IdentifiedSession, subject: Subject) -> str:
     """
     last = session.last
     rows = [('', 'true', 'identified')]
+    truth = true_parameters(subject)
     for name, value in zip(last.nonlinear_names, last.nonlinear, strict=True):
-        true = getattr(subject.recruitment, _PARAMETERS[name]) if name in _PARAMETERS else None
-        rows.append((name, _number(true), _number(value)))
+        rows.append((name, _number(truth.get(name)), _number(value)))
     time = last.response_time
     weight = subject.pulse_weight(1.0, last.repetition_rate)
     response = weight * twitch(time - subject.latency, subject.time_constant, subject.order)

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from rpms_ros.errors import ReportError
@@ -11,7 +10,6 @@ from rpms_ros.identification.analysis.simulated import simulated_force
 from rpms_ros.muscle import average_subject
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.analysis_document import analysis_document
-from rpms_ros.report.analysis_document import as_plain
 from rpms_ros.report.analysis_figures import draw_analysis
 from rpms_ros.report.analysis_text import analysis_text
 from rpms_ros.stimulation import Schedule
@@ -55,11 +53,6 @@ def test_a_recording_without_pulses_has_a_document(empty):
     assert document['twitches'] is None
     assert document['clocks'] is None
     assert 'no pulses' in document['findings'][0]
-
-
-def test_plain_values_are_what_json_holds():
-    given = {'a': np.array([1.0, np.nan]), 2: (np.float64(3.0), None), 'c': float('inf')}
-    assert as_plain(given) == {'a': [1.0, None], '2': [3.0, None], 'c': None}
 
 
 def test_one_recording_is_a_list_of_all_that_was_found(whole):

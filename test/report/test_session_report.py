@@ -40,7 +40,7 @@ def session(low: float = 0.0) -> tuple[IdentifiedSession, PulseTrain]:
 @pytest.mark.parametrize('known', [True, False])
 def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:
     path = tmp_path / 'session.png'
-    draw_session(path, *session(low), simulation_subject() if known else None, 'A title')
+    draw_session([path], *session(low), simulation_subject() if known else None, 'A title')
     picture = imread(path)[..., :3]
     # four panels with lines: far from blank
     assert picture.shape[0] > 800
@@ -49,7 +49,7 @@ def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:
 
 def test_a_figure_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ReportError, match='expected to write a figure to'):
-        draw_session(tmp_path / 'missing' / 'session.png', *session())
+        draw_session([tmp_path / 'missing' / 'session.png'], *session())
 
 
 def test_the_table_holds_truth_against_what_was_found() -> None:

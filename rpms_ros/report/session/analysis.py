@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -14,12 +13,13 @@ from rpms_ros.identification import identify
 from rpms_ros.pulses import BoolArray
 from rpms_ros.recording import Recording
 from rpms_ros.report.recorded import RecordedWords
-from rpms_ros.report.session.checklist import ChecklistEntry
+from rpms_ros.report.result import IdentificationResult
+from rpms_ros.report.session.checklist import ChecklistItem
 from rpms_ros.report.session.checklist import checklist_of
-from rpms_ros.report.session.excitation import DeviceLoad
-from rpms_ros.report.session.excitation import Excitation
-from rpms_ros.report.session.excitation import excitation_of_pulses
-from rpms_ros.report.session.excitation import load_of
+from rpms_ros.report.session.dose import DeviceLoad
+from rpms_ros.report.session.dose import Dose
+from rpms_ros.report.session.dose import dose_of
+from rpms_ros.report.session.dose import load_of
 from rpms_ros.report.session.held_out import HELD_OUT_SHARE
 from rpms_ros.report.session.held_out import FrozenFrom
 from rpms_ros.report.session.held_out import HeldOutFit
@@ -62,12 +62,12 @@ class SessionAnalysis:
         Name of the session.
     recording : Recording
         Where it comes from.
-    result : dict
+    result : IdentificationResult
         What `rpms identify --json` says of it.
     session : IdentifiedSession
         Estimates and traces.
-    excitation : Excitation
-        Schedule and energy.
+    dose : Dose
+        Schedule and dose.
     load : DeviceLoad or None
         Energy on a device, if one was named.
     words : RecordedWords
@@ -76,7 +76,7 @@ class SessionAnalysis:
         None where they cannot be analysed.
     held_out : HeldOutFit or None
         None where nothing could be held out.
-    checklist : list of ChecklistEntry
+    checklist : list of ChecklistItem
         Items of the reporting checklist.
     settings : ReportSettings
         What it was made with.
@@ -86,14 +86,14 @@ class SessionAnalysis:
 
     title: str
     recording: Recording
-    result: dict[str, Any]
+    result: IdentificationResult
     session: IdentifiedSession
-    excitation: Excitation
+    dose: Dose
     load: DeviceLoad | None
     words: RecordedWords
     residuals: ResidualAnalysis | None
     held_out: HeldOutFit | None
-    checklist: list[ChecklistEntry]
+    checklist: list[ChecklistItem]
     settings: ReportSettings
     remarks: tuple[str, ...]
 
@@ -103,7 +103,7 @@ def analyse(
     recording: Recording,
     words: RecordedWords,
     session: IdentifiedSession,
-    result: dict[str, Any],
+    result: IdentificationResult,
     build_estimator: Callable[[], Estimator],
     settings: ReportSettings | None = None,
     progress: Callable[[int], object] | None = None,
@@ -116,8 +116,8 @@ def analyse(
         Name of the session.
     recording, words : Recording, RecordedWords
         What was recorded.
-    session, result : IdentifiedSession, dict
-        What was identified, and the same as one document.
+    session, result : IdentifiedSession, IdentificationResult
+        What was identified, and its result.
     build_estimator : callable
         Makes a fresh estimator for the held-out fit, like that of the session.
     settings : ReportSettings, optional
@@ -131,8 +131,8 @@ def analyse(
         If a share is not between 0 and 1, or an item is stated that the checklist has not.
     """
     settings = settings or ReportSettings()
-    excitation = excitation_of_pulses(recording.pulses, int(session.stamp_ns[0]))
-    checklist = checklist_of(excitation, recording.facts.custom, settings.stated)
+    dose = dose_of(recording.pulses, int(session.stamp_ns[0]))
+    checklist = checklist_of(dose, recording.facts.custom, settings.stated)
     remarks: list[str] = []
     try:
         residuals = _residuals(session, recording, settings)
@@ -150,8 +150,8 @@ def analyse(
         recording,
         result,
         session,
-        excitation,
-        load_of(excitation, settings.device) if settings.device else None,
+        dose,
+        load_of(dose, settings.device) if settings.device else None,
         words,
         residuals,
         held_out,

@@ -9,10 +9,12 @@ method, 2 on the protocol.  The others have to be looked up there.
 """
 
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 
 from rpms_ros.errors import ReportError
-from rpms_ros.report.session.excitation import Excitation
+from rpms_ros.report.session.dose import Dose
 
 SOURCE = (
     'Schneider C, Zangrandi A, Sollmann N, Bonfert MV, Beaulieu LD, rPMS Consensus Group. '
@@ -25,8 +27,8 @@ ITEMS_OF_THE_CONSENSUS = {'subject': 8, 'method': 16, 'protocol': 11}
 
 
 @dataclass(frozen=True)
-class ChecklistField:
-    """One item of the checklist.
+class ChecklistItem:
+    """One item of the checklist with what is known of it.
 
     Attributes
     ----------
@@ -36,64 +38,50 @@ class ChecklistField:
         ``subject``, ``method`` or ``protocol``.
     label : str
         What is asked for.
+    value, origin : str or None
+        What is known and where it comes from; None if it is not known.
     """
 
     key: str
     part: str
     label: str
+    value: str | None
+    origin: str | None
 
 
-FIELDS = (
-    ChecklistField('age', 'subject', 'Age'),
-    ChecklistField('sex', 'subject', 'Sex, gender'),
-    ChecklistField('handedness', 'subject', 'Handedness or footedness'),
-    ChecklistField('condition', 'subject', 'Condition of this participant, such as affected side'),
-    ChecklistField('medication', 'subject', 'Prescribed medication, drugs acting on the CNS'),
-    ChecklistField('symptoms', 'subject', 'Symptoms of the condition and their intensity'),
-    ChecklistField('comorbidity', 'subject', 'Comorbidity'),
-    ChecklistField('exclusion_criteria', 'subject', 'Exclusion criteria related to rPMS'),
-    ChecklistField('coil_location', 'method', 'Coil location, and how the place was found'),
-    ChecklistField('coil_type', 'method', 'Coil type: size and geometry'),
-    ChecklistField('coil_orientation', 'method', 'Coil orientation'),
-    ChecklistField('current_direction', 'method', 'Direction of the induced current'),
-    ChecklistField('coil_specifics', 'method', 'Technical data of the coil, such as peak field'),
-    ChecklistField('stimulator', 'method', 'Type of stimulator'),
-    ChecklistField('pulse_duration', 'method', 'Pulse duration'),
-    ChecklistField('paradigm', 'protocol', 'Paradigm of stimulation'),
-    ChecklistField('number_of_pulses', 'protocol', 'Number of pulses'),
+_TEXTS = (
+    ('age', 'subject', 'Age'),
+    ('sex', 'subject', 'Sex, gender'),
+    ('handedness', 'subject', 'Handedness or footedness'),
+    ('condition', 'subject', 'Condition of this participant, such as affected side'),
+    ('medication', 'subject', 'Prescribed medication, drugs acting on the CNS'),
+    ('symptoms', 'subject', 'Symptoms of the condition and their intensity'),
+    ('comorbidity', 'subject', 'Comorbidity'),
+    ('exclusion_criteria', 'subject', 'Exclusion criteria related to rPMS'),
+    ('coil_location', 'method', 'Coil location, and how the place was found'),
+    ('coil_type', 'method', 'Coil type: size and geometry'),
+    ('coil_orientation', 'method', 'Coil orientation'),
+    ('current_direction', 'method', 'Direction of the induced current'),
+    ('coil_specifics', 'method', 'Technical data of the coil, such as peak field'),
+    ('stimulator', 'method', 'Type of stimulator'),
+    ('pulse_duration', 'method', 'Pulse duration'),
+    ('paradigm', 'protocol', 'Paradigm of stimulation'),
+    ('number_of_pulses', 'protocol', 'Number of pulses'),
 )
-KEYS = tuple(field.key for field in FIELDS)
-
-
-@dataclass(frozen=True)
-class ChecklistEntry:
-    """An item with what is known of it.
-
-    Attributes
-    ----------
-    field : ChecklistField
-        The item.
-    value : str
-        Empty if it is not known.
-    origin : str
-        Where the value comes from; empty if it is not known.
-    """
-
-    field: ChecklistField
-    value: str
-    origin: str
+ITEMS = tuple(ChecklistItem(*texts, None, None) for texts in _TEXTS)
+KEYS = tuple(item.key for item in ITEMS)
 
 
 def checklist_of(
-    excitation: Excitation,
+    dose: Dose,
     notes: Mapping[str, str],
     stated: Mapping[str, str] | None = None,
-) -> list[ChecklistEntry]:
+) -> list[ChecklistItem]:
     """Return the items in their order, each with the best that is known.
 
     Parameters
     ----------
-    excitation : Excitation
+    dose : Dose
         Pulses of the recording.
     notes : mapping of str to str
         What the recording notes for people.
@@ -110,42 +98,36 @@ def checklist_of(
         raise ReportError(
             f'expected items of the checklist ({", ".join(KEYS)}), got {", ".join(unknown)}'
         )
-    measured = _measured(excitation)
     sources = (
         (stated, 'stated for this report'),
         (notes, 'notes in the recording'),
-        (measured, 'pulses of the recording'),
+        (_measured(dose), 'pulses of the recording'),
     )
-    return [_entry(field, sources) for field in FIELDS]
+    return [_filled(item, sources) for item in ITEMS]
 
 
-def _entry(
-    field: ChecklistField, sources: tuple[tuple[Mapping[str, str], str], ...]
-) -> ChecklistEntry:
+def _filled(
+    item: ChecklistItem, sources: Sequence[tuple[Mapping[str, str], str]]
+) -> ChecklistItem:
     for values, origin in sources:
-        if values.get(field.key, '').strip():
-            return ChecklistEntry(field, values[field.key].strip(), origin)
-    return ChecklistEntry(field, '', '')
+        if value := values.get(item.key, '').strip():
+            return replace(item, value=value, origin=origin)
+    return item
 
 
-def _measured(excitation: Excitation) -> dict[str, str]:
+def _measured(dose: Dose) -> dict[str, str]:
     """Return what the pulses themselves tell."""
-    if not excitation.pulses:
+    if dose.intensity is None:
         return {}
-    known = {'number_of_pulses': str(excitation.pulses), 'paradigm': _paradigm(excitation)}
-    if excitation.widths:
-        known['pulse_duration'] = _range(excitation.widths[0], excitation.widths[-1], 1e6, 'µs')
-    return known
-
-
-def _paradigm(excitation: Excitation) -> str:
-    plural = 's' if excitation.trains > 1 else ''
-    text = f'{excitation.trains} train{plural}'
-    if excitation.rates_hz:
-        text += f' at {excitation.rates_hz[1]:.4g} Hz (median)'
-    low, high = float(excitation.intensity.min()), float(excitation.intensity.max())
-    intensity = _range(low, high, 100.0, '%')
-    return f'{text}, {excitation.stimulated_s:.4g} s within trains, intensity {intensity}'
+    paradigm = f'{dose.trains} train{"s" if dose.trains > 1 else ""}'
+    if dose.rate_hz:
+        paradigm += f' at {dose.rate_hz["median"]:.4g} Hz (median)'
+    intensity = _range(dose.intensity['lowest'], dose.intensity['highest'], 100.0, '%')
+    return {
+        'number_of_pulses': str(dose.pulses),
+        'paradigm': f'{paradigm}, {dose.stimulated_s:.4g} s within trains, intensity {intensity}',
+        'pulse_duration': _range(dose.pulse_width_s[0], dose.pulse_width_s[-1], 1e6, 'µs'),
+    }
 
 
 def _range(low: float, high: float, scale: float, unit: str) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import StringIO
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,26 +12,38 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rpms_ros.errors import ReportError
+from rpms_ros.report.session import panels
 from rpms_ros.report.session.analysis import SessionAnalysis
-from rpms_ros.report.session.panels import draw_force
-from rpms_ros.report.session.panels import draw_held_out
-from rpms_ros.report.session.panels import draw_parameters
-from rpms_ros.report.session.panels import draw_recruitment
-from rpms_ros.report.session.panels import draw_residuals
-from rpms_ros.report.session.panels import draw_response
-from rpms_ros.report.session.panels import draw_schedule
 
 Draw = Callable[[list[Axes], SessionAnalysis], None]
 
 _HALF, _FULL = (5.4, 3.5), (11.0, 4.4)
 FIGURES: dict[str, tuple[Draw, tuple[float, float], tuple[int, int]]] = {
-    'recruitment': (draw_recruitment, _HALF, (1, 1)),
-    'response': (draw_response, _HALF, (1, 1)),
-    'parameters': (draw_parameters, _FULL, (2, 1)),
-    'force': (draw_force, _FULL, (2, 1)),
-    'residuals': (draw_residuals, (11.0, 3.4), (1, 2)),
-    'held_out': (draw_held_out, _FULL, (2, 1)),
-    'schedule': (draw_schedule, _FULL, (2, 1)),
+    'recruitment': (
+        lambda axes, one: panels.draw_recruitment(axes[0], one.session, one.dose),
+        _HALF,
+        (1, 1),
+    ),
+    'response': (
+        lambda axes, one: panels.draw_response(
+            axes[0], one.session, one.result.impulse_response.force
+        ),
+        _HALF,
+        (1, 1),
+    ),
+    'parameters': (lambda axes, one: panels.draw_parameters(axes, one.session), _FULL, (2, 1)),
+    'force': (lambda axes, one: panels.draw_force(axes, one.session, one.dose), _FULL, (2, 1)),
+    'residuals': (
+        lambda axes, one: panels.draw_residuals(axes, one.residuals),
+        (11.0, 3.4),
+        (1, 2),
+    ),
+    'held_out': (
+        lambda axes, one: panels.draw_held_out(axes, one.session, one.held_out),
+        _FULL,
+        (2, 1),
+    ),
+    'schedule': (lambda axes, one: panels.draw_schedule(axes, one.dose), _FULL, (2, 1)),
 }
 """How each figure is drawn, its size [inch] and its rows and columns, by name."""
 
@@ -53,6 +65,9 @@ _STYLE: dict[Any, Any] = {
     # Text stays text: it can be searched, copied and read aloud.
     'svg.fonttype': 'none',
     'path.simplify': True,
+    'path.simplify_threshold': 0.3,
+    # ids that do not change from run to run
+    'svg.hashsalt': 'rpms_ros',
 }
 
 
@@ -62,18 +77,23 @@ def draw(name: str, analysis: SessionAnalysis) -> Figure:
     figure = Figure(figsize=size, layout='constrained', dpi=150)
     axes = figure.subplots(rows, columns, sharex=rows > 1, squeeze=False)
     painter(list(axes.flat), analysis)
-    for place in figure.axes:
-        if place.get_legend_handles_labels()[0]:
-            place.legend(loc='best')
+    label(figure)
     return figure
 
 
-def as_svg(name: str, analysis: SessionAnalysis) -> str:
-    """Return a figure as an SVG element, the same for the same session."""
-    text = StringIO()
-    with style(name):
-        draw(name, analysis).savefig(text, format='svg', metadata={'Date': None, 'Creator': None})
-    return text.getvalue()
+def label(figure: Figure) -> None:
+    """Give each panel that names its lines a legend."""
+    for place in figure.axes:
+        if place.get_legend_handles_labels()[0]:
+            place.legend(loc='best')
+
+
+def as_svg(name: str, analysis: SessionAnalysis) -> bytes:
+    """Return a figure as an SVG file, the same for the same session."""
+    file = BytesIO()
+    with style():
+        draw(name, analysis).savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
+    return file.getvalue()
 
 
 def write_figures(folder: Path, analysis: SessionAnalysis) -> list[Path]:
@@ -88,7 +108,7 @@ def write_figures(folder: Path, analysis: SessionAnalysis) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in FIGURES:
-            with style(name):
+            with style():
                 figure = draw(name, analysis)
                 for ending in ('png', 'svg'):
                     written.append(folder / f'{name}.{ending}')
@@ -99,7 +119,7 @@ def write_figures(folder: Path, analysis: SessionAnalysis) -> list[Path]:
 
 
 @contextmanager
-def style(name: str) -> Iterator[None]:
-    """Draw in the style of the report; `name` keeps the ids of figures on one page apart."""
-    with mpl.rc_context({**_STYLE, 'svg.hashsalt': name}):
+def style() -> Iterator[None]:
+    """Draw in the style of the report."""
+    with mpl.rc_context(_STYLE):
         yield

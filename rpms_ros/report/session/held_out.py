@@ -12,6 +12,7 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.schema import internal
 
 HELD_OUT_SHARE = 0.2
 
@@ -64,26 +65,29 @@ class HeldOutFit:
 
     Attributes
     ----------
-    stamp_ns, force, prediction : ndarray (samples,)
-        The held-out part without samples that lost pulses spoil [ns], [N], [N].
     learnt_s, held_out_s : float
         Lengths of the two parts [s].
+    samples : int
+        Samples of the held-out part, without those that lost pulses spoil.
     relative_error : float
         L2 norm of the residual over that of the force.
     explained_variance : float
         1 - var(residual) / var(force).
     fit_percent : float
         100 (1 - |residual| / |force - mean force|) [%].
+    stamp_ns, force, prediction : ndarray (samples,)
+        The held-out part [ns], [N], [N].
     """
 
-    stamp_ns: IntArray
-    force: FloatArray
-    prediction: FloatArray
     learnt_s: float
     held_out_s: float
+    samples: int
     relative_error: float
     explained_variance: float
     fit_percent: float
+    stamp_ns: IntArray = internal()
+    force: FloatArray = internal()
+    prediction: FloatArray = internal()
 
 
 def boundary(stamp_ns: IntArray, share: float) -> int:
@@ -112,12 +116,13 @@ def held_out_fit(session: IdentifiedSession, first_ns: int) -> HeldOutFit | None
     residual = force - prediction
     spread = float(np.linalg.norm(force - force.mean()))
     return HeldOutFit(
-        session.stamp_ns[kept],
-        force,
-        prediction,
         learnt_s=float(first_ns - session.stamp_ns[0]) * 1e-9,
         held_out_s=float(session.stamp_ns[-1] - first_ns) * 1e-9,
+        samples=len(force),
         relative_error=float(np.linalg.norm(residual) / np.linalg.norm(force)),
         explained_variance=float(1.0 - residual.var() / force.var()),
         fit_percent=float(100.0 * (1.0 - np.linalg.norm(residual) / spread)),
+        stamp_ns=session.stamp_ns[kept],
+        force=force,
+        prediction=prediction,
     )

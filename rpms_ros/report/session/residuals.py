@@ -21,6 +21,7 @@ from scipy.special import chdtrc
 
 from rpms_ros.errors import ReportError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
@@ -41,45 +42,45 @@ class ResidualAnalysis:
     ----------
     samples : int
         Residuals that were looked at.
-    sample_period : float
+    sample_period_s : float
         Median time between two samples [s].
     root_mean_square, mean : float
         Of the residuals [N].
-    lag : ndarray (lags,)
+    lag_s : ndarray (lags,)
         Lags of the autocorrelation [s], from 0.
     autocorrelation : ndarray (lags,)
         r(k); 1 at lag 0.
     autocorrelation_band : float
         95 % band if the residual is white.
-    outside : float
+    autocorrelation_outside : float
         Share of the lags above 0 whose autocorrelation lies outside the band; 0.05 if white.
     ljung_box, ljung_box_lags, ljung_box_p : float, int, float
         Test of whiteness: statistic, lags, probability of a larger one if white.
-    cross_lag : ndarray (cross lags,)
+    cross_lag_s : ndarray (cross lags,)
         Time from a pulse to the residual [s]; negative lags are before the pulse.
     cross_correlation : ndarray (cross lags,)
         c(k); empty if the span holds no pulse or pulses of one intensity at every sample.
-    cross_band : float
+    cross_correlation_band : float
         95 % band if residual and input are independent.
-    cross_outside : float
+    cross_correlation_outside : float
         Share of the lags from 0 on that lie outside it.
     """
 
     samples: int
-    sample_period: float
+    sample_period_s: float
     root_mean_square: float
     mean: float
-    lag: FloatArray
+    lag_s: FloatArray
     autocorrelation: FloatArray
     autocorrelation_band: float
-    outside: float
+    autocorrelation_outside: float
     ljung_box: float
     ljung_box_lags: int
     ljung_box_p: float
-    cross_lag: FloatArray
+    cross_lag_s: FloatArray
     cross_correlation: FloatArray
-    cross_band: float
-    cross_outside: float
+    cross_correlation_band: float
+    cross_correlation_outside: float
 
 
 def analyse_residuals(
@@ -116,25 +117,25 @@ def analyse_residuals(
     band = BAND_95 / np.sqrt(count)
     statistic, p_value = ljung_box(auto[1:], count)
     early = min(round(_EARLIEST_LAG / period), longest)
-    excitation = excitation_of(stamp_ns, pulses)
-    cross, cross_band = _cross(excitation, centred, auto, early, longest)
+    stimulation = stimulation_at(stamp_ns, pulses)
+    cross, cross_band = _cross(stimulation, centred, auto, early, longest)
     causal = cross[early:]
     return ResidualAnalysis(
         samples=count,
-        sample_period=period,
+        sample_period_s=period,
         root_mean_square=float(np.sqrt(np.mean(residual**2))),
         mean=float(residual.mean()),
-        lag=_lags(0, longest, period),
+        lag_s=_lags(0, longest, period),
         autocorrelation=auto,
         autocorrelation_band=float(band),
-        outside=float(np.mean(np.abs(auto[1:]) > band)),
+        autocorrelation_outside=_share(np.abs(auto[1:]) > band),
         ljung_box=statistic,
         ljung_box_lags=longest,
         ljung_box_p=p_value,
-        cross_lag=_lags(early, longest, period) if len(cross) else np.empty(0),
+        cross_lag_s=_lags(early, longest, period) if len(cross) else np.empty(0),
         cross_correlation=cross,
-        cross_band=cross_band,
-        cross_outside=float(np.mean(np.abs(causal) > cross_band)) if len(causal) else 0.0,
+        cross_correlation_band=cross_band,
+        cross_correlation_outside=_share(np.abs(causal) > cross_band),
     )
 
 
@@ -174,7 +175,7 @@ def correlation(first: FloatArray, second: FloatArray, before: int, after: int) 
     return chosen
 
 
-def excitation_of(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
+def stimulation_at(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
     """Return the intensity of the pulses since the sample before (samples,) [1].
 
     A pulse counts for the first sample at or after its onset; those outside the span do not.
@@ -187,19 +188,23 @@ def excitation_of(stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
     ).astype(np.float64)
 
 
+def _share(chosen: BoolArray) -> float:
+    return float(np.mean(chosen)) if len(chosen) else 0.0
+
+
 def _lags(before: int, after: int, period: float) -> FloatArray:
     return np.arange(-before, after + 1, dtype=np.float64) * period
 
 
 def _cross(
-    excitation: FloatArray, centred: FloatArray, auto: FloatArray, early: int, longest: int
+    stimulation: FloatArray, centred: FloatArray, auto: FloatArray, early: int, longest: int
 ) -> tuple[FloatArray, float]:
     """Return c(k), k = -early..longest, and its band."""
-    if np.ptp(excitation) == 0.0:
+    if np.ptp(stimulation) == 0.0:
         return np.empty(0), 0.0
-    excitation = excitation - excitation.mean()
-    cross = correlation(excitation, centred, early, longest)
-    own = correlation(excitation, excitation, 0, longest)
+    stimulation = stimulation - stimulation.mean()
+    cross = correlation(stimulation, centred, early, longest)
+    own = correlation(stimulation, stimulation, 0, longest)
     # Both autocorrelations are even; lags beyond the longest are taken as nothing.
     variance = (1.0 + 2.0 * float(auto[1:] @ own[1:])) / len(centred)
     # An estimate of a variance may come out below that of white noise over few samples.

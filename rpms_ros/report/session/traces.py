@@ -16,12 +16,12 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 
-MOST_SAMPLES = 60_000
+MOST_SAMPLES = 50_000
 """Up to so many samples are kept one by one."""
 ENVELOPE_BINS = 6000
 WINDOW = 10.0
 """Length of a window that is kept sample by sample [s]."""
-_MOST_IN_WINDOW = 20_000
+_MOST_IN_WINDOW = 10_000
 MOST_ESTIMATES = 4000
 """Of more, parameter paths show evenly spaced ones: a path has more points than a page pixels."""
 
@@ -97,20 +97,20 @@ def _window(session: IdentifiedSession, elapsed: FloatArray, window: Window) -> 
 
 
 def _envelope(session: IdentifiedSession, elapsed: FloatArray) -> dict[str, Any]:
-    """Return minima and maxima over runs of equally many samples."""
+    """Return minimum and maximum, one after the other, of runs of equally many samples."""
     starts = np.unique(np.linspace(0, len(elapsed), ENVELOPE_BINS, endpoint=False).astype(int))
+    middles = (starts + np.append(starts[1:], len(elapsed))) // 2
     series = {
         'measured': session.force,
         'modelled': session.prediction,
         'residual': session.force - session.prediction,
     }
-    packed: dict[str, Any] = {'time': encoded(elapsed[starts])}
-    for name, values in series.items():
-        packed[name] = [
-            encoded(np.minimum.reduceat(values, starts)),
-            encoded(np.maximum.reduceat(values, starts)),
-        ]
-    return packed
+    extremes = {
+        name: [np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)]
+        for name, values in series.items()
+    }
+    columns = {'time': [elapsed[starts], elapsed[middles]], **extremes}
+    return {name: encoded(np.stack(pair, axis=1).ravel()) for name, pair in columns.items()}
 
 
 def thinned(estimates: list[Estimate]) -> list[Estimate]:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rpms_ros.cli.identified import IdentificationOptions
-from rpms_ros.cli.identified import as_document as identified_document
 from rpms_ros.cli.identified import identified
 from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.muscle import Contraction
@@ -18,6 +17,7 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
 from rpms_ros.report.recorded import recorded_words
+from rpms_ros.report.result import result_of
 from rpms_ros.report.session import SessionAnalysis
 from rpms_ros.report.session import analyse
 from rpms_ros.report.session import as_document
@@ -49,7 +49,7 @@ def _make_analysis(path: Path, settings: ReportSettings | None = None) -> Sessio
         recording,
         recorded_words(path),
         session,
-        identified_document(recording, session),
+        result_of(recording, session),
         RecursiveEstimator,
         settings,
     )

@@ -1,6 +1,7 @@
-"""Held-out fit, excitation, checklist and traces of a report."""
+"""Held-out fit, dose, checklist and traces of a report."""
 
 import base64
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,11 +21,11 @@ from rpms_ros.recording import write_recording
 from rpms_ros.report.session import SessionAnalysis
 from rpms_ros.report.session import as_document
 from rpms_ros.report.session import traces
-from rpms_ros.report.session.checklist import FIELDS
+from rpms_ros.report.session.checklist import ITEMS
 from rpms_ros.report.session.checklist import ITEMS_OF_THE_CONSENSUS
 from rpms_ros.report.session.checklist import checklist_of
-from rpms_ros.report.session.excitation import excitation_of_pulses
-from rpms_ros.report.session.excitation import load_of
+from rpms_ros.report.session.dose import dose_of
+from rpms_ros.report.session.dose import load_of
 from rpms_ros.report.session.held_out import FrozenFrom
 from rpms_ros.report.session.held_out import boundary
 from rpms_ros.stimulation.device_specification import load_device_specification
@@ -79,39 +80,39 @@ def test_trains_rates_and_energy_are_those_of_the_pulses() -> None:
             PulseTrain.regular([7.0, np.nan], 20.0, START_NS),
         ]
     )
-    found = excitation_of_pulses(train, START_NS)
+    found = dose_of(train, START_NS)
     assert found.onset_s.tolist() == pytest.approx([1.0, 1.05, 4.0, 4.1, 4.2])
     assert (found.pulses, found.trains) == (5, 2)
     assert found.stimulated_s == pytest.approx(0.25)
-    assert found.rates_hz == pytest.approx((10.0, 10.0, 20.0))
+    assert found.rate_hz == pytest.approx({'lowest': 10.0, 'median': 10.0, 'highest': 20.0})
     assert found.full_intensity_pulses == pytest.approx(3.5)
 
 
 def test_without_pulses_there_is_no_train() -> None:
-    found = excitation_of_pulses(PulseTrain.regular([], 20.0), START_NS)
-    assert (found.pulses, found.trains, found.rates_hz) == (0, 0, ())
+    found = dose_of(PulseTrain.regular([], 20.0), START_NS)
+    assert (found.pulses, found.trains, found.rate_hz) == (0, 0, None)
     assert load_of(found, load_device_specification('rapid2-240v')).highest_power_w == 0.0
 
 
 def test_the_load_is_what_the_profile_says() -> None:
     specification = load_device_specification('rapid2-240v')
-    excitation = excitation_of_pulses(PulseTrain.regular(np.ones(20), 20.0), 0)
-    load = load_of(excitation, specification)
+    dose = dose_of(PulseTrain.regular(np.ones(20), 20.0), 0)
+    load = load_of(dose, specification)
     assert load.energy_j == pytest.approx(20 * specification.limits.pulse_energy_j)
     assert load.highest_power_w == pytest.approx(load.energy_j / load.window_s)
     assert specification.thermal is not None
-    assert load.highest_temperature is not None
+    assert load.highest_temperature_celsius is not None
     rise = specification.thermal.coil_share * load.energy_j / specification.thermal.heat_capacity
     # one second of cooling takes less than a hundredth of it away
-    assert load.highest_temperature - specification.thermal.ambient == pytest.approx(
+    assert load.highest_temperature_celsius - specification.thermal.ambient == pytest.approx(
         rise, rel=0.01
     )
 
 
 def test_the_checklist_takes_the_best_that_is_known() -> None:
-    excitation = excitation_of_pulses(PulseTrain.regular(np.full(40, 0.6), 20.0), 0)
+    dose = dose_of(PulseTrain.regular(np.full(40, 0.6), 20.0), 0)
     notes = {'coil_type': ' round ', 'age': '40', 'number_of_pulses': ''}
-    entries = {one.field.key: one for one in checklist_of(excitation, notes, {'age': '41'})}
+    entries = {one.key: one for one in checklist_of(dose, notes, {'age': '41'})}
     assert (entries['age'].value, entries['age'].origin) == ('41', 'stated for this report')
     assert (entries['coil_type'].value, entries['coil_type'].origin) == (
         'round',
@@ -122,19 +123,19 @@ def test_the_checklist_takes_the_best_that_is_known() -> None:
     assert entries['paradigm'].value == (
         '1 train at 20 Hz (median), 1.95 s within trains, intensity 60 %'
     )
-    assert entries['sex'].value == entries['sex'].origin == ''
+    assert entries['sex'].value is entries['sex'].origin is None
 
 
 def test_no_more_items_are_named_than_the_consensus_has() -> None:
     for part, total in ITEMS_OF_THE_CONSENSUS.items():
-        assert 0 < sum(field.part == part for field in FIELDS) <= total
-    assert len({field.key for field in FIELDS}) == len(FIELDS)
+        assert 0 < sum(item.part == part for item in ITEMS) <= total
+    assert len({item.key for item in ITEMS}) == len(ITEMS)
 
 
 def test_an_unknown_item_is_refused() -> None:
-    excitation = excitation_of_pulses(PulseTrain.regular([], 20.0), 0)
+    dose = dose_of(PulseTrain.regular([], 20.0), 0)
     with pytest.raises(ReportError, match='got shoe_size'):
-        checklist_of(excitation, {}, {'shoe_size': '43'})
+        checklist_of(dose, {}, {'shoe_size': '43'})
 
 
 def decoded(text: str) -> np.ndarray:
@@ -161,14 +162,30 @@ def test_of_a_long_session_no_extreme_is_lost(
     force = analysis.session.force.copy()
     force[7321] = 99.0
     found = traces.force_traces(replace(analysis.session, force=force))
-    low, high = (decoded(text) for text in found['envelope']['measured'])
-    assert len(low) == len(high) == len(decoded(found['envelope']['time'])) == 50
+    low, high = decoded(found['envelope']['measured']).reshape(-1, 2).T
+    time = decoded(found['envelope']['time'])
+    assert 2 * len(low) == 2 * len(high) == len(time) == 100
+    assert (np.diff(time) > 0).all()
     assert (low <= high).all()
     assert (low.min(), high.max()) == (np.float32(force.min()), np.float32(99.0))
     assert [window['label'] for window in found['windows']] == ['start', 'largest residual', 'end']
     worst = found['windows'][1]
     assert worst['start'] <= 7.321 <= worst['start'] + 1.0
     assert np.float32(99.0) in decoded(worst['measured'])
+
+
+@pytest.mark.parametrize('count', [traces.MOST_SAMPLES, 20 * traces.MOST_SAMPLES])
+def test_traces_leave_room_for_the_rest_of_a_page(analysis: SessionAnalysis, count: int) -> None:
+    zeros = np.zeros(count)
+    session = replace(
+        analysis.session,
+        stamp_ns=np.arange(count) * 200_000,
+        force=zeros,
+        prediction=zeros,
+        usable=np.ones(count, dtype=bool),
+    )
+    # of the 1.5 MB of a page
+    assert len(json.dumps(traces.force_traces(session))) < 850_000
 
 
 def test_of_many_estimates_first_and_last_are_kept(

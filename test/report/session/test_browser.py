@@ -17,7 +17,7 @@ from rpms_ros.report.session import FIGURES
 from rpms_ros.report.session import SessionAnalysis
 from rpms_ros.report.session import as_page
 from rpms_ros.report.session import traces
-from rpms_ros.report.session.sections import SECTIONS
+from rpms_ros.report.session.page import SECTIONS
 
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome-stable', 'google-chrome', 'chrome')
 FLAGS = (
@@ -40,11 +40,12 @@ addEventListener('securitypolicyviolation', (event) => noted.refused.push(event.
 </script>"""
 # What a person does with the page; `view` is the span of time that the canvas shows.
 PROBE = """<script>
-const canvas = document.getElementById('force-canvas');
-const view = () => canvas.dataset.view.split(' ').map(Number);
+const plots = document.getElementById('plots');
+const canvas = plots.querySelector('canvas');
+const view = () => plots.dataset.view.split(' ').map(Number);
 const press = (label) => [...document.querySelectorAll('.tools button')]
   .find((one) => one.textContent === label || one.getAttribute('aria-label') === label).click();
-const key = (name) => canvas.dispatchEvent(new KeyboardEvent('keydown', { key: name }));
+const key = (name) => plots.dispatchEvent(new KeyboardEvent('keydown', { key: name }));
 const pixels = () => {
   const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
   let black = 0, grey = 0;
@@ -64,17 +65,22 @@ press('later'); noted.later = view();
 key('0'); noted.reset = view();
 key('+'); key('ArrowLeft'); noted.keys = view();
 key('0');
-const box = canvas.getBoundingClientRect();
-canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: -1000, clientX: box.left + box.width / 2,
-  clientY: box.top + 20, cancelable: true }));
+const box = plots.querySelector('.u-over').getBoundingClientRect();
+const at = (share) => ({ clientX: box.left + share * box.width, clientY: box.top + 20,
+  bubbles: true, cancelable: true });
+canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: -1000, ...at(0.5) }));
 noted.wheel = view();
+canvas.dispatchEvent(new PointerEvent('pointerdown', at(0.5)));
+canvas.dispatchEvent(new PointerEvent('pointermove', at(0.25)));
+canvas.dispatchEvent(new PointerEvent('pointerup', at(0.25)));
+noted.dragged = view();
 const last = noted.labels.find((label) => label === 'end' || label === 'last 2 s');
 press(last); noted.last = view();
 noted.shownLast = document.getElementById('shown').textContent;
 noted.pixels = pixels();
 noted.resources = performance.getEntriesByType('resource').map((one) => one.name);
 noted.headings = [...document.querySelectorAll('h2')].map((one) => one.innerText);
-noted.figures = [...document.querySelectorAll('figure svg')]
+noted.figures = [...document.querySelectorAll('figure img')]
   .map((one) => one.getBoundingClientRect().width);
 noted.overflow = document.documentElement.scrollWidth - innerWidth;
 noted.report = JSON.parse(document.getElementById('report').textContent).title;
@@ -135,7 +141,7 @@ def test_nothing_fails_and_nothing_is_fetched(noted: dict[str, Any]) -> None:
 
 
 def test_all_sections_and_figures_show(noted: dict[str, Any]) -> None:
-    assert noted['headings'] == [heading for _, heading, _ in SECTIONS]
+    assert noted['headings'] == list(SECTIONS.values())
     # the viewer takes the place of the still figure of the force
     assert (noted['viewer'], noted['still']) == (True, False)
     assert sorted(width > 300 for width in noted['figures']) == [False] + [True] * (
@@ -152,7 +158,9 @@ def test_the_force_can_be_zoomed_and_moved(noted: dict[str, Any]) -> None:
     assert noted['later'] == pytest.approx([end / 2, end])
     assert noted['reset'] == noted['all']
     assert noted['keys'] == pytest.approx([end / 8, 5 * end / 8])
-    assert noted['wheel'][1] - noted['wheel'][0] < end / 2
+    length = noted['wheel'][1] - noted['wheel'][0]
+    assert length < end / 2
+    assert noted['dragged'][0] - noted['wheel'][0] == pytest.approx(length / 4, rel=1e-6)
     assert noted['last'] == pytest.approx([end - 2.0, end])
     assert 'every sample' in noted['shownAll']
 

@@ -10,8 +10,8 @@ from rpms_ros.errors import ReportError
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.session.residuals import analyse_residuals
 from rpms_ros.report.session.residuals import correlation
-from rpms_ros.report.session.residuals import excitation_of
 from rpms_ros.report.session.residuals import ljung_box
+from rpms_ros.report.session.residuals import stimulation_at
 
 SAMPLES = 6000
 STAMPS = np.arange(SAMPLES, dtype=np.int64) * 1_000_000
@@ -43,8 +43,10 @@ def test_the_correlation_is_the_sum_that_defines_it(
 def test_white_residuals_look_white_as_often_as_the_band_says() -> None:
     found = [analyse_residuals(STAMPS, noise(seed), PULSES) for seed in range(40)]
     # 5 % of 400 lags in 40 runs: its standard deviation is 0.2 %, the tolerance is five of them
-    assert np.mean([one.outside for one in found]) == pytest.approx(0.05, abs=0.01)
-    assert np.mean([one.cross_outside for one in found]) == pytest.approx(0.05, abs=0.01)
+    outside = np.mean([one.autocorrelation_outside for one in found])
+    assert outside == pytest.approx(0.05, abs=0.01)
+    outside = np.mean([one.cross_correlation_outside for one in found])
+    assert outside == pytest.approx(0.05, abs=0.01)
     # p is uniform: fewer than 12 of 40 below 0.1 but for one case in ten thousand
     assert sum(one.ljung_box_p < 0.1 for one in found) < 12
 
@@ -62,7 +64,7 @@ def test_the_band_of_the_cross_correlation_knows_that_the_residual_is_coloured()
     found = analyse_residuals(STAMPS, smooth, PULSES)
     # wider than for white noise would call five lags in ten significant; 20 % leaves room for
     # the lags, which are no longer independent of each other
-    assert found.cross_outside < 0.2
+    assert found.cross_correlation_outside < 0.2
 
 
 def test_muscle_that_the_model_lacks_shows_after_its_delay() -> None:
@@ -72,8 +74,8 @@ def test_muscle_that_the_model_lacks_shows_after_its_delay() -> None:
     echo[index[inside]] = PULSES.intensity[inside] - 0.5
     found = analyse_residuals(STAMPS, 0.02 * noise(4) + echo, PULSES)
     peak = int(np.argmax(found.cross_correlation))
-    assert found.cross_lag[peak] == pytest.approx(0.04)
-    assert found.cross_correlation[peak] > 3 * found.cross_band
+    assert found.cross_lag_s[peak] == pytest.approx(0.04)
+    assert found.cross_correlation[peak] > 3 * found.cross_correlation_band
 
 
 @given(st.floats(1e-3, 1e3))
@@ -98,13 +100,13 @@ def test_a_pulse_counts_for_the_first_sample_that_it_can_act_on() -> None:
         np.arange(5),
         np.full(5, 1e-4),
     )
-    assert excitation_of(STAMPS, train)[:4].tolist() == [0.2, 0.3, 0.0, 0.0]
+    assert stimulation_at(STAMPS, train)[:4].tolist() == [0.2, 0.3, 0.0, 0.0]
 
 
 def test_without_pulses_there_is_no_cross_correlation() -> None:
     found = analyse_residuals(STAMPS, noise(6), PULSES[:0])
     assert not len(found.cross_correlation)
-    assert not len(found.cross_lag)
+    assert not len(found.cross_lag_s)
 
 
 @pytest.mark.parametrize(

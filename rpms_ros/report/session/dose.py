@@ -1,4 +1,4 @@
-"""Schedule and energy of a session, read off the pulses that were delivered."""
+"""Schedule and dose of a session, read off the pulses that were delivered."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.schedule_figure import window_power
+from rpms_ros.schema import internal
 from rpms_ros.stimulation.device_specification import DeviceSpecification
 from rpms_ros.stimulation.thermal import CoilTemperature
 
@@ -16,37 +17,39 @@ TRAIN_GAP = 1.0
 
 
 @dataclass(frozen=True)
-class Excitation:
+class Dose:
     """What was done to the muscle.
 
     Attributes
     ----------
     pulses : int
         Pulses of valid intensity.
-    onset_s : ndarray (pulses,)
-        Onsets after the start of the session, ascending [s].
-    intensity : ndarray (pulses,)
-        Shares of the maximum.
-    widths : tuple of float
-        Widths that occur [s].
     trains : int
         Runs of pulses without a pause longer than `TRAIN_GAP`.
     stimulated_s : float
         Time within trains [s].
-    rates_hz : tuple of float
-        Lowest, median and highest rate within trains [Hz]; empty without two pulses in a train.
+    rate_hz : dict of str to float, or None
+        ``lowest``, ``median`` and ``highest`` rate within trains [Hz]; None without two pulses in
+        a train.
+    intensity : dict of str to float, or None
+        ``lowest``, ``mean`` and ``highest`` share of the maximum; None without pulses.
+    pulse_width_s : tuple of float
+        Widths that occur [s].
     full_intensity_pulses : float
         Sum of squared intensities: the energy in units of a pulse at full intensity.
+    onset_s, intensities : ndarray (pulses,)
+        Onsets after the start of the session, ascending [s], and shares of the maximum.
     """
 
     pulses: int
-    onset_s: FloatArray
-    intensity: FloatArray
-    widths: tuple[float, ...]
     trains: int
     stimulated_s: float
-    rates_hz: tuple[float, ...]
+    rate_hz: dict[str, float] | None
+    intensity: dict[str, float] | None
+    pulse_width_s: tuple[float, ...]
     full_intensity_pulses: float
+    onset_s: FloatArray = internal()
+    intensities: FloatArray = internal()
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class DeviceLoad:
 
     Attributes
     ----------
-    device : str
+    name : str
         Name of the device specification.
     energy_j : float
         Energy of all pulses [J].
@@ -63,20 +66,20 @@ class DeviceLoad:
         Largest mean power over the device specification's window [W].
     window_s : float
         That window [s].
-    highest_temperature : float or None
+    highest_temperature_celsius : float or None
         Of the coil, from a model that starts at room temperature [Celsius]; None without
         thermal figures.
     """
 
-    device: str
+    name: str
     energy_j: float
     highest_power_w: float
     window_s: float
-    highest_temperature: float | None
+    highest_temperature_celsius: float | None
 
 
-def excitation_of_pulses(pulses: PulseTrain, start_ns: int) -> Excitation:
-    """Return schedule and energy of the pulses of a session.
+def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
+    """Return schedule and dose of the pulses of a session.
 
     Parameters
     ----------
@@ -87,30 +90,34 @@ def excitation_of_pulses(pulses: PulseTrain, start_ns: int) -> Excitation:
     """
     valid = (pulses.intensity >= 0.0) & (pulses.intensity <= 1.0)
     order = np.argsort(pulses.onset_ns[valid], kind='stable')
-    onset = pulses.onset_ns[valid][order]
-    intensity = pulses.intensity[valid][order]
+    onset, intensity = pulses.onset_ns[valid][order], pulses.intensity[valid][order]
     steps = np.diff(onset) / NANOSECONDS_PER_SECOND
     within = (steps <= TRAIN_GAP) & (steps > 0)
-    rates = 1.0 / steps[within]
-    return Excitation(
+    return Dose(
         pulses=len(onset),
-        onset_s=(onset - start_ns) / NANOSECONDS_PER_SECOND,
-        intensity=intensity,
-        widths=tuple(np.unique(pulses.width[valid]).tolist()),
         trains=int(np.count_nonzero(steps > TRAIN_GAP)) + bool(len(onset)),
         stimulated_s=float(steps[within].sum()),
-        rates_hz=(float(rates.min()), float(np.median(rates)), float(rates.max()))
-        if len(rates)
-        else (),
+        rate_hz=_spread(1.0 / steps[within], 'median'),
+        intensity=_spread(intensity, 'mean'),
+        pulse_width_s=tuple(np.unique(pulses.width[valid]).tolist()),
         full_intensity_pulses=float(np.sum(intensity**2)),
+        onset_s=(onset - start_ns) / NANOSECONDS_PER_SECOND,
+        intensities=intensity,
     )
 
 
-def load_of(excitation: Excitation, specification: DeviceSpecification) -> DeviceLoad:
+def _spread(values: FloatArray, middle: str) -> dict[str, float] | None:
+    if not len(values):
+        return None
+    centre = float(np.median(values) if middle == 'median' else values.mean())
+    return {'lowest': float(values.min()), middle: centre, 'highest': float(values.max())}
+
+
+def load_of(dose: Dose, specification: DeviceSpecification) -> DeviceLoad:
     """Return what the pulses come to on a device, E = E_max u^2 a pulse."""
     limits = specification.limits
-    energy = limits.pulse_energy_j * excitation.intensity**2
-    onset = excitation.onset_s
+    energy = limits.pulse_energy_j * dose.intensities**2
+    onset = dose.onset_s
     power = window_power(onset, energy, limits.energy_window_s)
     return DeviceLoad(
         specification.name,

@@ -1,0 +1,156 @@
+"""The result of an identification as one object: what ``rpms identify --json`` prints."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from rpms_ros.identification import CONVERGED
+from rpms_ros.identification import INFORMED
+from rpms_ros.identification import NOT_INFORMED
+from rpms_ros.identification import Estimate
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.muscle import RecruitmentParameters
+from rpms_ros.muscle import identified_recruitment
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import Recording
+from rpms_ros.recording import session_hash
+from rpms_ros.schema import documented
+
+ONE_INTENSITY = (
+    'all pulses have nearly one intensity: only the product of recruitment and dynamics can be '
+    'identified; there is no recruitment curve, and the impulse response is that of a pulse of '
+    'this intensity'
+)
+Value = TypeVar('Value')
+EXCITATION = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """Recruitment curve as steady mean force."""
+
+    intensity: FloatArray = documented('share of the maximum')
+    force: FloatArray = documented('[N]')
+    lower: FloatArray | None = documented('lower end of the interval [N]', default=None)
+    upper: FloatArray | None = documented('upper end of the interval [N]', default=None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpulseResponse:
+    """Force after one pulse at full intensity; without a curve, at the intensity of the pulses."""
+
+    time_s: FloatArray = documented('time after the pulse [s]')
+    force: FloatArray = documented('[N]')
+    lower: FloatArray | None = documented('lower end of the interval [N]', default=None)
+    upper: FloatArray | None = documented('upper end of the interval [N]', default=None)
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A number with its interval."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentificationResult:
+    """What a recording says about the muscle; what cannot be known is null."""
+
+    session_hash: str = documented('hash of pulses and force: the same data, the same hash')
+    estimator: str = documented('name of the algorithm')
+    samples: int = documented('force samples that were processed')
+    pulses: int = documented('pulses that were used')
+    duration_s: float = documented('from the first to the last force sample [s]')
+    rate_hz: float = documented('repetition rate for which the curve is stated [Hz]')
+    recruitment: dict[str, float] | None = documented('parameters of the recruitment curve')
+    curve: Curve | None
+    impulse_response: ImpulseResponse
+    confidence: float | None = documented('level of the intervals', default=None)
+    excitation: dict[str, str] | None = documented(
+        'whether the data determine each parameter', default=None
+    )
+    deviation: dict[str, float] | None = documented(
+        'standard deviation of each parameter', default=None
+    )
+    physiology: dict[str, Stated] | None = documented(
+        'numbers read off the response; the unit stands in the name', default=None
+    )
+    output_error_n: float = documented(
+        'root mean square of measured minus predicted force, after settling [N]'
+    )
+    output_error_of_range: float = documented('the same as share of the range of the force')
+    faults: dict[str, int] = documented('what was wrong with the data, and how often')
+    notes: list[str] = documented('what to beware of')
+
+
+def result_of(recording: Recording, session: IdentifiedSession) -> IdentificationResult:
+    """Return the result of a session; intervals and physiology if the estimator offers them."""
+    last, stamps = session.last, recording.forces.stamp_ns
+    known, names = last.curve_known, last.nonlinear_names
+    flags = [EXCITATION[flag] for flag in last.nonlinear_excitation.tolist()]
+    variance = np.maximum(np.diag(last.nonlinear_covariance), 0.0)
+    return IdentificationResult(
+        session_hash=session_hash(recording),
+        estimator=last.estimator,
+        samples=len(session.stamp_ns),
+        pulses=last.pulses,
+        duration_s=float(stamps.max() - stamps.min()) / NANOSECONDS_PER_SECOND,
+        rate_hz=last.repetition_rate,
+        recruitment=_by_name(names, last.nonlinear.tolist()) if known else None,
+        curve=Curve(
+            intensity=last.curve_intensity,
+            force=last.curve_force,
+            lower=_if_any(last.curve_lower),
+            upper=_if_any(last.curve_upper),
+        )
+        if known
+        else None,
+        impulse_response=ImpulseResponse(
+            time_s=last.response_time,
+            force=impulse_response(recording.pulses, last),
+            lower=_if_any(last.response_lower) if known else None,
+            upper=_if_any(last.response_upper) if known else None,
+        ),
+        confidence=last.confidence or None,
+        excitation=_by_name(names, flags),
+        deviation=_by_name(names, np.sqrt(variance).tolist()),
+        physiology=_by_name(last.physiology_names, _physiology(last)),
+        output_error_n=session.output_error.newton,
+        output_error_of_range=session.output_error.of_range,
+        faults={**recording.facts.faults, **last.faults},
+        notes=[*recording.facts.remarks, *([] if known else [ONE_INTENSITY])],
+    )
+
+
+def impulse_response(pulses: PulseTrain, estimate: Estimate) -> FloatArray:
+    """Return the response to one pulse (times,) [N].
+
+    At full intensity; where the recruitment is not known, at the intensity of the pulses, since
+    the response to any other would be made up.
+    """
+    if estimate.curve_known:
+        return estimate.response_force
+    parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
+    applied = float(np.median(pulses.intensity))
+    share = identified_recruitment(parameters, applied) / identified_recruitment(parameters, 1.0)
+    return estimate.response_force * float(share)
+
+
+def _physiology(estimate: Estimate) -> list[Stated]:
+    columns = (estimate.physiology, estimate.physiology_lower, estimate.physiology_upper)
+    return [Stated(*row) for row in np.stack(columns, axis=1).tolist()]
+
+
+def _by_name(names: Sequence[str], values: Sequence[Value]) -> dict[str, Value] | None:
+    """Return values by their names, None if there are none."""
+    return dict(zip(names, values, strict=True)) if len(values) else None
+
+
+def _if_any(values: FloatArray) -> FloatArray | None:
+    return values if len(values) else None
