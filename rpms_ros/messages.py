@@ -161,6 +161,7 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = ''
         nonlinear_excitation=array('B', [int(item) for item in estimate.nonlinear_excitation]),
         fault_names=[str(name) for name in estimate.faults],
         fault_counts=array('Q', [int(count) for count in estimate.faults.values()]),
+        doubts=[str(name) for name in estimate.doubts],
         **fields,
     )
 
@@ -187,6 +188,8 @@ def estimate_of(message: Any) -> Estimate:
         nonlinear_covariance=covariance.reshape(size, size),
         nonlinear_excitation=np.array(message.nonlinear_excitation, dtype=np.int64),
         faults=dict(zip(names, counts, strict=True)),
+        # Recordings made before there were doubts have none.
+        doubts=tuple(getattr(message, 'doubts', ())),
         **fields,
     )
 

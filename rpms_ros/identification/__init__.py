@@ -24,7 +24,7 @@ from rpms_ros.identification.settings import RecruitmentBounds
 from rpms_ros.identification.settings import RecursiveSettings
 from rpms_ros.identification.settings import settings_by_name
 from rpms_ros.identification.stream import IdentificationStream
-from rpms_ros.identification.stream import StreamSettings
+from rpms_ros.identification.stream_settings import StreamSettings
 
 __all__ = [
     'CONVERGED',

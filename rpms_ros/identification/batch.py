@@ -64,6 +64,7 @@ class BatchEstimator(ProjectionEstimator):
     """
 
     name = 'batch'
+    on_line = False
 
     def __init__(
         self,

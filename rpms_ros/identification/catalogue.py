@@ -34,6 +34,9 @@ ESTIMATORS: dict[str, Callable[[str, int, float], Estimator]] = {
 }
 """What makes a fresh estimator of a preset, a seed and a rate [Hz], by name."""
 
+ON_LINE = ('recursive', 'horizon')
+"""Estimators for which an estimate costs the same however long the session."""
+
 
 def estimator_by_name(
     name: str,

@@ -64,6 +64,9 @@ class Estimate:
         What was used.
     faults : mapping of str to int
         What went wrong since the start, and how often.
+    doubts : tuple of str
+        The faults that concern so many samples that the numbers above may be wrong by more than
+        their intervals say; empty if there is nothing of that kind.
     """
 
     stamp_ns: int
@@ -94,6 +97,7 @@ class Estimate:
     physiology_upper: FloatArray = field(default_factory=_empty)
     confidence: float = 0.0
     faults: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    doubts: tuple[str, ...] = ()
 
     @property
     def curve_known(self) -> bool:
@@ -111,6 +115,10 @@ class Estimator(Protocol):
     @property
     def memory(self) -> float:
         """Longest time for which a pulse acts on the model's output [s]."""
+
+    @property
+    def on_line(self) -> bool:
+        """Whether an estimate costs the same however much has come before."""
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""

@@ -1,47 +1,104 @@
 """Names of what can go wrong with the data of an identification, each with its meaning."""
 
+from collections.abc import Mapping
+
 FORCE_NOT_FINITE = 'force_not_finite'
+FORCE_OUT_OF_BOUNDS = 'force_out_of_bounds'
+FORCE_DUPLICATE = 'force_duplicate'
+FORCE_CONFLICT = 'force_conflict'
 FORCE_STAMP_NOT_AFTER_LAST = 'force_stamp_not_after_last'
 FORCE_STAMP_ALONE = 'force_stamp_alone'
 FORCE_GAP = 'force_gap'
+FORCE_QUEUE_FULL = 'force_queue_full'
+FORCE_SPIKE = 'force_spike'
+FORCE_ARTIFACT = 'force_artifact'
+FORCE_ALTERNATING = 'force_alternating'
+FORCE_FROZEN = 'force_frozen'
+FORCE_CLIPPED = 'force_clipped'
+FORCE_CONSTANT = 'force_constant'
+FORCE_UNEXPLAINED = 'force_unexplained'
+FORCE_PUBLISHERS = 'force_publishers'
 CLOCK_JUMP = 'clock_jump'
 PULSE_INTENSITY_INVALID = 'pulse_intensity_invalid'
 PULSE_LOST = 'pulse_lost'
 PULSE_LATE = 'pulse_late'
 PULSE_DUPLICATE = 'pulse_duplicate'
+PULSE_TOO_CLOSE = 'pulse_too_close'
+PULSE_FAR_AHEAD = 'pulse_far_ahead'
 PULSE_SEQUENCE_RESTART = 'pulse_sequence_restart'
 PULSE_SEQUENCE_STUCK = 'pulse_sequence_stuck'
+PULSE_PUBLISHERS = 'pulse_publishers'
 SAMPLES_EXCLUDED = 'samples_excluded'
+MONITOR_FAILED = 'monitor_failed'
 
-MEANING = {
+MEANING: Mapping[str, str] = {
     FORCE_NOT_FINITE: 'force samples that were NaN or infinite, dropped',
-    FORCE_STAMP_NOT_AFTER_LAST: 'force samples stamped like or before their predecessor, dropped',
+    FORCE_OUT_OF_BOUNDS: 'force samples beyond `largest_force`, dropped',
+    FORCE_DUPLICATE: 'force samples that came twice, stamp and value; the second is dropped',
+    FORCE_CONFLICT: 'force samples with the stamp of the one before and another value; neither is '
+    'learnt from',
+    FORCE_STAMP_NOT_AFTER_LAST: 'force samples stamped before their predecessor, dropped; from '
+    'three a second on, as two sensors on one topic make them, learning waits',
     FORCE_STAMP_ALONE: 'force samples stamped far from those before and after them, dropped',
     FORCE_GAP: 'gaps in the force longer than allowed; learning waits for one memory after it',
+    FORCE_QUEUE_FULL: 'force samples for which there was no room while they waited, dropped',
+    FORCE_SPIKE: 'force samples that leave the course of their neighbours for less than 10 ms; '
+    'not learnt from',
+    FORCE_ARTIFACT: 'the same within 10 ms after a pulse, as a stimulation artifact; not learnt '
+    'from',
+    FORCE_ALTERNATING: 'force samples that jump between two courses, as two sensors on one topic '
+    'do; not learnt from',
+    FORCE_FROZEN: 'force samples of a sensor that repeats one value where it varied before; not '
+    'learnt from',
+    FORCE_CLIPPED: 'force samples at the end of the range of the sensor; not learnt from',
+    FORCE_CONSTANT: 'force samples that had not changed in any bit for three seconds',
+    FORCE_UNEXPLAINED: 'force samples far from their prediction while it was good before: a '
+    'disturbance, or the muscle has changed',
+    FORCE_PUBLISHERS: 'seconds in which the force had more than one publisher (node only)',
     CLOCK_JUMP: 'jumps of the stamps back in time; pulses that still acted are forgotten',
     PULSE_INTENSITY_INVALID: 'pulses whose intensity was not within 0..1; treated as lost',
     PULSE_LOST: 'pulses missing in the sequence; learning stops while they could act',
     PULSE_LATE: 'pulses that came after their samples were used; treated as lost',
     PULSE_DUPLICATE: 'pulses that came twice; the second is dropped',
-    PULSE_SEQUENCE_RESTART: 'sequences that started anew, as after a restart of the driver',
+    PULSE_TOO_CLOSE: 'pulses less than 0.2 ms after another, as no stimulator gives them; treated '
+    'as lost',
+    PULSE_FAR_AHEAD: 'pulses stamped more than 10 s after the force, which did not follow within '
+    '10 s, or more than could be kept; dropped',
+    PULSE_SEQUENCE_RESTART: 'sequences that started anew, as after a restart of the driver; '
+    'learning waits if it happens twice within 10 s, as with two drivers',
     PULSE_SEQUENCE_STUCK: 'pulses of a driver that does not count them; losses cannot show',
+    PULSE_PUBLISHERS: 'seconds in which pulses had more than one publisher (node only)',
     SAMPLES_EXCLUDED: 'force samples that were predicted but not learnt from',
+    MONITOR_FAILED: 'monitors that raised an exception and were taken out',
 }
 
 
 class FaultCounter:
-    """Counts faults by name."""
+    """Counts faults by name.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    further : mapping of str to str
+        Faults besides `MEANING` that may be counted, with what they mean.
+    """
+
+    def __init__(self, further: Mapping[str, str] | None = None) -> None:
+        self._meaning = {**MEANING, **(further or {})}
         self._counts: dict[str, int] = {}
 
     def add(self, name: str, count: int = 1) -> None:
-        """Count `count` more faults of a kind named in `MEANING`."""
-        if name not in MEANING:
-            raise KeyError(f'expected a fault of {", ".join(MEANING)}, got {name}')
+        """Count `count` more faults of a known kind."""
+        if name not in self._meaning:
+            raise KeyError(f'expected a fault of {", ".join(self._meaning)}, got {name}')
         if count:
             self._counts[name] = self._counts.get(name, 0) + count
 
+    def copy(self) -> 'FaultCounter':
+        """Return a counter of its own with the same counts."""
+        other = FaultCounter(self._meaning)
+        other._counts = dict(self._counts)
+        return other
+
     def counts(self) -> dict[str, int]:
-        """Return the counts so far, in the order of `MEANING`: no order of arrival shows in it."""
-        return {name: self._counts[name] for name in MEANING if name in self._counts}
+        """Return the counts so far, always in one order: no order of arrival shows in it."""
+        return {name: self._counts[name] for name in self._meaning if name in self._counts}

@@ -5,11 +5,11 @@ settled pulses are compared with their predecessors, so the answer depends on st
 sequence numbers alone, not on the order or the moment of arrival.
 """
 
-from collections import deque
-
 import numpy as np
 
 from rpms_ros.identification import faults
+from rpms_ros.identification.far_pulses import MOST_PULSES
+from rpms_ros.identification.far_pulses import FarPulses
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -17,13 +17,16 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 
 SEQUENCE_PERIOD = 2**32
-_LONG_AGO = -(2**63)
+LONG_AGO = -(2**63)
 _MANY_ARRIVALS = 1000
-_KEPT_REJECTED = 100
+# Pulses less than this apart are no pulses of one stimulator [ns].
+_CLOSEST_NS = 200_000
+# A second restart of the sequence within this time is no restart of the driver [ns].
+_RESTARTS_NS = 10_000_000_000
 
 
 class PulseQueue:
-    """Orders pulses by onset and finds lost, late, doubled and unusable ones.
+    """Orders pulses by onset and finds lost, doubled and unusable ones.
 
     Parameters
     ----------
@@ -41,23 +44,20 @@ class PulseQueue:
         self._counter = counter
         self._arrived: list[PulseTrain] = []
         self._ordered = PulseTrain.of([])
-        self._settled_ns = _LONG_AGO
+        self._far = FarPulses()
         self._last_onset_ns: int | None = None
         self._last_sequence = 0
+        self._last_restart_ns = LONG_AGO
         self._unknown: list[tuple[int, int]] = []
-        self._rejected: deque[tuple[int, PulseTrain]] = deque(maxlen=_KEPT_REJECTED)
 
-    def add(self, pulses: PulseTrain) -> None:
-        """Add pulses, in any order."""
-        if not len(pulses):
-            return
-        late = pulses.onset_ns <= self._settled_ns
-        for onset in pulses.onset_ns[late]:
-            self._reject_late(int(onset))
-        if late.any():
-            self._rejected.append((self._settled_ns, pulses[late]))
-        if not late.all():
-            self._arrived.append(pulses[~late])
+    def add(self, pulses: PulseTrain, newest_ns: int | None = None) -> None:
+        """Add pulses, in any order, none too late.
+
+        `newest_ns` is the newest stamp of the force when they came, None before the first.
+        """
+        near = self._far.take(pulses, newest_ns)
+        if len(near):
+            self._arrived.append(near)
         if len(self._arrived) > _MANY_ARRIVALS:
             # No force comes: one array instead of many small ones.
             self._merge_arrived()
@@ -72,7 +72,9 @@ class PulseQueue:
         intensity : ndarray, shape (pulses,)
             Shares of the maximum, 0..1.
         """
-        self._settled_ns = max(self._settled_ns, until_ns)
+        come_near, given_up = self._far.come_near(until_ns)
+        self._counter.add(faults.PULSE_FAR_AHEAD, given_up)
+        self._arrived += come_near
         self._merge_arrived()
         due = int(np.searchsorted(self._ordered.onset_ns, until_ns, side='right'))
         train, self._ordered = self._ordered[:due], self._ordered[due:]
@@ -91,30 +93,31 @@ class PulseQueue:
 
     def exclude(self, start_ns: int, end_ns: int) -> None:
         """Mark the span after `start_ns` up to `end_ns` as touched by unknown pulses."""
-        self._unknown.append((start_ns, end_ns))
+        apart = []
+        for start, end in self._unknown:
+            if end < start_ns or start > end_ns:
+                apart.append((start, end))
+            else:
+                start_ns, end_ns = min(start, start_ns), max(end, end_ns)
+        self._unknown = [*apart, (start_ns, end_ns)]
 
     def restart(self) -> None:
-        """Forget everything but the sequence: the clock has jumped.
-
-        Pulses that came too late just now may have been the first ones of the new time line,
-        faster than its first force sample.
-        """
-        recent_ns = self._settled_ns - 2 * self._pulse_look_ahead_ns - self._memory_ns
-        self._arrived = [train for since_ns, train in self._rejected if since_ns >= recent_ns]
-        self._rejected.clear()
+        """Forget everything but the sequence: the clock has jumped."""
+        self._arrived = []
         self._ordered = PulseTrain.of([])
+        self._far = FarPulses()
         self._unknown = []
-        self._settled_ns = _LONG_AGO
         self._last_onset_ns = None
+        self._last_restart_ns = LONG_AGO
 
     def _merge_arrived(self) -> None:
         if self._arrived:
             self._ordered = _merge([self._ordered, *self._arrived])
             self._arrived = []
-
-    def _reject_late(self, onset_ns: int) -> None:
-        self._counter.add(faults.PULSE_LATE)
-        self.exclude(onset_ns, onset_ns + self._memory_ns)
+            surplus = len(self._ordered) - MOST_PULSES
+            if surplus > 0:
+                self._counter.add(faults.PULSE_FAR_AHEAD, surplus)
+                self._ordered = self._ordered[:MOST_PULSES]
 
     def _accept(self, train: PulseTrain, index: int) -> bool:
         """Compare one pulse with the one before it; return whether it can be used."""
@@ -133,18 +136,25 @@ class PulseQueue:
     def _in_sequence(self, onset_ns: int, sequence: int) -> bool:
         """Count what the sequence shows; return whether the pulse is a new one."""
         assert self._last_onset_ns is not None
-        if onset_ns == self._last_onset_ns:
+        if onset_ns == self._last_onset_ns and sequence == self._last_sequence:
             self._counter.add(faults.PULSE_DUPLICATE)
             return False
+        if onset_ns - self._last_onset_ns < _CLOSEST_NS:
+            self._counter.add(faults.PULSE_TOO_CLOSE)
+            self.exclude(onset_ns, onset_ns + self._memory_ns)
+            return False
         step = (sequence - self._last_sequence) % SEQUENCE_PERIOD
+        missing_from_ns = max(self._last_onset_ns, onset_ns - self._pulse_look_ahead_ns)
         if step == 0:
             self._counter.add(faults.PULSE_SEQUENCE_STUCK)
         elif step > SEQUENCE_PERIOD // 2:
             self._counter.add(faults.PULSE_SEQUENCE_RESTART)
+            if onset_ns - self._last_restart_ns < _RESTARTS_NS:
+                self.exclude(missing_from_ns, onset_ns + self._memory_ns)
+            self._last_restart_ns = onset_ns
         elif step > 1:
             self._counter.add(faults.PULSE_LOST, step - 1)
-            start = max(self._last_onset_ns, onset_ns - self._pulse_look_ahead_ns)
-            self.exclude(start, onset_ns + self._memory_ns)
+            self.exclude(missing_from_ns, onset_ns + self._memory_ns)
         return True
 
 

@@ -54,6 +54,7 @@ class RecursiveEstimator:
     """
 
     name = 'recursive'
+    on_line = True
 
     def __init__(
         self,

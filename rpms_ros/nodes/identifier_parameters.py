@@ -11,8 +11,9 @@ from rpms_ros.identification import PRESETS
 from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import StreamSettings
-from rpms_ros.identification.catalogue import ESTIMATORS
+from rpms_ros.identification.catalogue import ON_LINE
 from rpms_ros.identification.catalogue import estimator_by_name
+from rpms_ros.identification.monitors import monitors_by_name
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
 
@@ -23,7 +24,7 @@ _STREAM = StreamSettings()
 class IdentifierParameters(NodeParameters):
     """Parameters of the identifier."""
 
-    estimator: str = parameter('recursive', 'Algorithm.', choices=tuple(ESTIMATORS))
+    estimator: str = parameter('recursive', 'Algorithm.', choices=tuple(ON_LINE))
     preset: str = parameter('table_4', 'Design parameters by name.', choices=tuple(PRESETS))
     seed: int = parameter(0, 'Seed of the random start of the Hessian.', minimum=0)
     repetition_rate: float = parameter(
@@ -64,6 +65,15 @@ class IdentifierParameters(NodeParameters):
         unit='s',
         minimum=0.001,
     )
+    largest_force: float = parameter(
+        _STREAM.largest_force,
+        'Larger forces of either sign are no muscle and are dropped.',
+        unit='N',
+        minimum=0.001,
+    )
+    monitors: tuple[str, ...] = parameter(
+        _STREAM.monitors, 'Monitors of the stream, of this package or registered by others.'
+    )
     processing_period: float = parameter(
         0.02,
         'Time between two looks at what has arrived; has no influence on the estimates.',
@@ -74,11 +84,17 @@ class IdentifierParameters(NodeParameters):
     frame_id: str = parameter('muscle', 'Frame of the estimate.')
 
     def __post_init__(self) -> None:
+        if self.estimator == 'batch':
+            raise NodeError(
+                'parameter estimator: expected an estimator that works on line, got batch, which '
+                'fits everything anew for each estimate: use horizon here, and rpms identify '
+                '--estimator batch for the recording'
+            )
         super().__post_init__()
         if self.sign == 0:
             raise NodeError('expected a sign of 1 or -1, got 0')
         try:
-            stream_settings(self)
+            monitors_by_name(stream_settings(self).monitors)
             messages.axis_of(self.axis, self.sign)
         except (IdentificationError, MessageError) as error:
             raise NodeError(str(error)) from error
@@ -91,6 +107,8 @@ def stream_settings(settings: IdentifierParameters) -> StreamSettings:
         pulse_look_ahead=settings.pulse_look_ahead,
         estimate_period=settings.estimate_period,
         longest_gap=settings.longest_gap,
+        largest_force=settings.largest_force,
+        monitors=settings.monitors,
     )
 
 

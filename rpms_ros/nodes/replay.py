@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
+from rpms_ros.identification.arrival import feed
 from rpms_ros.nodes.discovery import reserved_domain
 from rpms_ros.nodes.discovery import use_fast_discovery
 from rpms_ros.nodes.identifier import Identifier
@@ -156,9 +157,10 @@ def _parameters(values: dict[str, Any]) -> IdentifierParameters:
 def _expected(recording: Recording, parameters: IdentifierParameters) -> list[Estimate]:
     """Return the estimates that fall due on line: the held-back end of a recording gives none."""
     stream = build_stream(parameters)
-    stream.add_pulses(recording.pulses)
-    stream.add_forces(recording.forces)
-    return stream.advance()
+    estimates: list[Estimate] = []
+    for _ in feed(stream, recording.pulses, recording.forces):
+        estimates += stream.advance()
+    return estimates
 
 
 def _span(recording: Recording) -> float:

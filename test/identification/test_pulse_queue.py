@@ -13,24 +13,26 @@ from rpms_ros.identification.pulse_queue import PulseQueue
 from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import PulseTrain
 
-MEMORY, LOOK_AHEAD = 350, 100
+MILLISECOND = 1_000_000
+MEMORY, LOOK_AHEAD = 350 * MILLISECOND, 100 * MILLISECOND
 
 
 class Queue:
-    """A queue with milliseconds as nanoseconds, and its counter."""
+    """A queue, told and asked in milliseconds, and its counter."""
 
     def __init__(self) -> None:
         self.counter = FaultCounter()
         self.queue = PulseQueue(MEMORY, LOOK_AHEAD, self.counter)
 
     def add(self, *pulses: tuple[int, float, int]) -> None:
-        self.queue.add(PulseTrain.of([Pulse(*pulse) for pulse in pulses]))
+        train = [Pulse(onset * MILLISECOND, *others) for onset, *others in pulses]
+        self.queue.add(PulseTrain.of(train))
 
     def onsets(self, until: int) -> list[int]:
-        return self.queue.settle(until)[0].tolist()
+        return (self.queue.settle(until * MILLISECOND)[0] // MILLISECOND).tolist()
 
     def unknown(self, *stamps: int) -> list[bool]:
-        return self.queue.unknown(np.array(stamps, dtype=np.int64)).tolist()
+        return self.queue.unknown(MILLISECOND * np.array(stamps, dtype=np.int64)).tolist()
 
 
 @given(st.permutations(range(12)), st.integers(1, 5))
@@ -38,8 +40,8 @@ def test_the_order_of_arrival_does_not_matter(order: list[int], size: int) -> No
     queue = Queue()
     for start in range(0, 12, size):
         queue.add(*((50 * index, index / 12, index) for index in order[start : start + size]))
-    onset, intensity = queue.queue.settle(1000)
-    assert onset.tolist() == list(range(0, 600, 50))
+    onset, intensity = queue.queue.settle(1000 * MILLISECOND)
+    assert (onset // MILLISECOND).tolist() == list(range(0, 600, 50))
     assert intensity.tolist() == [index / 12 for index in range(12)]
     assert queue.counter.counts() == {}
 
@@ -94,32 +96,53 @@ def test_an_impossible_intensity_counts_as_lost(intensity: float) -> None:
     assert queue.unknown(50, 51, 400, 401) == [False, True, True, False]
 
 
-def test_a_late_pulse_is_refused_and_excludes_its_samples() -> None:
+@pytest.mark.parametrize('sequence', [1, 2])
+def test_two_pulses_at_nearly_one_time_are_no_pulses_of_one_stimulator(sequence: int) -> None:
     queue = Queue()
-    queue.add((0, 0.5, 0))
-    queue.onsets(200)
-    queue.add((200, 0.5, 1), (201, 0.5, 2))
-    assert queue.onsets(300) == [201]
-    assert queue.counter.counts() == {'pulse_late': 1, 'pulse_lost': 1}
-    assert queue.unknown(550, 551, 552) == [True, True, False]
+    train = [Pulse(0, 0.5, 0), Pulse(100_000, 0.5, sequence), Pulse(50_000_000, 0.5, 1)]
+    queue.queue.add(PulseTrain.of(train))
+    assert queue.onsets(200) == [0, 50]
+    assert queue.counter.counts() == {'pulse_too_close': 1}
+    assert queue.unknown(0, 1, 350, 351) == [False, True, True, False]
 
 
-def test_pulses_that_outran_a_jump_of_the_clock_are_kept() -> None:
+def test_a_sequence_that_restarts_twice_is_not_learnt_from() -> None:
     queue = Queue()
-    queue.add((10_000, 0.5, 0))
-    queue.onsets(10_100)
-    queue.add((30, 0.5, 1))
-    queue.queue.restart()
-    assert queue.onsets(100) == [30]
+    queue.add((0, 0.5, 7), (50, 0.5, 0), (100, 0.5, 1), (150, 0.5, 0), (200, 0.5, 1))
+    assert queue.onsets(300) == [0, 50, 100, 150, 200]
+    assert queue.counter.counts() == {'pulse_sequence_restart': 2}
+    assert queue.unknown(100, 101, 500, 501) == [False, True, True, False]
 
 
-def test_old_late_pulses_do_not_come_back_with_a_jump() -> None:
+def test_far_pulses_wait_for_the_force_and_are_given_up_when_it_does_not_come() -> None:
     queue = Queue()
-    queue.onsets(10_000)
-    queue.add((30, 0.5, 1))
-    queue.onsets(20_000)
-    queue.queue.restart()
-    assert queue.onsets(100) == []
+    minute = [Pulse(60_000 * MILLISECOND, 0.5, 1), Pulse(10**18, 0.5, 2)]
+    queue.queue.add(PulseTrain.of(minute), newest_ns=0)
+    assert queue.onsets(9_000) == []
+    assert queue.counter.counts() == {}
+    assert queue.onsets(60_000) == [60_000]
+    assert queue.counter.counts() == {'pulse_far_ahead': 1}
+
+
+def test_a_flood_of_pulses_is_bounded_and_the_nearest_are_kept() -> None:
+    queue = Queue()
+    count = 60_000
+    for start_ns in (10**18, 10**17, 10**16):
+        onsets = start_ns + 50 * MILLISECOND * np.arange(count, dtype=np.int64)
+        sequence = np.arange(count, dtype=np.int64)
+        flood = PulseTrain(onsets, np.full(count, 0.5), sequence, np.full(count, 1e-4))
+        queue.queue.add(flood, newest_ns=0)
+    queue.add((50, 0.5, 0))
+    assert queue.queue._far._count == 100_000
+    assert queue.onsets(100) == [50]
+    assert queue.counter.counts() == {'pulse_far_ahead': 80_000}
+
+
+def test_late_spans_are_merged() -> None:
+    queue = Queue()
+    for start in range(1000):
+        queue.queue.exclude(start, start + 500)
+    assert queue.queue._unknown == [(0, 1499)]
 
 
 @settings(max_examples=20)
@@ -130,3 +153,4 @@ def test_pulses_without_force_do_not_pile_up_as_single_messages(count: int) -> N
         queue.add((50 * index, 0.5, index))
     assert len(queue.queue._arrived) <= 1000
     assert len(queue.onsets(50 * count)) == count
+    assert queue.counter.counts() == {}

@@ -14,6 +14,8 @@ from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import StreamSettings
+from rpms_ros.identification.monitors import Monitor
+from rpms_ros.identification.monitors import ProcessedSamples
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
@@ -23,15 +25,24 @@ SECOND = 1000 * MILLISECOND
 START_NS = 1_700_000_000 * SECOND
 
 
+class Sink(Monitor):
+    """Keeps what was processed."""
+
+    def __init__(self) -> None:
+        self.cells: list[ProcessedSamples] = []
+
+    def processed(self, samples: ProcessedSamples) -> dict[str, int]:
+        self.cells.append(samples)
+        return {}
+
+
 class Run:
     """A stream over a recursive estimator that keeps what it processed."""
 
     def __init__(self, settings: StreamSettings | None = None) -> None:
-        self.blocks: list[tuple] = []
+        self.sink = Sink()
         self.estimates: list[Estimate] = []
-        self.stream = IdentificationStream(
-            RecursiveEstimator(seed=1), settings, lambda *block: self.blocks.append(block)
-        )
+        self.stream = IdentificationStream(RecursiveEstimator(seed=1), settings, [self.sink])
 
     def feed(self, forces: ForceTrace, pulses: PulseTrain | None = None) -> 'Run':
         if pulses is not None:
@@ -45,7 +56,8 @@ class Run:
         return self.estimates[-1]
 
     def column(self, place: int) -> np.ndarray:
-        return np.concatenate([block[place] for block in self.blocks])
+        names = ('stamp_ns', 'force', 'prediction', 'usable')
+        return np.concatenate([getattr(cell, names[place]) for cell in self.sink.cells])
 
 
 def uniform(count: int, seed: int = 7) -> FloatArray:
@@ -135,6 +147,10 @@ def curve_of(pulses: PulseTrain, forces: ForceTrace) -> tuple[Estimate, Run]:
 CASES = {
     'force_not_finite': 3,
     'force_stamp_not_after_last': 2,
+    'force_conflict': 1,
+    'force_duplicate': 2,
+    'force_out_of_bounds': 3,
+    'force_spike': 3,
     'force_stamp_alone': 2,
     'pulse_lost': 1,
     'pulse_intensity_invalid': 1,
@@ -146,23 +162,39 @@ CASES = {
 
 def spoil(name: str, pulses: PulseTrain, forces: ForceTrace) -> tuple[PulseTrain, ForceTrace]:
     stamps, values = forces.stamp_ns.copy(), forces.force.copy()
-    if name == 'force_not_finite':
-        values[[100, 3000, 4000]] = math.nan, math.inf, -math.inf
-    elif name == 'force_stamp_not_after_last':
-        stamps[3000], stamps[4000] = stamps[2999], stamps[3900]
-    elif name == 'force_stamp_alone':
-        stamps[3000], stamps[4000] = 0, stamps[3999] + 3600 * SECOND
+    if name == 'force_duplicate':
+        twice = np.insert(np.arange(len(stamps)), [3000, 4000], [2999, 3999])
+        return pulses, ForceTrace(stamps[twice], values[twice])
+    if name.startswith('force'):
+        spoil_forces(name, stamps, values)
     elif name == 'pulse_lost':
         pulses = pulses[np.delete(np.arange(len(pulses)), 60)]
-    elif name == 'pulse_intensity_invalid':
-        pulses.intensity[60] = math.nan
     elif name == 'pulse_duplicate':
         pulses = pulses[np.insert(np.arange(len(pulses)), 60, 60)]
+    elif name == 'pulse_intensity_invalid':
+        pulses.intensity[60] = math.nan
     elif name == 'pulse_sequence_restart':
         pulses.sequence[60:] -= 60
     else:
         pulses.sequence[:] = 0
     return pulses, ForceTrace(stamps, values)
+
+
+def spoil_forces(name: str, stamps: np.ndarray, values: np.ndarray) -> None:
+    """Spoil stamps and values (samples,) in place."""
+    if name == 'force_not_finite':
+        values[[100, 3000, 4000]] = math.nan, math.inf, -math.inf
+    elif name == 'force_out_of_bounds':
+        values[[100, 3000, 4000]] = 1e6, -1e6, 1e300
+    elif name == 'force_spike':
+        # Between the pulses, which come every 50 ms: none is taken for an artifact.
+        values[[3030, 3031, 4030]] += 40.0, 35.0, -3.0
+    elif name == 'force_conflict':
+        stamps[3000] = stamps[2999]
+    elif name == 'force_stamp_not_after_last':
+        stamps[3000], stamps[4000] = stamps[2990], stamps[3900]
+    else:
+        stamps[3000], stamps[4000] = 0, stamps[3999] + 3600 * SECOND
 
 
 @pytest.mark.parametrize('name', CASES)
@@ -234,7 +266,7 @@ def test_a_sensor_that_gives_nan_alone_is_counted_while_it_lasts() -> None:
         stamps = START_NS + MILLISECOND * np.arange(100 * block, 100 * block + 100)
         run.feed(ForceTrace(stamps, np.full(100, math.nan)))
     assert run.stream.fault_counts == {'force_not_finite': 5000}
-    assert len(run.stream._postponed) == 1
+    assert len(run.stream._postponed._waiting) == 1
     assert run.estimates == []
 
 
@@ -256,3 +288,33 @@ def test_a_fault_found_before_the_stream_is_counted() -> None:
 def test_impossible_settings_are_refused(values: dict[str, float], message: str) -> None:
     with pytest.raises(IdentificationError, match=message):
         StreamSettings(**values)
+
+
+@pytest.mark.parametrize('stamped', [-3600, -5])
+def test_pulses_stamped_long_ago_count_as_late_and_cost_nothing(record, stamped: int) -> None:
+    pulses, forces = record(uniform(100), START_NS)
+    run = Run()
+    for start in range(0, 5000, 100):
+        run.feed(part(forces, start, start + 100), pulses[start // 50 : start // 50 + 2])
+        if start == 2000:
+            old = PulseTrain.regular([0.5, 0.5], 20.0, START_NS + stamped * SECOND)
+            run.stream.add_pulses(old)
+    assert run.finish().faults == {'pulse_late': 2}
+
+
+def test_pulses_that_outrun_a_jump_of_the_clock_are_used(record) -> None:
+    first_pulses, first = record(uniform(80), START_NS)
+    later_pulses, later = record(uniform(80, 8), START_NS - 3600 * SECOND, sequence=80)
+    run = Run().feed(first, first_pulses)
+    run.stream.add_pulses(later_pulses[slice(2)])
+    run.feed(part(later, 0, 2)).feed(part(later, 2, 4000), later_pulses[slice(2, 80)])
+    found = run.finish()
+    assert found.faults == {'clock_jump': 1, 'samples_excluded': 351}
+    assert found.pulses == 160
+
+
+def test_samples_that_hardly_advance_are_bounded() -> None:
+    run = Run()
+    count = 150_000
+    run.feed(ForceTrace(START_NS + np.arange(count, dtype=np.int64), np.zeros(count)))
+    assert run.stream.fault_counts == {'force_queue_full': 50_000}

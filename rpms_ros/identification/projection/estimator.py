@@ -54,6 +54,7 @@ class ProjectionEstimator:
     """
 
     name = 'projection'
+    on_line = True
 
     def __init__(
         self,

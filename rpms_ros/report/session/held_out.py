@@ -38,6 +38,11 @@ class FrozenFrom:
         return self._estimator.name
 
     @property
+    def on_line(self) -> bool:
+        """Whether an estimate costs the same however much has come before."""
+        return self._estimator.on_line
+
+    @property
     def memory(self) -> float:
         """Longest time for which a pulse acts on the model's output [s]."""
         return self._estimator.memory

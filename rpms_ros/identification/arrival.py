@@ -1,0 +1,132 @@
+"""A recording into a stream, in the order in which it arrived."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rpms_ros.identification.stream import IdentificationStream
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
+
+BLOCK = 10_000
+# Pulses more than 10 s ahead of the force are far: a block must not make them so.
+_BLOCK_NS = nanoseconds(5.0)
+
+
+def feed(
+    stream: IdentificationStream,
+    pulses: PulseTrain,
+    forces: ForceTrace,
+    samples_before_pulse: IntArray | None = None,
+) -> Iterator[int]:
+    """Add a recording to a stream block by block; yield how many samples each block had.
+
+    Parameters
+    ----------
+    stream : IdentificationStream
+        Where it goes; the caller advances it after each block.
+    pulses, forces : PulseTrain, ForceTrace
+        The recording, in the order in which it was recorded.
+    samples_before_pulse : ndarray of int64 (pulses,) or None
+        How many samples had come when each pulse came; None: pulses come in time.
+    """
+    if samples_before_pulse is None:
+        gap_ns = nanoseconds(stream.settings.longest_gap)
+        samples_before_pulse = in_time(pulses, forces, gap_ns)
+    order = np.argsort(samples_before_pulse, kind='stable')
+    pulses, before = pulses[order], np.asarray(samples_before_pulse, dtype=np.int64)[order]
+    start = 0
+    while start < len(forces):
+        stop = _block_end(forces.stamp_ns, start)
+        first, last = np.searchsorted(before, (start, stop)).tolist()
+        if stop == len(forces):
+            last = len(pulses)
+        _feed_block(stream, pulses, forces, before, slice(start, stop), slice(first, last))
+        yield stop - start
+        start = stop
+    if not len(forces):
+        stream.add_pulses(pulses)
+
+
+def in_time(pulses: PulseTrain, forces: ForceTrace, gap_ns: int) -> IntArray:
+    """Return how many samples come before each pulse (pulses,) if every message comes in time.
+
+    Pulses and samples are given apart, so the n-th jump back of the clock of the one is that of
+    the other.  Pulses that are left over come after all samples.
+    """
+    starts = _line_starts(forces.stamp_ns, gap_ns)
+    onsets = _line_starts(pulses.onset_ns, gap_ns)
+    before = np.full(len(pulses), len(forces), dtype=np.int64)
+    for place, first in enumerate(onsets[: len(starts)]):
+        last = onsets[place + 1] if place + 1 < min(len(onsets), len(starts)) else len(pulses)
+        start = starts[place]
+        stop = starts[place + 1] if place + 1 < len(starts) else len(forces)
+        stamps = np.maximum.accumulate(_settled(forces.stamp_ns[start:stop], gap_ns))
+        # The second sample of a time line confirms that the clock has jumped.
+        least = start + 2 if place else 0
+        found = start + np.searchsorted(stamps, pulses.onset_ns[first:last])
+        before[first:last] = np.minimum(np.maximum(found, least), len(forces))
+    return before
+
+
+def _block_end(stamp_ns: IntArray, start: int) -> int:
+    """Return where a block that begins with sample `start` ends: few seconds, few samples."""
+    stamps = stamp_ns[start : start + BLOCK]
+    far = np.flatnonzero(np.abs(stamps - stamps[0]) > _BLOCK_NS)
+    return start + (int(far[0]) if len(far) else len(stamps))
+
+
+def _feed_block(
+    stream: IdentificationStream,
+    pulses: PulseTrain,
+    forces: ForceTrace,
+    before: IntArray,
+    samples: slice,
+    due: slice,
+) -> None:
+    """Add samples, and the pulses that came before each of them (or after the last of all)."""
+    stamps, values = forces.stamp_ns[samples], forces.force[samples]
+    place = before[due] - samples.start
+    if stream.takes_early(pulses[due], stamps, place):
+        # None of them is late: what matters is that they are there.
+        stream.add_pulses(pulses[due])
+        stream.add_forces(ForceTrace(stamps, values))
+        return
+    begin = 0
+    for index, end in zip(range(due.start, due.stop), place.tolist(), strict=True):
+        if end > begin:
+            stream.add_forces(ForceTrace(stamps[begin:end], values[begin:end]))
+            begin = end
+        stream.add_pulses(pulses[index : index + 1])
+    stream.add_forces(ForceTrace(stamps[begin:], values[begin:]))
+
+
+def _settled(stamp_ns: IntArray, gap_ns: int) -> IntArray:
+    """Return the stamps (samples,), those far ahead and alone replaced by the ones before them.
+
+    One wrong stamp must not make all that follows look late.
+    """
+    settled = stamp_ns.copy()
+    ahead = np.flatnonzero(np.diff(stamp_ns) > gap_ns) + 1
+    for place in ahead.tolist():
+        if place + 1 < len(stamp_ns) and stamp_ns[place + 1] - stamp_ns[place - 1] <= gap_ns:
+            settled[place] = settled[place - 1]
+    return settled
+
+
+def _line_starts(stamp_ns: IntArray, gap_ns: int) -> list[int]:
+    """Return where stamps (n,) go back by more than a gap and stay there, after a leading 0."""
+    back = np.flatnonzero(np.diff(stamp_ns) < -gap_ns) + 1
+    starts = [0]
+    for place in back:
+        # The stamps of a time line go on from its first one; one wrong stamp is no time line.
+        before, here = int(stamp_ns[place - 1]), int(stamp_ns[place])
+        after = int(stamp_ns[place + 1]) if place + 1 < len(stamp_ns) else here
+        jumped_ahead = place > 1 and before - int(stamp_ns[place - 2]) > gap_ns >= (
+            abs(here - int(stamp_ns[place - 2]))
+        )
+        if after < before - gap_ns and not jumped_ahead:
+            starts.append(int(place))
+    return starts

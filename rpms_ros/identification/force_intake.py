@@ -1,0 +1,182 @@
+"""Force samples in the order of arrival in, samples with rising stamps out.
+
+What is no force (not finite, beyond all belief), comes twice or is stamped wrongly is dropped and
+named; a stamp far from its predecessor is believed when a second one follows it.
+"""
+
+from collections import deque
+from typing import Protocol
+
+import numpy as np
+
+from rpms_ros.identification import faults
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+
+# Samples that may wait: a second at 100 kHz.
+MOST_WAITING = 100_000
+# So many samples out of order within so long are no accident [1], [ns].
+_DISORDER = 3
+_DISORDER_NS = NANOSECONDS_PER_SECOND
+
+
+class TimeLine(Protocol):
+    """Who is told what the intake finds."""
+
+    def postpone(self, name: str) -> None:
+        """Count a fault when the samples up to here are processed."""
+
+    def exclude(self, start_ns: int, end_ns: int) -> None:
+        """Do not learn from samples after `start_ns` up to `end_ns`."""
+
+    def meet_gap(self, until_ns: int) -> None:
+        """Go on after a gap that ends with `until_ns`."""
+
+    def jump_back(self, stamp_ns: int) -> None:
+        """Process what waits, then go on from an earlier stamp."""
+
+
+class ForceIntake:
+    """Samples that wait to be processed.
+
+    Parameters
+    ----------
+    line : TimeLine
+        Who is told what is found.
+    longest_gap_ns : int
+        Longest step of the stamps that is believed at once [ns].
+    memory_ns : int
+        How long learning waits after samples in disorder [ns].
+    largest_force : float
+        Largest force of either sign that is believed [N].
+    """
+
+    def __init__(
+        self, line: TimeLine, longest_gap_ns: int, memory_ns: int, largest_force: float
+    ) -> None:
+        self._line = line
+        self.gap_ns = longest_gap_ns
+        self._memory_ns = memory_ns
+        self._largest_force = largest_force
+        self._waiting: list[tuple[IntArray, FloatArray]] = []
+        self._count = 0
+        self.newest_ns: int | None = None
+        self._newest_force = 0.0
+        self._alone: tuple[int, float] | None = None
+        self._out_of_order: deque[int] = deque(maxlen=_DISORDER)
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether a sample waits for another one to confirm its stamp."""
+        return self._alone is not None
+
+    def add(self, forces: ForceTrace) -> None:
+        """Add force samples; bad ones are dropped and counted."""
+        if not len(forces):
+            return
+        finite = np.isfinite(forces.force)
+        with np.errstate(invalid='ignore'):
+            bad = ~(np.abs(forces.force) <= self._largest_force)
+        start = 0
+        for place in (*np.flatnonzero(bad).tolist(), len(bad)):
+            if place > start:
+                self._take(forces.stamp_ns[start:place], forces.force[start:place])
+            if place < len(bad):
+                name = faults.FORCE_OUT_OF_BOUNDS if finite[place] else faults.FORCE_NOT_FINITE
+                self._line.postpone(name)
+            start = place + 1
+
+    def take(self, until_ns: int) -> tuple[IntArray, FloatArray, int]:
+        """Return all that waits (samples,) and how many of it have stamps up to `until_ns`.
+
+        Those do not wait any longer.
+        """
+        if not self._waiting:
+            return np.empty(0, dtype=np.int64), np.empty(0), 0
+        stamps = np.concatenate([stamps for stamps, _ in self._waiting])
+        values = np.concatenate([values for _, values in self._waiting])
+        due = int(np.searchsorted(stamps, until_ns, side='right'))
+        self._waiting = [(stamps[due:], values[due:])] if due < len(stamps) else []
+        self._count = len(stamps) - due
+        return stamps, values, due
+
+    def drop_alone(self) -> None:
+        """Give up the sample whose stamp nothing has confirmed."""
+        if self._alone is not None:
+            self._line.postpone(faults.FORCE_STAMP_ALONE)
+            self._alone = None
+
+    def _take(self, stamps: IntArray, values: FloatArray) -> None:
+        """Take believable samples (samples,), irregular stamps among them."""
+        steps = np.diff(stamps)
+        irregular = np.flatnonzero((steps <= 0) | (steps > self.gap_ns)) + 1
+        ends = np.append(irregular, len(stamps))
+        start = 0
+        while start < len(stamps):
+            if not self._goes_on(int(stamps[start]), float(values[start])):
+                start += 1
+                continue
+            end = int(ends[np.searchsorted(ends, start, side='right')])
+            self._keep(stamps[start:end], values[start:end])
+            start = end
+
+    def _goes_on(self, stamp_ns: int, value: float) -> bool:
+        """Return whether the time line goes on with a sample."""
+        if self.newest_ns is None:
+            return True
+        step = stamp_ns - self.newest_ns
+        if -self.gap_ns <= step <= 0:
+            self._refuse(step, value)
+            return False
+        if abs(step) > self.gap_ns and not self._follow_alone(stamp_ns, value):
+            return False
+        self.drop_alone()
+        return True
+
+    def _keep(self, stamps: IntArray, values: FloatArray) -> None:
+        room = MOST_WAITING - self._count
+        for _ in range(len(stamps) - room):
+            self._line.postpone(faults.FORCE_QUEUE_FULL)
+        if room > 0:
+            self._waiting.append((stamps[:room], values[:room]))
+            self._count += len(stamps[:room])
+        self.newest_ns = int(stamps[-1])
+        self._newest_force = float(values[-1])
+
+    def _refuse(self, step: int, value: float) -> None:
+        """Name a sample stamped like or before its predecessor."""
+        assert self.newest_ns is not None
+        if step == 0 and value == self._newest_force:
+            self._line.postpone(faults.FORCE_DUPLICATE)
+            return
+        if step == 0:
+            self._line.postpone(faults.FORCE_CONFLICT)
+            self._line.exclude(self.newest_ns - 1, self.newest_ns)
+        else:
+            self._line.postpone(faults.FORCE_STAMP_NOT_AFTER_LAST)
+        self._out_of_order.append(self.newest_ns)
+        first_ns = self._out_of_order[0]
+        if len(self._out_of_order) == _DISORDER and self.newest_ns - first_ns <= _DISORDER_NS:
+            self._line.exclude(first_ns - 1, self.newest_ns + self._memory_ns)
+
+    def _follow_alone(self, stamp_ns: int, value: float) -> bool:
+        """Believe a stamp far from its predecessor when a second one follows it.
+
+        One wrong stamp would look like two jumps of the clock.  Returns whether `stamp_ns`
+        confirms the sample that is waiting alone; otherwise it waits in its place.
+        """
+        if self._alone is None or not 0 < stamp_ns - self._alone[0] <= self.gap_ns:
+            self.drop_alone()
+            self._alone = (stamp_ns, value)
+            return False
+        (first_ns, first), self._alone = self._alone, None
+        assert self.newest_ns is not None
+        if first_ns < self.newest_ns:
+            self._line.jump_back(first_ns)
+        else:
+            self._line.meet_gap(first_ns)
+        self._out_of_order.clear()
+        self._keep(np.array([first_ns]), np.array([first]))
+        return True

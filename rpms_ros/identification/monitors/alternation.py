@@ -1,0 +1,71 @@
+"""Two sensors on one topic: the force jumps to and fro between two courses."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from rpms_ros.identification import faults
+from rpms_ros.identification.monitors.interface import Monitor
+from rpms_ros.identification.monitors.interface import Window
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+
+# Neighbours on either side among which one of the same sensor is looked for: two sensors need not
+# take turns.
+_REACH = 3
+_LEAST_SAMPLES = 40
+_MANY_SAMPLES = 150
+# `alternation` of white noise is 0.35 +- 0.02 in windows of 300 and 0.36 +- 0.04 in windows of
+# 100; these are seven and six standard deviations below.
+_LIMIT = 0.2
+_LIMIT_OF_FEW = 0.12
+
+
+class Alternation(Monitor):
+    """Names `force_alternating`."""
+
+    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_ALTERNATING: 0.002}
+
+    def examine(self, window: Window) -> Mapping[str, BoolArray]:
+        """Return all samples of the cell if they alternate between two courses."""
+        limit = _LIMIT if len(window.force) >= _MANY_SAMPLES else _LIMIT_OF_FEW
+        if alternation(window.force) >= limit:
+            return {}
+        return {faults.FORCE_ALTERNATING: np.ones(window.last - window.first, dtype=np.bool_)}
+
+
+def alternation(force: FloatArray) -> float:
+    """Return how far samples are from a line through two neighbours, relative.
+
+    Parameters
+    ----------
+    force : ndarray (samples,)
+        Force [N].
+
+    Returns
+    -------
+    float
+        Mean distance to the best of the lines through one of the three samples before and one of
+        the three after, over the mean distance to the line through the nearest two: 1 on any
+        smooth course, about 0.35 in white noise, 0 where two smooth courses alternate.  1 if
+        there are too few samples.
+    """
+    if len(force) < _LEAST_SAMPLES:
+        return 1.0
+    count = len(force) - 2 * _REACH
+    here = force[_REACH : _REACH + count]
+    middle = 0.5 * (force[_REACH - 1 :][:count] + force[_REACH + 1 :][:count])
+    nearest = best = np.abs(here - middle)
+    for before in range(1, _REACH + 1):
+        for after in range(1, _REACH + 1):
+            earlier, later = force[_REACH - before :][:count], force[_REACH + after :][:count]
+            line = (after * earlier + before * later) / (before + after)
+            best = np.minimum(best, np.abs(here - line))
+    total = float(nearest.sum())
+    if total == 0.0:
+        return 1.0
+    # A sensor with few levels meets a level again by chance: half a level counts as distance.
+    steps = np.abs(np.diff(force))
+    level = float(np.min(steps, initial=np.inf, where=steps > 0.0))
+    return min((float(best.sum()) + 0.5 * level * count) / total, 1.0)

@@ -1,0 +1,55 @@
+"""Force that the model does not explain although it did before."""
+
+from collections import deque
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from rpms_ros.identification import faults
+from rpms_ros.identification.monitors.interface import Monitor
+from rpms_ros.identification.monitors.interface import ProcessedSamples
+
+# Cells that say how large residuals are, and how many of them must have had force explained.
+_CELLS = 30
+_EXPLAINED = 15
+# A residual counts as large beyond so many times the usual one, and beyond this share of the
+# largest force explained within a cell.
+_TIMES = 8.0
+_SHARE = 0.1
+
+
+class Unexplained(Monitor):
+    """Names `force_unexplained`.
+
+    The usual residual is the median over three seconds: a change that lasts is named for half of
+    them and is then the usual.
+    """
+
+    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_UNEXPLAINED: 0.002}
+
+    def __init__(self) -> None:
+        self._residuals: deque[float] = deque(maxlen=_CELLS)
+        self._explained: deque[bool] = deque(maxlen=_CELLS)
+        self._range = 0.0
+
+    def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
+        """Return how many samples the cell has if its residuals are far larger than usual."""
+        used = samples.usable
+        if not used.any():
+            return {}
+        residual = float(np.sqrt(np.mean((samples.force[used] - samples.prediction[used]) ** 2)))
+        explained = float(np.ptp(samples.prediction[used]))
+        known = sum(self._explained) >= _EXPLAINED and len(self._residuals) == _CELLS
+        usual = float(np.median(self._residuals)) if known else np.inf
+        large = max(_TIMES * usual, _SHARE * self._range)
+        self._residuals.append(residual)
+        self._explained.append(explained > 3.0 * residual)
+        if self._explained[-1]:
+            self._range = max(self._range, explained)
+        return {faults.FORCE_UNEXPLAINED: int(used.sum())} if residual > large else {}
+
+    def restart(self) -> None:
+        """Forget the usual residual: the muscle may have rested."""
+        self._residuals.clear()
+        self._explained.clear()

@@ -1,0 +1,143 @@
+"""A sensor that does not follow the force: frozen, at the end of its range, or dead."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numba
+import numpy as np
+
+from rpms_ros.identification import faults
+from rpms_ros.identification.monitors.interface import Monitor
+from rpms_ros.identification.monitors.interface import ProcessedSamples
+from rpms_ros.identification.monitors.interface import Window
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+
+# Shorter repetitions of one value are a matter of resolution.
+_FROZEN_NS = 80_000_000
+# What the force did just before tells a sensor that froze from a force that has come to rest.
+_APPROACH_NS = 20_000_000
+_APPROACH_SHARE = 0.1
+_CONSTANT_NS = 3_000_000_000
+_MEMORY_OF_STEPS = 0.05
+# The highest value is the end of the range if it has come so often, and so many times as often as
+# the one below; near a smooth peak the two counts are alike.
+_CLIPPED_COUNT = 10
+_CLIPPED_RATIO = 4.0
+# Places in the record of extremes: a value, how often it came, the next one inwards, the same.
+_TOP, _TOP_COUNT, _NEXT, _NEXT_COUNT = range(4)
+
+
+class FrozenSensor(Monitor):
+    """Names `force_frozen`: one value again and again where the force varied just before."""
+
+    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_FROZEN: 0.01}
+
+    def __init__(self) -> None:
+        self._step = 0.0
+        self._begun_ns = 0
+        self._value = float('nan')
+        self._steep = False
+
+    def examine(self, window: Window) -> Mapping[str, BoolArray]:
+        """Return the samples that repeat a frozen value."""
+        cell = window.force[window.first : window.last]
+        found = np.zeros(len(cell), dtype=np.bool_)
+        begins = np.flatnonzero(np.diff(window.force, prepend=np.nan) != 0.0)
+        ends = np.append(begins[1:], len(window.force))
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            if end <= window.first or begin >= window.last:
+                continue
+            begun_ns, steep = self._beginning(window, begin)
+            if steep and window.stamp_ns[end - 1] - begun_ns >= _FROZEN_NS:
+                found[max(begin - window.first, 0) : end - window.first] = True
+            if end > window.last - 1:
+                self._begun_ns, self._value, self._steep = begun_ns, float(cell[-1]), steep
+        steps = np.abs(np.diff(cell))
+        if len(steps) and not found.any():
+            share = _MEMORY_OF_STEPS if self._step else 1.0
+            self._step += share * (float(np.median(steps)) - self._step)
+        return {faults.FORCE_FROZEN: found} if found.any() else {}
+
+    def restart(self) -> None:
+        """Forget the value that may be frozen."""
+        self._value = float('nan')
+
+    def _beginning(self, window: Window, begin: int) -> tuple[int, bool]:
+        """Return the stamp of the first of equal values, and whether the force varied before."""
+        if begin < window.first and window.force[begin] == self._value:
+            return self._begun_ns, self._steep
+        begun_ns = int(window.stamp_ns[begin])
+        low = int(np.searchsorted(window.stamp_ns, begun_ns - _APPROACH_NS))
+        steps = np.abs(np.diff(window.force[low : begin + 1]))
+        varied = len(steps) > 0 and self._step > 0.0
+        return begun_ns, bool(varied and np.median(steps) >= _APPROACH_SHARE * self._step)
+
+
+class ClippedSensor(Monitor):
+    """Names `force_clipped`: values at the end of the range."""
+
+    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CLIPPED: 0.01}
+
+    def __init__(self) -> None:
+        self._highest = np.array([-np.inf, 0.0, -np.inf, 0.0])
+        self._lowest = self._highest.copy()
+        self._rest: float | None = None
+
+    def examine(self, window: Window) -> Mapping[str, BoolArray]:
+        """Return the samples at an end of the range."""
+        cell = window.force[window.first : window.last]
+        if self._rest is None:
+            self._rest = float(np.median(cell))
+        count_extremes(cell, self._highest)
+        count_extremes(-cell, self._lowest)
+        found = np.zeros(len(cell), dtype=np.bool_)
+        span = self._highest[_TOP] + self._lowest[_TOP]
+        for sign, record in ((1.0, self._highest), (-1.0, self._lowest)):
+            often = record[_TOP_COUNT] >= _CLIPPED_COUNT
+            alone = record[_TOP_COUNT] > _CLIPPED_RATIO * record[_NEXT_COUNT]
+            if often and alone and record[_TOP] - sign * self._rest > 0.5 * span:
+                found |= cell == sign * record[_TOP]
+        return {faults.FORCE_CLIPPED: found} if found.any() else {}
+
+
+class ConstantForce(Monitor):
+    """Names `force_constant`: not one bit of the force has changed for long."""
+
+    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CONSTANT: 0.0}
+
+    def __init__(self) -> None:
+        self._value = float('nan')
+        self._since_ns = 0
+
+    def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
+        """Return how many samples of the cell are like those of the three seconds before."""
+        changes = np.flatnonzero(np.diff(samples.force, prepend=self._value) != 0.0)
+        end = int(changes[0]) if len(changes) else len(samples.force)
+        count = int(np.count_nonzero(samples.stamp_ns[:end] - self._since_ns >= _CONSTANT_NS))
+        if len(changes):
+            self._value = float(samples.force[-1])
+            self._since_ns = int(samples.stamp_ns[changes[-1]])
+        return {faults.FORCE_CONSTANT: count} if count else {}
+
+    def restart(self) -> None:
+        """Forget since when the force has been constant."""
+        self._value = float('nan')
+
+
+@numba.njit(cache=True)
+def count_extremes(force: FloatArray, record: FloatArray) -> None:
+    """Take samples (samples,) into a record (4,) of the two highest values and their counts."""
+    for value in force:
+        if value == record[_TOP]:
+            record[_TOP_COUNT] += 1.0
+        elif value > record[_TOP]:
+            record[_NEXT] = record[_TOP]
+            record[_NEXT_COUNT] = record[_TOP_COUNT]
+            record[_TOP] = value
+            record[_TOP_COUNT] = 1.0
+        elif value == record[_NEXT]:
+            record[_NEXT_COUNT] += 1.0
+        elif value > record[_NEXT]:
+            record[_NEXT] = value
+            record[_NEXT_COUNT] = 1.0

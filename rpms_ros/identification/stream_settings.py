@@ -1,0 +1,53 @@
+"""How samples and pulses are brought together."""
+
+import math
+from dataclasses import dataclass
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.monitors import MONITORS
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """How samples and pulses are brought together.
+
+    Attributes
+    ----------
+    reorder_delay : float
+        How long a sample waits for pulses, and for the samples after it that tell whether it is
+        one to learn from [s]; below 20 ms samples are not examined beforehand.
+    pulse_look_ahead : float
+        How far beyond a sample pulses are looked at before it is used [s]; the rest of
+        `reorder_delay` is what a pulse may be late.
+    estimate_period : float
+        Stamps between two estimates [s].
+    longest_gap : float
+        Longest pause of the force that does not count as a gap [s].
+    largest_force : float
+        Larger forces, pull or push, are no muscle's and are dropped [N].
+    monitors : tuple of str
+        Names of the monitors, of `rpms_ros.identification.monitors` or registered by others.
+    """
+
+    reorder_delay: float = 0.2
+    pulse_look_ahead: float = 0.1
+    estimate_period: float = 0.1
+    longest_gap: float = 1.0
+    largest_force: float = 10_000.0
+    monitors: tuple[str, ...] = tuple(MONITORS)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.pulse_look_ahead <= self.reorder_delay < math.inf:
+            raise IdentificationError(
+                'expected 0 <= pulse_look_ahead <= reorder_delay, got '
+                f'{self.pulse_look_ahead} and {self.reorder_delay}'
+            )
+        if not (0 < self.estimate_period < math.inf and 0 < self.longest_gap < math.inf):
+            raise IdentificationError(
+                'expected an estimate period and a longest gap above 0 s, got '
+                f'{self.estimate_period} and {self.longest_gap}'
+            )
+        if not 0 < self.largest_force < math.inf:
+            raise IdentificationError(
+                f'expected a largest force above 0 N, got {self.largest_force}'
+            )
