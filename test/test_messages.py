@@ -51,6 +51,7 @@ def estimate(**changes: Any) -> Estimate:
         'physiology': np.array([9.45e-3]),
         'confidence': 0.95,
         'faults': {'late_pulse': 2, 'force_not_finite': 1},
+        'doubts': ('late_pulse',),
     }
     return Estimate(**values | changes)
 

@@ -66,10 +66,10 @@ def identified(
         None makes all of them, ten a second.  The last one is the same in any case.
     """
     estimator = estimator_by_name(options.estimator, options.preset, options.seed, options.rate_hz)
-    # The batch fits everything anew for every estimate: one is enough, at the end.
-    most = 1 if options.estimator == 'batch' else most_estimates
-    settings = StreamSettings(estimate_period=_period(recording, most))
-    return identify(estimator, recording.pulses, recording.forces, settings, progress)
+    settings = StreamSettings(estimate_period=_period(recording, most_estimates))
+    # Only what could have run on line has to leave out the pulses that came too late for it.
+    arrival = recording.samples_before_pulse if estimator.on_line else None
+    return identify(estimator, recording.pulses, recording.forces, settings, progress, arrival)
 
 
 def compile_estimator(options: IdentificationOptions) -> None:

@@ -158,7 +158,8 @@ def _expected(recording: Recording, parameters: IdentifierParameters) -> list[Es
     """Return the estimates that fall due on line: the held-back end of a recording gives none."""
     stream = build_stream(parameters)
     estimates: list[Estimate] = []
-    for _ in feed(stream, recording.pulses, recording.forces):
+    arrival = recording.samples_before_pulse
+    for _ in feed(stream, recording.pulses, recording.forces, arrival):
         estimates += stream.advance()
     return estimates
 

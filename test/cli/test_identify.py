@@ -154,7 +154,11 @@ def test_faults_of_the_data_are_counted(
     stamp_ns[300] = stamp_ns[299]
     write_recording(tmp_path / 'session', recording.pulses, ForceTrace(stamp_ns, force))
     document = as_json('identify', tmp_path / 'session', '--json')
-    assert document['faults'] == {'force_not_finite': 2, 'force_stamp_not_after_last': 1}
+    assert document['faults'] == {
+        'force_not_finite': 2,
+        'force_conflict': 1,
+        'samples_excluded': 1,
+    }
     assert document['samples'] == 10_000 - 3
 
 

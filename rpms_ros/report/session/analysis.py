@@ -189,7 +189,14 @@ def _held_out(
     progress: Callable[[int], object] | None,
 ) -> HeldOutFit | None:
     frozen = FrozenFrom(build_estimator(), first_ns)
-    session = identify(frozen, recording.pulses, recording.forces, progress=progress)
+    arrival = recording.samples_before_pulse if frozen.on_line else None
+    session = identify(
+        frozen,
+        recording.pulses,
+        recording.forces,
+        progress=progress,
+        samples_before_pulse=arrival,
+    )
     if not np.any(session.stamp_ns < first_ns):
         return None
     return held_out_fit(session, first_ns)
