@@ -1,0 +1,142 @@
+"""The estimates on line are those of the recording, bit for bit, whatever arrives."""
+
+import os
+from collections.abc import Sequence
+from itertools import groupby
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.identification import Estimate
+from rpms_ros.identification import IdentificationStream
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import StreamSettings
+from rpms_ros.identification.arrival import feed
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import PulseTrain
+
+MILLISECOND = 1_000_000
+SECOND = 1000 * MILLISECOND
+START_NS = 1_700_000_000 * SECOND
+# Set it to a few hundred to search longer.
+EXAMPLES = int(os.environ.get('RPMS_LIVE_IS_REPLAY_EXAMPLES', '40'))
+
+Arrival = Pulse | tuple[int, float]
+"""A pulse, or stamp and value of a force sample."""
+
+
+def arrivals_of(pulses: PulseTrain, forces: ForceTrace) -> list[Arrival]:
+    """Every message when it is stamped."""
+    arrivals: list[tuple[int, Arrival]] = [
+        (int(stamp), (int(stamp), float(value)))
+        for stamp, value in zip(forces.stamp_ns, forces.force, strict=True)
+    ]
+    for index in range(len(pulses)):
+        columns = (pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width)
+        pulse = Pulse(*(column[index].item() for column in columns))
+        arrivals.append((pulse.onset_ns, pulse))
+    return [arrival for _, arrival in sorted(arrivals, key=lambda one: one[0])]
+
+
+def moved(arrival: Arrival, by_ns: int) -> Arrival:
+    """The same, stamped otherwise."""
+    if isinstance(arrival, Pulse):
+        return arrival._replace(onset_ns=arrival.onset_ns + by_ns)
+    return (arrival[0] + by_ns, arrival[1])
+
+
+def spoil(arrivals: list[Arrival], kind: str, place: int, size: int) -> list[Arrival]:
+    """Do one wrong thing to messages from `place` on."""
+    before, after = arrivals[:place], arrivals[place:]
+    if kind == 'clock steps':
+        return before + [moved(one, size * 10 * MILLISECOND) for one in after]
+    if kind == 'gap':
+        return before + after[abs(size) :]
+    if kind == 'again':
+        return before + after[: abs(size)] + after
+    if kind == 'late':
+        return before + after[1 : 1 + abs(size)] + after[:1] + after[1 + abs(size) :]
+    if kind == 'second publisher':
+        doubled = [
+            other
+            for one in after[: 4 * abs(size)]
+            for other in ((one,) if isinstance(one, Pulse) else (one, (one[0] + 1000, -one[1])))
+        ]
+        return before + doubled + after[4 * abs(size) :]
+    if kind == 'forged pulse':
+        sequence = abs(size) % 7
+        forged = Pulse(START_NS + size * SECOND, 0.5, sequence, 1e-4)
+        return [*before, forged, *after]
+    wrong = (float('nan'), 1e300, -40.0)[abs(size) % 3]
+    spoilt = [one if isinstance(one, Pulse) else (one[0], wrong) for one in after[: size % 4]]
+    return before + spoilt + after[len(spoilt) :]
+
+
+KINDS = ('clock steps', 'gap', 'again', 'late', 'second publisher', 'forged pulse', 'wrong force')
+faulty = st.lists(
+    st.tuples(st.sampled_from(KINDS), st.integers(0, 2400), st.integers(-700, 700)), max_size=6
+)
+
+
+def columns_of(arrivals: Sequence[Arrival]) -> tuple[PulseTrain, ForceTrace]:
+    pulses = [one for one in arrivals if isinstance(one, Pulse)]
+    forces = [one for one in arrivals if not isinstance(one, Pulse)]
+    stamps = np.array([stamp for stamp, _ in forces], dtype=np.int64)
+    return PulseTrain.of(pulses), ForceTrace(stamps, np.array([value for _, value in forces]))
+
+
+def live(arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings) -> list[Estimate]:
+    """Estimates of a node that looks at what has come at every cut."""
+    stream = IdentificationStream(RecursiveEstimator(seed=1), waiting)
+    estimates: list[Estimate] = []
+    edges = [0, *sorted(cuts), len(arrivals)]
+    for start, stop in pairwise(edges):
+        for _, run in groupby(arrivals[start:stop], key=lambda one: isinstance(one, Pulse)):
+            pulses, forces = columns_of(list(run))
+            stream.add_pulses(pulses)
+            stream.add_forces(forces)
+        estimates += stream.advance()
+    return estimates + stream.finish()
+
+
+def replayed(arrivals: list[Arrival], waiting: StreamSettings) -> list[Estimate]:
+    """Estimates of the recording."""
+    stream = IdentificationStream(RecursiveEstimator(seed=1), waiting)
+    pulses, forces = columns_of(arrivals)
+    is_pulse = np.array([isinstance(one, Pulse) for one in arrivals])
+    before = np.cumsum(~is_pulse)[is_pulse]
+    estimates: list[Estimate] = []
+    for _ in feed(stream, pulses, forces, before):
+        estimates += stream.advance()
+    return estimates + stream.finish()
+
+
+def image(estimate: Estimate) -> list[bytes]:
+    return [
+        repr(value).encode() if isinstance(value, dict) else np.asarray(value).tobytes()
+        for value in vars(estimate).values()
+    ]
+
+
+@settings(deadline=None, max_examples=EXAMPLES)
+@given(
+    wrong=faulty,
+    cuts=st.lists(st.integers(0, 3000), max_size=40),
+    delay=st.sampled_from([(0.2, 0.1), (0.05, 0.02), (0.0, 0.0)]),
+)
+def test_live_is_replay(record, wrong, cuts, delay) -> None:
+    pulses, forces = record(np.random.default_rng(7).uniform(size=48), START_NS)
+    noise = 0.02 * np.random.default_rng(8).standard_normal(2400)
+    arrivals = arrivals_of(pulses, ForceTrace(forces.stamp_ns, forces.force + noise))
+    for kind, place, size in wrong:
+        arrivals = spoil(arrivals, kind, place, size)
+    waiting = StreamSettings(reorder_delay=delay[0], pulse_look_ahead=delay[1])
+    expected = replayed(arrivals, waiting)
+    found = live(arrivals, [cut for cut in cuts if cut < len(arrivals)], waiting)
+    assert [one.stamp_ns for one in found] == [one.stamp_ns for one in expected]
+    assert [dict(one.faults) for one in found] == [dict(one.faults) for one in expected]
+    assert [image(one) for one in found] == [image(one) for one in expected]

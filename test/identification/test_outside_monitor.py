@@ -1,0 +1,105 @@
+"""A monitor from another package: one module and one entry point, nothing here is touched."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import StreamSettings
+from rpms_ros.identification import identify
+from rpms_ros.identification.monitors import MONITORS
+from rpms_ros.identification.monitors import monitors_by_name
+
+MODULE = '''
+"""Names force below zero, which no muscle on this rig gives."""
+
+from rpms_ros.identification.monitors import Monitor
+
+
+class Push(Monitor):
+    """Names `push`."""
+
+    faults = {'push': 'force samples below -5 N; not learnt from'}
+    doubtful = {'push': 0.1}
+    seen = []
+
+    def examine(self, window):
+        cell = window.force[window.first : window.last]
+        return {'push': cell < -5.0}
+
+    def processed(self, samples):
+        self.seen.append(len(samples.prediction))
+        return {}
+
+    def estimated(self, estimate):
+        self.seen.append(estimate.stamp_ns)
+
+
+class Careless(Monitor):
+    """Fails."""
+
+    def examine(self, window):
+        raise RuntimeError('no')
+
+
+def no_monitor():
+    return 3
+'''
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An installed package with three entry points."""
+    (tmp_path / 'rig_monitors.py').write_text(MODULE)
+    information = tmp_path / 'rig_monitors-1.0.dist-info'
+    information.mkdir()
+    (information / 'METADATA').write_text('Metadata-Version: 2.1\nName: rig-monitors\n')
+    (information / 'entry_points.txt').write_text(
+        '[rpms_ros.monitors]\n'
+        'push = rig_monitors:Push\n'
+        'careless = rig_monitors:Careless\n'
+        'none = rig_monitors:no_monitor\n'
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, 'rig_monitors', raising=False)
+
+
+@pytest.mark.usefixtures('package')
+def test_a_monitor_of_another_package_examines_and_hears_everything(record) -> None:
+    pulses, forces = record(np.random.default_rng(7).uniform(size=60))
+    forces.force[2000:2400] = -6.0
+    chosen = StreamSettings(monitors=('push',))
+    session = identify(RecursiveEstimator(), pulses, forces, chosen)
+    # the pulse in between neither was nor is unknown: these samples alone are left out
+    assert session.last.faults == {'push': 400, 'samples_excluded': 400}
+    assert session.last.doubts == ('push',)
+    assert not session.usable[2000:2400].any()
+    import rig_monitors
+
+    seen = rig_monitors.Push.seen
+    assert sum(number for number in seen if number <= 100) == 3000
+    assert seen[-1] == session.last.stamp_ns
+
+
+@pytest.mark.usefixtures('package')
+def test_a_monitor_that_fails_is_taken_out_and_named(record) -> None:
+    pulses, forces = record(np.random.default_rng(7).uniform(size=20))
+    chosen = StreamSettings(monitors=('careless', 'spikes'))
+    session = identify(RecursiveEstimator(), pulses, forces, chosen)
+    assert session.last.faults == {'monitor_failed': 1}
+    assert session.usable.all()
+
+
+@pytest.mark.usefixtures('package')
+def test_what_is_no_monitor_is_refused() -> None:
+    with pytest.raises(IdentificationError, match=r'expected a Monitor behind .* none, got int'):
+        monitors_by_name(['none'])
+    with pytest.raises(IdentificationError, match=r'expected monitors of .*push.*, got .pish.'):
+        monitors_by_name(['pish'])
+
+
+def test_those_of_this_package_are_the_default() -> None:
+    assert len(monitors_by_name(StreamSettings().monitors)) == len(MONITORS)
