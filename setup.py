@@ -63,6 +63,8 @@ setup(
             'identifier = rpms_ros.nodes.executables:identifier',
             'plant_simulator = rpms_ros.nodes.executables:plant_simulator',
             'recorder = rpms_ros.nodes.executables:recorder',
+            'stop_button = rpms_ros.nodes.executables:stop_button',
+            'operator_console = rpms_ros.nodes.executables:operator_console',
             'stimulator_driver = rpms_ros.nodes.executables:stimulator_driver',
             'stimulator_guard = rpms_ros.guard.process:main',
         ],

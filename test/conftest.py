@@ -51,6 +51,30 @@ def hostile_texts() -> ModuleType:
 
 
 @pytest.fixture
+def patient_file(tmp_path: Path) -> Path:
+    """The patient of the documentation, whose figures hold today."""
+    from datetime import UTC
+    from datetime import datetime
+    from datetime import timedelta
+
+    from rpms_ros.stimulation import patient
+
+    today = datetime.now(UTC).astimezone().date()
+    text = str(patient.__doc__).partition('\n\n')[2]
+    dated = [
+        f'set_on: {today - timedelta(1)}'
+        if line.startswith('set_on:')
+        else f'expires: {today + timedelta(1)}'
+        if line.startswith('expires:')
+        else line
+        for line in text.splitlines()
+    ]
+    path = tmp_path / 'patient.yaml'
+    path.write_text('\n'.join(dated))
+    return path
+
+
+@pytest.fixture
 def domain() -> Iterator[int]:
     """A DDS domain that no other test uses meanwhile, in this process or in another."""
     from rpms_ros.nodes.discovery import reserved_domain

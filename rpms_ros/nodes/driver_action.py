@@ -152,7 +152,7 @@ class ScheduleAction:
         cancelled = goal.is_cancel_requested
         result = RunSchedule.Result(
             completed=bool(run.completed),
-            error_code=code_of_end(run, self._controller, cancelled),
+            error_code=code_of_end(run),
             reason=plain_text(run.ended),
             pulses_delivered=int(run.delivered),
             pulses_dropped=int(run.dropped),

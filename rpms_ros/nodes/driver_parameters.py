@@ -1,6 +1,7 @@
 """Parameters of the stimulator driver, and what is built from them."""
 
 import dataclasses
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,12 +17,19 @@ from rpms_ros.stimulation.devices import Device
 from rpms_ros.stimulation.devices import registry
 from rpms_ros.stimulation.devices.registry import DeviceOptions
 from rpms_ros.stimulation.devices.registry import require_device
+from rpms_ros.stimulation.dose_ledger import DoseLedger
+from rpms_ros.stimulation.dose_ledger import MemoryLedger
+from rpms_ros.stimulation.patient import Patient
+from rpms_ros.stimulation.patient import for_session
+from rpms_ros.stimulation.patient import load_patient
 from rpms_ros.stimulation.repetitive import Constant
 from rpms_ros.stimulation.repetitive import Sinusoid
 from rpms_ros.stimulation.repetitive import Staircase
 from rpms_ros.stimulation.repetitive import UniformRandom
 from rpms_ros.stimulation.settings import DriverSettings
 
+# what a dose ledger takes as the name of a device
+_LONGEST_NAME = 64
 _SCHEDULES = ('constant', 'uniform_random', 'sinusoid', 'staircase')
 
 
@@ -37,9 +45,10 @@ class DriverParameters(NodeParameters):
     frame_id: str = parameter('coil', 'Frame of the pulses.')
     maximum_intensity: float = parameter(
         1.0,
-        'Hard bound on the intensity, share of the maximum.',
+        'Hard bound on the intensity, share of the maximum; never raised while armed.',
         minimum=0.0,
         maximum=1.0,
+        dynamic=True,
     )
     maximum_rate: float = parameter(
         50.0, 'Hard bound on the repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0
@@ -90,6 +99,12 @@ class DriverParameters(NodeParameters):
     temperature_limit: float = parameter(
         40.0, 'Stop above this coil temperature.', unit='Celsius', minimum=0.0, maximum=100.0
     )
+    patient_file: str = parameter(
+        '', 'YAML file of the patient; a real device needs one, empty for nobody.'
+    )
+    ledger_folder: str = parameter(
+        '', 'Folder of the dose ledgers; a real device needs one, empty keeps none.'
+    )
     audit_log: str = parameter(
         '', 'File of the audit log; a real device needs one, empty writes none.'
     )
@@ -132,13 +147,19 @@ class DriverParameters(NodeParameters):
                 raise NodeError(f'expected {name} with a real device, got false')
         if self.autostart:
             raise NodeError('expected no autostart with a real device, got true')
-        if not self.audit_log:
-            raise NodeError('expected an audit_log with a real device, got none')
+        for name in ('audit_log', 'ledger_folder', 'patient_file'):
+            if not getattr(self, name):
+                raise NodeError(f'expected {name} with a real device, got none')
 
     @property
     def simulated(self) -> bool:
         """Whether the device exists only as a program."""
         return self.device == 'simulated'
+
+    @property
+    def hardware(self) -> str:
+        """Name of the device, with its port if it is on one."""
+        return self.device if self.simulated else f'{self.device} {self.port}'
 
 
 def build_device(settings: DriverParameters) -> Device:
@@ -149,20 +170,53 @@ def build_device(settings: DriverParameters) -> Device:
 
 
 def device_specification_of(settings: DriverParameters) -> DeviceSpecification:
-    """Return the device specification, its limits tightened by the parameters.
+    """Return the device specification, its limits tightened by patient and parameters.
 
     Raises
     ------
     StimulationError
-        If there is no such device specification.
+        If there is no such device specification or patient, or the two do not go together.
     """
-    specification = load_device_specification(settings.device_specification)
+    specification = for_session(
+        load_device_specification(settings.device_specification), patient_of(settings)
+    )
     limits = dataclasses.replace(
         specification.limits,
         maximum_intensity=min(specification.limits.maximum_intensity, settings.maximum_intensity),
         maximum_rate_hz=min(specification.limits.maximum_rate_hz, settings.maximum_rate),
     )
     return dataclasses.replace(specification, limits=limits)
+
+
+def patient_of(settings: DriverParameters) -> Patient | None:
+    """Return the patient, None where nobody is named.
+
+    Raises
+    ------
+    StimulationError
+        If the file cannot be used.
+    """
+    if not settings.patient_file:
+        return None
+    return load_patient(Path(settings.patient_file).expanduser())
+
+
+def ledger_of(settings: DriverParameters) -> MemoryLedger:
+    """Return where the dose is kept, open: in files where a folder and a patient are named.
+
+    Raises
+    ------
+    StimulationError
+        If the ledger is open elsewhere, damaged, or cannot be written.
+    """
+    patient = patient_of(settings)
+    if patient is None or not settings.ledger_folder:
+        return MemoryLedger(None if patient is None else patient.dose)
+    folder = Path(settings.ledger_folder).expanduser()
+    device = settings.hardware
+    if len(device) > _LONGEST_NAME or not (device.isascii() and device.isprintable()):
+        device = f'{settings.device} {hashlib.sha256(settings.port.encode()).hexdigest()[:16]}'
+    return DoseLedger(folder, device, patient.identifier, patient.dose)
 
 
 def driver_settings_of(settings: DriverParameters) -> DriverSettings:

@@ -6,7 +6,6 @@ from rpms_msgs.action import RunSchedule
 from rpms_ros.errors import RpmsError
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.authority import AUTHORITY
-from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.run import Run
 from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
@@ -14,7 +13,6 @@ from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import FORCE
 from rpms_ros.stimulation.safety_monitor import HEARTBEAT
 from rpms_ros.stimulation.safety_monitor import SUPERVISOR
-from rpms_ros.stimulation.states import State
 
 CODES = RunSchedule.Result
 WATCH = 'watch'
@@ -24,6 +22,17 @@ AUDIT = 'audit_log'
 _OF_THE_CONTROLLER = (EMERGENCY_STOP, EXECUTOR, FORCE, HEARTBEAT, SUPERVISOR)
 INTERLOCKS = frozenset(('stop', 'force_limit', *_OF_THE_CONTROLLER, AUDIT, UNIQUE, WATCH))
 """What a refusal may name that is no limit of device, coil or patient."""
+
+
+_CODE_OF_CAUSE = {
+    'completed': CODES.NONE,
+    'incomplete': CODES.INCOMPLETE,
+    'cancelled': CODES.CANCELLED,
+    'limit': CODES.OVER_LIMIT,
+    'disarmed': CODES.WRONG_STATE,
+    'stopped': CODES.INTERLOCK,
+    'fault': CODES.DEVICE_FAULT,
+}
 
 
 class GoalRefused(StimulationError):
@@ -50,19 +59,6 @@ def _code_of(error: RpmsError) -> Any:
     return CODES.INTERLOCK if error.limit in INTERLOCKS else CODES.OVER_LIMIT
 
 
-def code_of_end(run: Run, controller: StimulationController, cancelled: bool) -> int:
+def code_of_end(run: Run) -> int:
     """Return the error code of a run that is over."""
-    return int(_code_of_end(run, controller, cancelled))
-
-
-def _code_of_end(run: Run, controller: StimulationController, cancelled: bool) -> Any:
-    state, latched, _ = controller.status()
-    if run.completed:
-        return CODES.NONE
-    if state is State.FAULT:
-        return CODES.DEVICE_FAULT
-    if latched:
-        return CODES.INTERLOCK
-    if cancelled:
-        return CODES.CANCELLED
-    return CODES.INCOMPLETE if run.exhausted else CODES.OVER_LIMIT
+    return int(_CODE_OF_CAUSE[run.cause])

@@ -8,6 +8,7 @@ from rpms_msgs.msg import DriverStatus
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.stop_buttons import StopButtons
 
 
@@ -23,6 +24,8 @@ class DriverView:
         The stop buttons.
     authority : Authority
         The operator.
+    ledger : MemoryLedger
+        What the patient got.
     device : str
         Kind of device, and its port.
     """
@@ -30,6 +33,7 @@ class DriverView:
     controller: StimulationController
     buttons: StopButtons
     authority: Authority
+    ledger: MemoryLedger
     device: str
 
     def status(self, stamp: Any, now_ns: int, note: str) -> DriverStatus:
@@ -53,6 +57,7 @@ class DriverView:
         message.coil_temperature = float(controller.coil_temperature)
         message.lateness_mean = float(controller.lateness.mean_s)
         message.lateness_max = float(controller.lateness.max_s)
+        message.pulses_unverified = int(controller.unverified)
         message.maximum_intensity = float(controller.limits.maximum_intensity)
         faults = controller.fault_counts()
         message.fault_names = list(faults)
@@ -61,7 +66,9 @@ class DriverView:
         return message
 
     def _add_people(self, message: DriverStatus, now_ns: int) -> None:
-        """Say who has armed, and what every button says."""
+        """Say who has armed, what every button says, and what the patient got."""
+        totals = self.ledger.totals()
+        message.dose_pulses, message.dose_energy = int(totals.pulses), float(totals.energy_j)
         message.device = self.device
         message.operator_id = plain_text(self.authority.operator)
         message.enabled = bool(self.authority.enabled)

@@ -24,6 +24,16 @@ def stimulator_driver() -> int:
     return _run('stimulator_driver')
 
 
+def stop_button() -> int:
+    """Run the stop button as a process."""
+    return _run('stop_button')
+
+
+def operator_console() -> int:
+    """Run the operator's console as a process."""
+    return _run('operator_console')
+
+
 def _run(name: str) -> int:
     try:
         module = import_module(f'rpms_ros.nodes.{name}')

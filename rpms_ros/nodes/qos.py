@@ -40,6 +40,9 @@ STATUS = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 # What the subscription that use_sim_time makes expects: only the newest time matters.
 CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
+# Where only the newest message counts, of whatever publisher.
+LATEST = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
 # What may stop a driver: nothing is skipped, and nothing old is waited for.
 STOP = _profile(10)
 

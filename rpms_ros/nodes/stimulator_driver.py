@@ -37,6 +37,7 @@ from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import device_specification_of
 from rpms_ros.nodes.driver_parameters import driver_settings_of
+from rpms_ros.nodes.driver_parameters import ledger_of
 from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.driver_pulses import PulsePublisher
@@ -46,6 +47,7 @@ from rpms_ros.nodes.driver_watch import DriverWatch
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.nodes.runner import run
 from rpms_ros.pulses import nanoseconds
@@ -53,7 +55,6 @@ from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_lock import DeviceLock
-from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import POSSIBLE
 from rpms_ros.stimulation.states import State
@@ -88,15 +89,17 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._refuse_simulated_time()
         self.settings = declare_parameters(self, DriverParameters)
         settings = self.settings
+        specification = device_specification_of(settings)
+        self._ledger = ledger_of(settings)
         self.controller = StimulationController(
             build_device(settings),
-            device_specification_of(settings),
+            specification,
             driver_settings_of(settings),
-            ledger=MemoryLedger(),
+            ledger=self._ledger,
         )
         self.authority = Authority(settings.heartbeat_timeout, settings.arming_timeout)
         self.buttons = StopButtons(settings.stop_button_timeout, settings.require_stop_button)
-        device = 'simulated' if settings.simulated else f'{settings.device} {settings.port}'
+        device = settings.hardware
         self._lock_of_device = None if settings.simulated else DeviceLock(settings.port)
         self._note, self._noted_ns = '', 0
         self._active = False
@@ -112,7 +115,9 @@ class StimulatorDriver(GuardedLifecycleNode):
         self.controller.on_fired = self._pulses.publish
         self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.STOP)
-        self._view = DriverView(self.controller, self.buttons, self.authority, device)
+        self._view = DriverView(
+            self.controller, self.buttons, self.authority, self._ledger, device
+        )
         self._health = DriverDiagnostics(self.controller, name, device)
         self._operator = OperatorServices(
             self, self.authority, settings.require_operator, self._arm, self._on_refused
@@ -131,6 +136,8 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._inputs = InterlockInputs(
             self, self.controller, self._watch, settings, self._on_refused, self._on_reset
         )
+        follow_parameters(self, settings, self._follow)
+        self.add_on_set_parameters_callback(self._check_bound)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_SIGN_S, self._show_life, clock=steady)
         self.create_timer(_TICK_S, self._guarded_tick, clock=steady)
@@ -185,6 +192,7 @@ class StimulatorDriver(GuardedLifecycleNode):
     def stop_at_once(self, reason: str) -> None:
         """Disarm because the process is about to end; any thread may call it, at any time."""
         self.controller.disarm(reason)
+        self._audit.note('signal', reason=reason)
 
     def destroy_node(self) -> None:
         """Let go of the device before anything else of the node goes."""
@@ -194,6 +202,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._action.destroy()
         self._audit.note('end')
         self._audit.close()
+        self._ledger.close()
         super().destroy_node()
 
     def transition_refused(self, reason: str) -> None:
@@ -306,6 +315,22 @@ class StimulatorDriver(GuardedLifecycleNode):
             return SetParametersResult(successful=not asked, reason=reason if asked else '')
 
         self.add_on_set_parameters_callback(check)
+
+    def _check_bound(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Take over a bound on the intensity before it is set: it holds or it is refused."""
+        try:
+            for given in parameters:
+                if given.name == 'maximum_intensity' and isinstance(given.value, float):
+                    self.controller.tighten(given.value)
+        except StimulationError as error:
+            self._on_refused(str(error))
+            return SetParametersResult(successful=False, reason=plain_text(error))
+        return SetParametersResult(successful=True)
+
+    def _follow(self, settings: DriverParameters) -> None:
+        self.settings = settings
+        self._say(f'intensities up to {settings.maximum_intensity:g}')
+        self._audit.note('limit', maximum_intensity=settings.maximum_intensity)
 
     def _show_life(self) -> None:
         self.controller.seen(EXECUTOR)

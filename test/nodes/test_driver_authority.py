@@ -242,6 +242,31 @@ def test_simulated_time_is_refused_while_running(clinic):
     assert not lab.driver.get_parameter('use_sim_time').value
 
 
+def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clinic):
+    lab = clinic(maximum_intensity=0.8)
+    client = lab.other.create_client(SetParameters, 'stimulator_driver/set_parameters')
+    lab.graph.wait_for(client.service_is_ready)
+
+    def bound(share):
+        value = Parameter('maximum_intensity', value=share).to_parameter_msg()
+        request = SetParameters.Request(parameters=[value])
+        answer = lab.ask(client.call_async(request)).results[0]
+        return answer.successful or answer.reason
+
+    assert bound(0.6) is True
+    assert bound(0.7) is True
+    lab.run()
+    assert bound(0.75) == 'maximum_intensity: expected a share in [0, 0.7], got 0.75'
+    assert lab.controller.limits.maximum_intensity == 0.7
+    assert lab.driver.get_parameter('maximum_intensity').value == 0.7
+    # the train is at 0.5
+    assert bound(0.4) is True
+    result = lab.ask(lab.handle.get_result_async()).result
+    assert result.error_code == CODES.OVER_LIMIT
+    assert 'maximum_intensity' in result.reason
+    lab.graph.wait_for(lambda: lab.statuses[-1].maximum_intensity == 0.4)
+
+
 def test_who_did_what_is_written_down(clinic, tmp_path):
     from rpms_ros.stimulation.audit_log import verify
 

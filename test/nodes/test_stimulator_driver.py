@@ -245,11 +245,29 @@ def test_autostart_waits_for_its_listeners(graph):
             'expected require_stop_button with a real device, got false',
         ),
         ({'device': 'serial', 'autostart': True}, 'expected no autostart with a real device'),
-        ({'device': 'serial'}, 'expected an audit_log with a real device, got none'),
+        ({'device': 'serial'}, 'expected audit_log with a real device, got none'),
         ({'use_sim_time': True}, 'expected use_sim_time false: a driver stamps what it does'),
         (
-            {'device': 'serial', 'audit_log': '/nowhere/audit.jsonl'},
-            "expected the device specification of a real device, got 'simulated'",
+            {'device': 'serial', 'audit_log': 'a'},
+            'expected ledger_folder with a real device, got none',
+        ),
+        (
+            {'device': 'serial', 'audit_log': 'a', 'ledger_folder': 'b'},
+            'expected patient_file with a real device, got none',
+        ),
+        (
+            {
+                'device': 'serial',
+                'audit_log': 'a',
+                'ledger_folder': 'b',
+                'patient_file': '/nowhere.yaml',
+            },
+            'expected a readable patient file, got /nowhere.yaml',
+        ),
+        ({'audit_log': '/proc/nowhere/a'}, 'expected /proc/nowhere/a to write and lock'),
+        (
+            {'device_specification': 'rapid2-240v'},
+            "expected a patient file for the real device 'rapid2-240v', got none",
         ),
         (
             {'device_specification': 'oracle'},
@@ -295,7 +313,7 @@ def test_error_in_a_transition_ends_in_the_safe_state(graph):
     assert not lab.driver.controller.device.armed
 
 
-def test_device_that_is_not_there_is_refused(graph, tmp_path):
+def test_device_that_is_not_there_is_refused(graph, tmp_path, patient_file):
     port = str(tmp_path / 'ttyUSB9')
     lab = Laboratory(
         graph,
@@ -305,6 +323,8 @@ def test_device_that_is_not_there_is_refused(graph, tmp_path):
         require_operator=True,
         require_stop_button=True,
         audit_log=str(tmp_path / 'audit.jsonl'),
+        ledger_folder=str(tmp_path / 'ledger'),
+        patient_file=str(patient_file),
     )
     assert not lab.change(Transition.TRANSITION_CONFIGURE)
     graph.wait_for(lambda: 'expected a serial port, got' in lab.reason)

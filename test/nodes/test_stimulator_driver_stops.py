@@ -208,14 +208,14 @@ def test_temperature_over_the_limit_stops(graph):
     assert not bench.call(bench.reset).success
 
 
-def test_undeliverable_schedule_is_refused_with_an_offer(graph):
-    bench = Bench(graph, device_specification='rapid2-240v')
+def test_undeliverable_schedule_is_refused_with_an_offer(graph, patient_file):
+    bench = Bench(graph, device_specification='rapid2-240v', patient_file=str(patient_file))
     bench.arm()
     paper = 'segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 90.0}]'
     code, reason = bench.refusal(paper)
     assert code == RunSchedule.Result.OVER_LIMIT
-    assert reason.startswith('maximum_intensity_step: expected a step of at most')
-    bench.wait_for_reason('maximum_intensity_step: expected a step of at most')
+    assert reason.startswith('maximum_intensity: expected an intensity in [0, 0.55]')
+    bench.wait_for_reason('maximum_intensity: expected an intensity in [0, 0.55]')
     assert 'mean power' in bench.statuses[-1].reason
     assert 'at 20 Hz intensities up to 0.456 can be delivered' in bench.statuses[-1].reason
     assert bench.pulses == []

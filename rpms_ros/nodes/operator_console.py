@@ -1,0 +1,215 @@
+"""Node of the person who stimulates: stop button, heartbeat, token, enable in one terminal.
+
+``a`` asks for a token.  Holding ``e``, or a button of the joystick, arms and then runs the
+schedule for as long as it is held; letting go disarms.  ``r`` lets go of the stop.  Any other key
+stops.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import Joy
+from std_srvs.srv import Trigger
+
+from rpms_msgs.msg import DriverStatus
+from rpms_ros.errors import NodeError
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.keyboard import Keyboard
+from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.operator_client import OperatorClient
+from rpms_ros.nodes.parameters import NodeParameters
+from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.parameters import parameter
+from rpms_ros.nodes.runner import run
+from rpms_ros.stimulation.held import HeldKey
+from rpms_ros.stimulation.held import JoystickButton
+
+ASK, ENABLE, RELEASE = 'a', 'e', 'r'
+_LOOK_S = 0.01
+
+
+@dataclass(frozen=True)
+class ConsoleParameters(NodeParameters):
+    """Parameters of the operator's console."""
+
+    operator: str = parameter('', 'Name of the operator.')
+    schedule_file: str = parameter('', 'YAML file of the schedule that is run; empty arms only.')
+    driver: str = parameter('stimulator_driver', 'Name of the driver node.')
+    rate: float = parameter(
+        50.0, 'Heartbeats and button states a second.', unit='Hz', minimum=10.0, maximum=500.0
+    )
+    key_repeat: float = parameter(
+        0.8,
+        'Longest time between two repetitions of a held key.',
+        unit='s',
+        minimum=0.05,
+        maximum=2.0,
+    )
+    joy_enable: int = parameter(
+        -1,
+        'Button of the joystick that is the enable, from 0; -1 for none.',
+        minimum=-1,
+        maximum=63,
+    )
+    joy_timeout: float = parameter(
+        0.2, 'Longest silence of the joystick.', unit='s', minimum=0.05, maximum=10.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.operator:
+            raise NodeError('expected the name of the operator, got none')
+
+
+class OperatorConsole(Node):
+    """The console; keyword arguments go to `rclpy.node.Node`.
+
+    Parameters
+    ----------
+    keyboard : Keyboard, optional
+        Of the terminal; the one of standard input if not given.
+
+    Raises
+    ------
+    NodeError
+        If there is no terminal, or the schedule cannot be read.
+    """
+
+    def __init__(self, keyboard: Keyboard | None = None, **options: Any) -> None:
+        super().__init__('operator_console', **options)
+        self.settings = declare_parameters(self, ConsoleParameters)
+        self._schedule = _text_of(self.settings.schedule_file)
+        self._keyboard = Keyboard() if keyboard is None else keyboard
+        if not self._keyboard.there:
+            raise NodeError('expected a terminal to read keys from, got none')
+        self._held = HeldKey(self.settings.key_repeat)
+        self._joystick = JoystickButton(self.settings.joy_enable, self.settings.joy_timeout)
+        if self._joystick.used:
+            self.create_subscription(Joy, topics.JOY, self._on_joy, qos.LATEST)
+        self.client = OperatorClient(self, self.settings.operator, self.settings.rate)
+        self.button = ButtonPublisher(self, rate=self.settings.rate)
+        self._configure = self.create_client(ChangeState, f'{self.settings.driver}/change_state')
+        self._reset = self.create_client(Trigger, topics.RESET_EMERGENCY_STOP)
+        self._status: DriverStatus | None = None
+        self._pending: Future | None = None
+        self._started = False
+        self._shown = ''
+        self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS)
+        self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        logger_of(self).info(
+            f'{ASK} asks for a token, hold {ENABLE} to arm and run, {RELEASE} resets, '
+            'any other key stops'
+        )
+
+    def destroy_node(self) -> None:
+        """Give the terminal back."""
+        self.client.destroy()
+        self._keyboard.close()
+        Node.destroy_node(self)
+
+    def _look(self) -> None:
+        now_ns = time.monotonic_ns()
+        for key in self._keyboard.read():
+            self._on_key(key, now_ns)
+        if not self._keyboard.there:
+            self.button.set(True)
+        self._enable(self._held.held(now_ns) or self._joystick.down(now_ns) is True)
+        self._go_on()
+
+    def _on_key(self, key: str, now_ns: int) -> None:
+        if key == ENABLE:
+            self._held.came(now_ns)
+        elif key == ASK:
+            self._ask()
+        elif key == RELEASE:
+            self.button.set(False)
+            self._call(self._reset, Trigger.Request())
+        else:
+            self.button.set(True)
+            self._say('stop pressed')
+
+    def _enable(self, held: bool) -> None:
+        changed, self.client.enable = held != self.client.enable, held
+        if changed:
+            # at once, not with the next heartbeat
+            self.client.beat()
+
+    def _ask(self) -> None:
+        """First step: configure the driver if that was not done, and ask for a token."""
+        if self._state == DriverStatus.UNCONFIGURED:
+            configure = Transition(id=Transition.TRANSITION_CONFIGURE)
+            self._call(self._configure, ChangeState.Request(transition=configure))
+        self._started = False
+        self.client.request().add_done_callback(self._tell)
+
+    def _go_on(self) -> None:
+        """Second step, and then the schedule, while the enable is held."""
+        if not self.client.enable or not self.client.token or self._busy:
+            return
+        if self._state == DriverStatus.DISARMED and not self._started:
+            self._pending = self.client.confirm()
+            self._pending.add_done_callback(self._tell)
+        elif self._state == DriverStatus.ARMED and self._schedule and not self._started:
+            self._started = True
+            self._pending = self.client.start(self._schedule)
+            self._pending.add_done_callback(self._await_result)
+
+    def _await_result(self, future: Future) -> None:
+        future.result().get_result_async().add_done_callback(self._tell_result)
+
+    def _tell_result(self, future: Future) -> None:
+        self.client.token = ''
+        self._say(future.result().result.reason)
+
+    def _tell(self, future: Future) -> None:
+        self._say(future.result().message)
+
+    def _say(self, line: str) -> None:
+        """Say a line once, however often it comes."""
+        if line and line != self._shown:
+            logger_of(self).info(line)
+        self._shown = line
+
+    def _call(self, client: Any, request: Any) -> None:
+        if client.service_is_ready():
+            client.call_async(request)
+        else:
+            self._say('expected a driver, got none')
+
+    @property
+    def _busy(self) -> bool:
+        return self._pending is not None and not self._pending.done()
+
+    @property
+    def _state(self) -> int:
+        return -1 if self._status is None else int(self._status.state)
+
+    def _on_status(self, message: DriverStatus) -> None:
+        self._status = message
+
+    def _on_joy(self, message: Joy) -> None:
+        self._joystick.heard(message.buttons, time.monotonic_ns())
+
+
+def _text_of(name: str) -> str:
+    if not name:
+        return ''
+    try:
+        return Path(name).expanduser().read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise NodeError(f'expected a readable schedule file, got {name}: {error}') from error
+
+
+def main() -> int:
+    """Run the operator's console as a process."""
+    return run(OperatorConsole)

@@ -1,0 +1,105 @@
+"""Node that is a stop button: a key of the terminal, or a button of a joystick.
+
+Any key presses it, ``r`` lets go.  A terminal or a joystick that is gone counts as pressed.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import Joy
+
+from rpms_ros.errors import NodeError
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.keyboard import Keyboard
+from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.parameters import NodeParameters
+from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.parameters import parameter
+from rpms_ros.nodes.runner import run
+from rpms_ros.stimulation.held import JoystickButton
+
+RELEASE = 'r'
+_LOOK_S = 0.01
+
+
+@dataclass(frozen=True)
+class StopButtonParameters(NodeParameters):
+    """Parameters of a stop button."""
+
+    rate: float = parameter(
+        50.0, 'How often the state is said.', unit='Hz', minimum=10.0, maximum=500.0
+    )
+    keyboard: bool = parameter(True, 'Whether keys of the terminal press it.')
+    joy_button: int = parameter(
+        -1, 'Button of the joystick that presses it, from 0; -1 for none.', minimum=-1, maximum=63
+    )
+    joy_timeout: float = parameter(
+        0.5, 'Longest silence of the joystick.', unit='s', minimum=0.05, maximum=10.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.keyboard and self.joy_button < 0:
+            raise NodeError('expected a keyboard or a joy_button, got neither')
+
+
+class StopButton(Node):
+    """A stop button; keyword arguments go to `rclpy.node.Node`.
+
+    Parameters
+    ----------
+    keyboard : Keyboard, optional
+        Of the terminal; the one of standard input if not given.
+    """
+
+    def __init__(self, keyboard: Keyboard | None = None, **options: Any) -> None:
+        super().__init__('stop_button', **options)
+        self.settings = declare_parameters(self, StopButtonParameters)
+        self._keyboard = keyboard
+        if self.settings.keyboard and self._keyboard is None:
+            self._keyboard = Keyboard()
+        self._joystick = JoystickButton(self.settings.joy_button, self.settings.joy_timeout)
+        if self._joystick.used:
+            self.create_subscription(Joy, topics.JOY, self._on_joy, qos.LATEST)
+        self._key_pressed = self._keyboard is not None and not self._keyboard.there
+        self.button = ButtonPublisher(self, self._wanted(), self.settings.rate)
+        self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        logger_of(self).info(f'any key presses, {RELEASE} lets go: {self._word()}')
+
+    def destroy_node(self) -> None:
+        """Give the terminal back."""
+        if self._keyboard is not None:
+            self._keyboard.close()
+        Node.destroy_node(self)
+
+    def _look(self) -> None:
+        for key in self._keyboard.read() if self._keyboard is not None else '':
+            self._key_pressed = key != RELEASE
+        if self._keyboard is not None and not self._keyboard.there:
+            self._key_pressed = True
+        before = self.button.pressed
+        self.button.set(self._wanted())
+        if self.button.pressed != before:
+            logger_of(self).info(self._word())
+
+    def _wanted(self) -> bool:
+        down = self._joystick.down(time.monotonic_ns()) if self._joystick.used else False
+        return self._key_pressed or down is not False
+
+    def _word(self) -> str:
+        return 'pressed' if self.button.pressed else 'released'
+
+    def _on_joy(self, message: Joy) -> None:
+        self._joystick.heard(message.buttons, time.monotonic_ns())
+        self.button.set(self._wanted())
+
+
+def main() -> int:
+    """Run the stop button as a process."""
+    return run(StopButton)

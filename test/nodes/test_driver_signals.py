@@ -1,0 +1,83 @@
+"""The driver as a process: every signal that can be heard disarms and ends it."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from rclpy.node import Node
+
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import Pulse
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.stimulation.audit_log import verify
+
+START = 'import sys; from rpms_ros.nodes.stimulator_driver import main; sys.exit(main())'
+ARGUMENTS = (
+    'autostart:=true',
+    'require_operator:=false',
+    'require_stop_button:=false',
+    'schedule:=constant',
+    'rate:=50.0',
+    'high:=0.5',
+)
+
+
+class DriverProcess:
+    """A driver in a process of its own that runs a train, and a node that listens."""
+
+    def __init__(self, graph, domain, folder):
+        self.graph = graph
+        self.pulses, self.statuses = [], []
+        listener = graph.add(lambda **options: Node('listener', **options))
+        listen = listener.create_subscription
+        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
+        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
+        self.audit = folder / 'audit.jsonl'
+        arguments = [*ARGUMENTS, f'audit_log:={self.audit}']
+        self.process = subprocess.Popen(
+            [sys.executable, '-c', START, '--ros-args']
+            + [part for argument in arguments for part in ('-p', argument)],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def run(self):
+        self.graph.wait_for(lambda: len(self.pulses) > 5, timeout=60.0)
+
+    def ended(self):
+        self.graph.wait_for(lambda: self.process.poll() is not None, timeout=30.0)
+        return self.process.returncode
+
+
+@pytest.fixture
+def driver(graph, domain, tmp_path):
+    started = DriverProcess(graph, domain, tmp_path)
+    yield started
+    started.process.kill()
+    started.process.communicate()
+
+
+@pytest.mark.parametrize(
+    'number',
+    [
+        signal.SIGHUP,
+        signal.SIGQUIT,
+        signal.SIGUSR1,
+        signal.SIGTERM,
+        signal.SIGINT,
+        signal.SIGTSTP,
+    ],
+)
+def test_a_signal_disarms_and_ends_the_driver(driver, number):
+    driver.run()
+    driver.process.send_signal(number)
+    assert driver.ended() == 0
+    stops = [record.content for record in verify(driver.audit).records]
+    assert stops[-1]['kind'] == 'end'
+    reasons = [content['reason'] for content in stops if content['kind'] == 'signal']
+    assert reasons == [f'signal {number.name}']
+    assert 'disarm' in [content['kind'] for content in stops]

@@ -1,0 +1,152 @@
+"""Stop button and operator's console: keys on a real terminal, a joystick, a real driver."""
+
+import os
+import pty
+import time
+
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import Pulse
+from rpms_ros.errors import NodeError
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.keyboard import Keyboard
+from rpms_ros.nodes.operator_console import OperatorConsole
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.nodes.stop_button import StopButton
+
+LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+
+
+@pytest.fixture
+def terminal():
+    """Both ends of a terminal: where keys are typed, and a keyboard that reads them."""
+    typed, read = pty.openpty()
+    yield typed, Keyboard(read)
+    for descriptor in (typed, read):
+        try:
+            os.close(descriptor)
+        except OSError:
+            continue
+
+
+@pytest.fixture
+def said(graph):
+    """What every stop button of the graph says."""
+    heard = []
+    node = graph.add(lambda **options: Node('listener', **options))
+    node.create_subscription(Bool, topics.EMERGENCY_STOP, heard.append, qos.STOP_LIVE)
+    return lambda: heard[-1].data if heard else None
+
+
+def test_any_key_presses_and_one_lets_go(graph, terminal, said):
+    typed, keyboard = terminal
+    graph.add(lambda **options: StopButton(keyboard, **options))
+    graph.wait_for(lambda: said() is False)
+    os.write(typed, b' ')
+    graph.wait_for(lambda: said() is True)
+    os.write(typed, b'r')
+    graph.wait_for(lambda: said() is False)
+
+
+def test_a_terminal_that_is_gone_counts_as_pressed(graph, terminal, said):
+    typed, keyboard = terminal
+    graph.add(lambda **options: StopButton(keyboard, **options))
+    graph.wait_for(lambda: said() is False)
+    os.close(typed)
+    graph.wait_for(lambda: said() is True)
+
+
+def test_a_joystick_presses_and_its_silence_too(graph, said):
+    graph.add(StopButton, keyboard=False, joy_button=2, joy_timeout=1.0)
+    graph.wait_for(lambda: said() is True)
+    stick = graph.add(lambda **options: Node('stick', **options))
+    down = [0]
+    publisher = stick.create_publisher(Joy, topics.JOY, 10)
+    timer = stick.create_timer(0.02, lambda: publisher.publish(Joy(buttons=[0, 0, down[0]])))
+    graph.wait_for(lambda: said() is False)
+    down[0] = 1
+    graph.wait_for(lambda: said() is True)
+    down[0] = 0
+    graph.wait_for(lambda: said() is False)
+    timer.cancel()
+    graph.wait_for(lambda: said() is True)
+
+
+def test_a_button_without_a_key_is_refused(graph):
+    with pytest.raises(NodeError, match='expected a keyboard or a joy_button, got neither'):
+        graph.add(StopButton, keyboard=False)
+
+
+def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
+    typed, keyboard = terminal
+    file = tmp_path / 'schedule.yaml'
+    file.write_text(LONG)
+    pulses, statuses = [], []
+    listener = graph.add(lambda **options: Node('listener', **options))
+    listener.create_subscription(Pulse, topics.PULSES, pulses.append, qos.PULSES)
+    listener.create_subscription(DriverStatus, topics.DRIVER_STATUS, statuses.append, qos.STATUS)
+    # a machine under load may stall for longer than the default allows
+    driver = graph.add(
+        StimulatorDriver,
+        executor_timeout=5.0,
+        watch_timeout=5.0,
+        stop_button_timeout=2.0,
+        heartbeat_timeout=2.0,
+        lateness_limit=0.1,
+    )
+    console = graph.add(
+        lambda **options: OperatorConsole(keyboard, **options),
+        operator='ada',
+        schedule_file=str(file),
+        key_repeat=1.0,
+    )
+    graph.wait_for(lambda: console.client.ready and bool(statuses))
+    os.write(typed, b'a')
+    graph.wait_for(lambda: bool(console.client.token))
+    assert driver.controller.state.name == 'DISARMED'
+    typing = listener.create_timer(0.05, lambda: os.write(typed, b'e'))
+    graph.wait_for(lambda: len(pulses) > 3)
+    assert statuses[-1].operator_id == 'ada'
+    typing.cancel()
+    graph.wait_for(lambda: statuses[-1].state == DriverStatus.DISARMED)
+    assert 'to hold the enable' in statuses[-1].reason
+    os.write(typed, b'x')
+    graph.wait_for(lambda: statuses[-1].state == DriverStatus.STOPPED)
+    graph.wait_for(lambda: console.button.pressed)
+    os.write(typed, b'r')
+    graph.wait_for(lambda: not console.button.pressed)
+    # the driver may have heard the reset before the button
+    end = time.monotonic() + 10.0
+    while statuses[-1].state == DriverStatus.STOPPED and time.monotonic() < end:
+        os.write(typed, b'r')
+        before = len(statuses)
+        graph.wait_for(lambda: len(statuses) > before)  # noqa: B023
+    assert statuses[-1].state == DriverStatus.DISARMED
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'reason'),
+    [
+        ({}, 'expected the name of the operator, got none'),
+        (
+            {'operator': 'ada', 'schedule_file': '/nowhere.yaml'},
+            'expected a readable schedule file, got /nowhere.yaml',
+        ),
+    ],
+)
+def test_a_console_that_cannot_work_is_refused(graph, terminal, parameters, reason):
+    with pytest.raises(NodeError, match=reason):
+        graph.add(lambda **options: OperatorConsole(terminal[1], **options), **parameters)
+
+
+def test_a_console_without_a_terminal_is_refused(graph):
+    read, write = os.pipe()
+    with pytest.raises(NodeError, match='expected a terminal to read keys from, got none'):
+        graph.add(lambda **options: OperatorConsole(Keyboard(read), **options), operator='ada')
+    os.close(read)
+    os.close(write)
