@@ -110,7 +110,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._said: tuple[Any, ...] = ()
         self._audit = DriverAudit(settings.audit_log, self._on_audit_failed)
         name = self.get_fully_qualified_name()
-        self._audit.require('start', driver=name, device=device, process=os.getpid())
+        self._audit.require('session', driver=name, device=device, process=os.getpid())
         self._pulses = PulsePublisher(self, settings.frame_id)
         self.controller.on_fired = self._pulses.publish
         self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)

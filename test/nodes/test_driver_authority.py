@@ -282,8 +282,8 @@ def test_who_did_what_is_written_down(clinic, tmp_path):
     assert audit.intact
     kinds = [record.content['kind'] for record in audit.records]
     # how often it was refused before the button was heard differs
-    once = [kind for kind in kinds if kind in ('start', 'configure', 'schedule', 'stop')]
-    assert once == ['start', 'configure', 'schedule', 'stop']
+    once = [kind for kind in kinds if kind in ('session', 'configure', 'schedule', 'stop')]
+    assert once == ['session', 'configure', 'schedule', 'stop']
     assert 'refusal' in kinds
     arm = audit.records[kinds.index('schedule') - 1].content
     assert arm['kind'] == 'arm'
