@@ -178,6 +178,17 @@ def test_what_the_instrument_says_is_looked_at_in_every_answer(
     assert not fake.armed
 
 
+def test_coil_of_a_disarmed_device_may_be_changed(fake, device):
+    fake.coil, fake.replace = False, True
+    status = device.keep_alive()
+    assert (status.armed, status.coil_present, status.replace_coil) == (False, False, True)
+    fake.coil, fake.replace = True, False
+    assert armed(device).fire(0.5, WIDTH) is not None
+    fake.coil = False
+    with pytest.raises(DeviceError, match='got no coil: status'):
+        device.keep_alive()
+
+
 def test_preparation_sees_it_before_any_trigger(fake, device, wait_for):
     armed(device)
     fake.coil = False
@@ -431,6 +442,18 @@ def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(fake, devi
     device.open()
     assert device.guard_pid != first
     assert armed(device).fire(0.5, WIDTH) is not None
+
+
+def test_a_guard_that_is_stopped_does_not_keep_the_port(fake, device, wait_for):
+    armed(device)
+    stopped = device.guard_pid
+    os.kill(stopped, signal.SIGSTOP)
+    device.close()
+    wait_for(lambda: not fake.armed)
+    with pytest.raises(ProcessLookupError, match='No such process'):
+        os.kill(stopped, 0)
+    device.open()
+    assert device.keep_alive().coil_present
 
 
 def test_a_fork_that_outlives_the_driver_does_not_keep_it_armed(fake, wait_for):

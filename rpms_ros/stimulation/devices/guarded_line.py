@@ -182,18 +182,21 @@ class GuardedLine:
         line, guard, process = self._line, self._socket, self._guard
         if line is not None:
             self.silence()
+        left = True
         if guard is not None:
             with contextlib.suppress(OSError):
                 os.write(guard.number, packets.packed(Packet(packets.LEAVE)))
-            self._wait_for_the_end(guard)
+            left = self._has_left(guard)
         self._line = self._socket = self._guard = self.guard_pid = None
         if line is not None:
             release_port(line.number)
         if process is not None:
-            # what it had to do it has done, or it will never
-            with contextlib.suppress(subprocess.TimeoutExpired):
+            if not left:
+                # stopped, or it would have gone: what it had to do was done past it
+                process.kill()
+            try:
                 process.wait(_LEAVE_S)
-            if process.poll() is None:
+            except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
 
@@ -305,21 +308,22 @@ class GuardedLine:
         self.silence()
         raise DeviceError(reason)
 
-    def _wait_for_the_end(self, guard: Descriptor) -> None:
-        """Wait until the guard has closed its end, which it does last."""
+    def _has_left(self, guard: Descriptor) -> bool:
+        """Wait until the guard has closed its end, which it does last; return whether it did."""
         poll = select.poll()
         poll.register(guard.number, select.POLLIN)
         end = time.monotonic() + _LEAVE_S
         while (left_s := end - time.monotonic()) > 0:
             if not poll.poll(left_s * 1000):
-                return
+                return False
             try:
                 if not os.read(guard.number, packets.MAXIMUM_PACKET):
-                    return
+                    return True
             except BlockingIOError:
                 continue
             except OSError:
-                return
+                return True
+        return False
 
 
 def _is_socket(port: str) -> bool:

@@ -199,7 +199,9 @@ class SerialDevice:
             if self._silenced != before:
                 return DeviceStatus()
             raise
-        self._refuse_what_is_wrong(status, self._armed)
+        # a disarmed device may have its coil changed
+        if self._armed:
+            self._refuse_what_is_wrong(status, armed=True)
         return self._status_of(status)
 
     def beat(self) -> None:
