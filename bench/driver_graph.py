@@ -55,11 +55,12 @@ def graph(nodes):
             rclpy.try_shutdown()
 
 
-def start(name, parameters):
+def start(name, parameters, code=''):
+    """Start a node as a process, by its module or by a program of one's own."""
     values = [f'{key}:={value}' for key, value in parameters.items()]
     arguments = [argument for value in values for argument in ('-p', value)]
     return subprocess.Popen(
-        [sys.executable, '-c', START.format(name), '--ros-args', *arguments],
+        [sys.executable, '-c', code or START.format(name), '--ros-args', *arguments],
         stderr=subprocess.DEVNULL,
     )
 

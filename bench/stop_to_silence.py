@@ -1,50 +1,127 @@
-"""From the emergency-stop message to the last pulse: a live graph of three nodes under load.
+"""From what stops a train to its last pulse: the real node with a simulated device, under load.
 
-A trial starts a 50 Hz train, presses the button at a random moment, and looks at the stamp of the
-last pulse that was delivered.  None may be later than one repetition period plus 20 ms after the
-message.  Prints one line of figures; exit code 1 if the bound is broken.
+A trial arms the driver as an operator, starts a train at 50 Hz, and at a random moment does one of
+
+button        a stop button says that it is pressed
+cancel        the operator's client cancels the goal
+enable        the operator lets go of the enable
+client        SIGKILL of the operator's process, which has the goal as well
+signal        SIGTERM to the driver
+stopped       SIGSTOP of the driver for 0.6 s
+blocked       the driver's executor is busy for 0.6 s when the button is pressed
+
+and looks at the stamp of the last pulse that was delivered.  None may be later than one repetition
+period plus 20 ms.  Prints one line a cause; exit code 1 if the bound is broken.  What guard and
+instrument do when the driver is killed, stopped or hangs is measured by bench/guard.py.
 """
 
 import argparse
+import contextlib
+import os
 import random
+import signal
+import subprocess
 import sys
 import time
 
 from driver_graph import graph
 from driver_graph import load
 from driver_graph import spin_until
-from driver_graph import spread
+from driver_graph import start
 
 RATE_HZ = 50.0
 MARGIN_S = 0.020
-SCHEDULE = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 20.0, intensity: 0.3}]'
+SCHEDULE = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.3}]'
 # longer than the bound by far: what has not come by then never comes
 SILENCE_S = 0.3
-NODES = {
-    'stimulator_driver': {
-        'require_operator': 'false',
-        'require_stop_button': 'false',
-        'executor_timeout': 5.0,
-        'maximum_rate': RATE_HZ,
-    },
-    'plant_simulator': {'minimum_subscribers': 1},
-    'identifier': {},
-}
+BLOCKED_S = 0.6
+CAUSES = ('button', 'cancel', 'enable', 'client', 'signal', 'stopped', 'blocked')
+# after these the driver is started again
+ENDS_DRIVER = ('signal',)
+PARAMETERS = {'maximum_rate': RATE_HZ, 'lateness_limit': 0.01}
+# a driver whose executor is held up by a service that sleeps
+BLOCKING = f"""
+import sys, time
+from rpms_ros.nodes import stimulator_driver
+from rpms_ros.nodes.runner import run
+from std_srvs.srv import Trigger
+class Driver(stimulator_driver.StimulatorDriver):
+    def __init__(self, **options):
+        super().__init__(**options)
+        self.create_service(Trigger, 'block', self.block)
+    def block(self, request, response):
+        time.sleep({BLOCKED_S})
+        return response
+sys.exit(run(Driver))
+"""
+# the operator in a process of their own, told by lines what to do
+CLIENT = f"""
+import sys, threading
+import rclpy
+from lifecycle_msgs.srv import ChangeState
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rpms_ros.nodes.discovery import use_fast_discovery
+from rpms_ros.nodes.operator_client import OperatorClient
+use_fast_discovery()
+rclpy.init()
+node, executor = Node('client'), EventsExecutor()
+executor.add_node(node)
+ada = OperatorClient(node, 'ada', rate=100.0)
+changes = node.create_client(ChangeState, 'stimulator_driver/change_state')
+told = []
+def lines():
+    for line in iter(sys.stdin.readline, ''):
+        told.append(line.strip())
+threading.Thread(target=lines, daemon=True).start()
+def until(done):
+    while not done():
+        executor.spin_once(timeout_sec=0.01)
+def ask(call):
+    future = call()
+    until(future.done)
+    return future.result()
+until(lambda: ada.ready and changes.service_is_ready())
+configure = ChangeState.Request()
+configure.transition.id = 1
+while True:
+    until(lambda: bool(told))
+    told.clear()
+    ada.enable = True
+    ask(lambda: changes.call_async(configure))
+    while not ask(ada.request).success:
+        pass
+    until(lambda: ada.token)
+    while not ask(ada.confirm).success:
+        if not ada.token:
+            break
+    handle = ask(lambda: ada.start({SCHEDULE!r}))
+    print('started', flush=True)
+    until(lambda: bool(told))
+    word = told.pop(0)
+    if word == 'cancel':
+        handle.cancel_goal_async()
+    elif word == 'enable':
+        ada.enable = False
+        ada.beat()
+    ask(handle.get_result_async)
+    ada.enable = False
+    print('ended', flush=True)
+"""
 
 
 class Trials:
+    """The driver, the operator and a node that presses, listens and resets."""
+
     def __init__(self, node, executor):
-        from lifecycle_msgs.srv import ChangeState
-        from rclpy.action import ActionClient
-        from std_msgs.msg import Bool
         from std_srvs.srv import Trigger
 
-        from rpms_msgs.action import RunSchedule
         from rpms_msgs.msg import DriverStatus
         from rpms_msgs.msg import Pulse
         from rpms_ros.messages import nanoseconds
         from rpms_ros.nodes import qos
         from rpms_ros.nodes import topics
+        from rpms_ros.nodes.button_publisher import ButtonPublisher
 
         self.node, self.executor = node, executor
         self.onsets, self.reason = [], ''
@@ -55,83 +132,149 @@ class Trials:
             qos.PULSES,
         )
         node.create_subscription(DriverStatus, topics.DRIVER_STATUS, self.on_status, qos.STATUS)
-        self.button = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP)
+        self.button = ButtonPublisher(node)
         self.reset = node.create_client(Trigger, topics.RESET_EMERGENCY_STOP)
-        self.changes = node.create_client(ChangeState, 'stimulator_driver/change_state')
-        self.goals = ActionClient(node, RunSchedule, topics.RUN_SCHEDULE)
-        self.trigger, self.change_state = Trigger.Request(), ChangeState.Request
-        self.goal, self.bool = RunSchedule.Goal(schedule=SCHEDULE), Bool
-        for ready in (
-            self.reset.service_is_ready,
-            self.changes.service_is_ready,
-            self.goals.server_is_ready,
-            lambda: self.button.get_subscription_count() == 1,
-        ):
-            self.wait(ready)
+        self.block = node.create_client(Trigger, 'block')
+        self.request = Trigger.Request()
+        self.driver = self.client = None
 
     def on_status(self, message):
         self.reason = message.reason
 
-    def wait(self, predicate, timeout_s=30.0):
+    def wait(self, predicate, timeout_s=60.0):
         try:
             spin_until(self.executor, predicate, timeout_s)
         except TimeoutError as error:
             raise TimeoutError(f'{error}; the driver says: {self.reason}') from error
 
-    def done(self, future):
-        self.wait(future.done)
-        return future.result()
+    def wait_for(self, seconds):
+        end = time.monotonic() + seconds
+        self.wait(lambda: time.monotonic() >= end)
 
-    def change(self, transition):
-        request = self.change_state()
-        request.transition.id = transition
-        return self.done(self.changes.call_async(request)).success
+    def begin(self):
+        """Begin a train; a driver that a loaded machine has stopped before is started again."""
+        for _ in range(5):
+            try:
+                self.start_train()
+            except TimeoutError:
+                self.close()
+            else:
+                return
+        raise TimeoutError(f'expected a train, got none; the driver says: {self.reason}')
 
-    def one(self):
-        """Return how long after the stop message the last pulse was [s]; negative if before."""
-        from lifecycle_msgs.msg import Transition
-
-        self.wait(lambda: self.change(Transition.TRANSITION_ACTIVATE))
+    def start_train(self):
+        """Bring up what is missing, arm, and wait for a random moment of the train."""
+        if self.driver is None:
+            self.driver = start('stimulator_driver', PARAMETERS, BLOCKING)
+            self.wait(self.reset.service_is_ready)
+        if self.client is None:
+            self.client = subprocess.Popen(
+                [sys.executable, '-c', CLIENT],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                bufsize=0,
+            )
+            os.set_blocking(self.client.stdout.fileno(), False)
         self.onsets.clear()
-        if not self.done(self.goals.send_goal_async(self.goal)).accepted:
-            raise RuntimeError('expected an accepted goal, got a refused one')
-        self.wait(lambda: len(self.onsets) > 5)
-        pressed = time.monotonic() + random.uniform(0.0, 1.0 / RATE_HZ)
-        self.wait(lambda: time.monotonic() >= pressed)
-        sent_ns = time.time_ns()
-        self.button.publish(self.bool(data=True))
-        silent = time.monotonic() + SILENCE_S
-        self.wait(lambda: time.monotonic() >= silent)
+        self.tell('go')
+        self.wait(lambda: len(self.onsets) > 5, 20.0)
+        self.wait_for(random.uniform(0.0, 1.0 / RATE_HZ))
+
+    def tell(self, word):
+        self.client.stdin.write(f'{word}\n'.encode())
+
+    def one(self, cause):
+        """Return how long after its cause the last pulse was [s]; negative if before."""
+        self.begin()
+        if cause == 'blocked':
+            self.block.call_async(self.request)
+            self.wait_for(0.05)
+        began_ns = time.time_ns()
+        self.do(cause)
+        self.wait_for(SILENCE_S)
+        if cause in ('stopped', 'blocked'):
+            if cause == 'stopped':
+                self.wait_for(BLOCKED_S - SILENCE_S)
+                self.driver.send_signal(signal.SIGCONT)
+            self.wait_for(BLOCKED_S + SILENCE_S)
         last_ns = self.onsets[-1]
-        self.button.publish(self.bool(data=False))
-        self.wait(lambda: self.done(self.reset.call_async(self.trigger)).success)
-        return (last_ns - sent_ns) / 1e9
+        self.end(cause)
+        return (last_ns - began_ns) / 1e9
+
+    def do(self, cause):
+        if cause in ('button', 'blocked'):
+            self.button.set(True)
+        elif cause in ('cancel', 'enable'):
+            self.tell(cause)
+        elif cause == 'client':
+            self.client.kill()
+        else:
+            numbers = {'signal': signal.SIGTERM, 'stopped': signal.SIGSTOP}
+            self.driver.send_signal(numbers[cause])
+
+    def end(self, cause):
+        self.button.set(False)
+        if cause in ENDS_DRIVER:
+            self.driver.wait(30)
+            self.driver = None
+        if cause == 'client' or cause in ENDS_DRIVER:
+            self.close_client()
+        if self.client is not None:
+            # the word that ends a trial whose cause was not the client's
+            if cause not in ('cancel', 'enable'):
+                self.tell('over')
+            self.wait(lambda: b'ended' in (self.client.stdout.read(1000) or b''))
+        if self.driver is not None:
+            self.wait(self.resets)
+
+    def resets(self):
+        future = self.reset.call_async(self.request)
+        self.wait(future.done)
+        return future.result().success
+
+    def close_client(self):
+        self.client.kill()
+        self.client.communicate()
+        self.client = None
+
+    def close(self):
+        if self.client is not None:
+            self.close_client()
+        if self.driver is not None:
+            self.driver.terminate()
+            self.driver.wait(30)
+            self.driver = None
 
 
 def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('causes', nargs='*', default=CAUSES, metavar='CAUSE')
     parser.add_argument('--trials', type=int, default=200)
     parser.add_argument('--load', type=int, default=2, help='busy processes beside the graph')
     arguments = parser.parse_args(argv)
     random.seed(1)
-    with load(arguments.load), graph(NODES):
-        from lifecycle_msgs.msg import Transition
+    bound = 1.0 / RATE_HZ + MARGIN_S
+    broken = 0
+    print(f'{RATE_HZ:g} Hz, {arguments.load} busy processes, bound {1e3 * bound:.0f} ms')
+    print(f'{"cause":10} trials  median     p99     max  over  [ms]')
+    with load(arguments.load), graph({}):
         from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.node import Node
 
         node, executor = Node('bench'), EventsExecutor()
         executor.add_node(node)
-        trials = Trials(node, executor)
-        trials.change(Transition.TRANSITION_CONFIGURE)
-        last = [trials.one() for _ in range(arguments.trials)]
+        with contextlib.closing(Trials(node, executor)) as trials:
+            for cause in arguments.causes:
+                late = sorted(trials.one(cause) for _ in range(arguments.trials))
+                over = sum(each > bound for each in late)
+                broken += over
+                picked = [late[round(share * (len(late) - 1))] for share in (0.5, 0.99, 1.0)]
+                shown = ' '.join(f'{1e3 * each:7.1f}' for each in picked)
+                print(f'{cause:10} {len(late):6} {shown} {over:5}', flush=True)
         executor.remove_node(node)
         node.destroy_node()
-    bound = 1.0 / RATE_HZ + MARGIN_S
-    print(
-        f'stop to last pulse, {arguments.trials} trials at {RATE_HZ:g} Hz, '
-        f'{arguments.load} busy processes: {spread(last, 1e3)} ms, bound {1e3 * bound:.0f} ms'
-    )
-    return 0 if max(last) <= bound else 1
+    return 1 if broken else 0
 
 
 if __name__ == '__main__':

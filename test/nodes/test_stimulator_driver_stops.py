@@ -172,6 +172,23 @@ def test_force_sensor_that_falls_silent_stops(graph):
 
 
 @pytest.mark.parametrize(
+    'dead', [{'stamp_ns': 1}, {'frame': 'ankle'}], ids=['same stamp', 'foreign frame']
+)
+def test_force_that_is_frozen_or_foreign_is_no_sign_of_life(graph, dead):
+    bench = Bench(graph, force_limit=100.0, force_timeout=1.0)
+    # a sensor that repeats nothing is heard as well
+    sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
+    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
+    how = [{}]
+    bench.other.create_timer(0.02, lambda: sensor.publish(wrench(10.0, **how[0])))
+    bench.arm()
+    how[0] = dead
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert 'force: expected a sign of life within 1 s' in bench.statuses[-1].reason
+    assert bench.controller.fault_counts()['force_refused'] > 0
+
+
+@pytest.mark.parametrize(
     ('faults', 'reason'),
     [
         (SimulatedFaults(silent_loss=1.0), 'expected a pulse from the device, got none'),
