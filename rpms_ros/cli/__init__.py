@@ -16,6 +16,7 @@ COMMANDS = (
     'demo',
     'simulate',
     'info',
+    'verify',
     'identify',
     'study',
     'analyze',
@@ -35,6 +36,7 @@ Identify a muscle that is stimulated by repetitive magnetic or electrical pulses
   rpms demo                              live, with a simulated muscle
   rpms simulate --out session            a recording of a simulated session
   rpms info session                      what a recording holds
+  rpms verify session                    whether it is whole and unchanged
   rpms identify session --out results    recruitment and dynamics of the muscle
   rpms analyze session --out results     latency, twitch, summation, recruitment
   rpms report session --out report.html  one page to read, print and send

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_memory_option
 from rpms_ros.cli.options import progress
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.text import noted
@@ -34,6 +35,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
     parser.add_argument('--json', action='store_true', help='one JSON object instead of text')
+    add_memory_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -41,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.recording import read_facts
 
     with progress('reading', None, 'messages', arguments.quiet) as advance:
-        facts = read_facts(arguments.bag, advance)
+        facts = read_facts(arguments.bag, advance, arguments.max_memory)
     if arguments.json:
         json.dump(as_document(facts), sys.stdout, indent=2)
         print()

@@ -14,6 +14,7 @@ from rpms_ros.report.text import collapsed
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
+    from rpms_ros.recording import Topics
 
 Subparsers = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 COMPILING = 'compiling for this machine, once; this takes about half a minute'
@@ -42,8 +43,8 @@ def add_command(
     return parser
 
 
-def add_reading_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says where pulses and force are found in a recording."""
+def add_topic_options(parser: argparse.ArgumentParser) -> None:
+    """Add the names of the topics."""
     group = parser.add_argument_group('where the data are')
     group.add_argument(
         '--pulses-topic',
@@ -58,6 +59,41 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         help='topic of the force: WrenchStamped, Wrench or Float64 (default: force)',
     )
+
+
+def topics_of(arguments: argparse.Namespace) -> 'Topics':
+    """Return the names of the topics as the options say."""
+    from rpms_ros.recording import Topics
+
+    return Topics(arguments.pulses_topic, arguments.force_topic)
+
+
+def add_memory_option(parser: argparse.ArgumentParser) -> None:
+    """Add the bound on what reading may take."""
+    parser.add_argument(
+        '--max-memory',
+        type=_bytes_of_gigabytes,
+        metavar='GB',
+        help='memory that reading the recording may take (default: 1 GB and four times its size)',
+    )
+
+
+def _bytes_of_gigabytes(text: str) -> int:
+    """Return a positive number of bytes."""
+    try:
+        size = int(float(text) * 1e9)
+    except (ValueError, OverflowError):
+        size = 0
+    if size <= 0:
+        raise argparse.ArgumentTypeError(f'expected a number of GB above 0, got {text!r}')
+    return size
+
+
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says where pulses and force are found in a recording."""
+    add_topic_options(parser)
+    add_memory_option(parser)
+    group = parser.add_argument_group('what the force is')
     group.add_argument(
         '--axis',
         default='z',
@@ -76,16 +112,16 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
 
 def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
     """Return a recording as the options say."""
-    from rpms_ros.recording import Topics
     from rpms_ros.recording import read_recording
 
     with progress('reading', None, 'messages', arguments.quiet) as advance:
         return read_recording(
             path,
-            Topics(arguments.pulses_topic, arguments.force_topic),
+            topics_of(arguments),
             arguments.axis,
             arguments.sign,
             advance,
+            arguments.max_memory,
         )
 
 

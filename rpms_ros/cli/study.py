@@ -60,6 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         force_topic=arguments.force_topic,
         axis=arguments.axis,
         sign=arguments.sign,
+        max_memory=arguments.max_memory,
     )
     table = StudyTable(arguments.out, found_recordings(arguments.bags), options)
     waiting = table.waiting()

@@ -19,6 +19,7 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.recording.files import READERS
 
 _VERSION = 1
+_FORMULA_STARTS = ('=', '+', '-', '@', '\t', '\r')
 
 
 def found_recordings(paths: Iterable[Path]) -> list[Path]:
@@ -117,7 +118,9 @@ class StudyTable:
         with part.open('w', newline='', encoding='utf-8') as file:
             writer = csv.DictWriter(file, list(columns()))
             writer.writeheader()
-            writer.writerows(self.rows())
+            writer.writerows(
+                {name: _cell(value) for name, value in row.items()} for row in self.rows()
+            )
         part.replace(self.folder / 'results.csv')
 
     def _write_parquet(self) -> None:
@@ -150,6 +153,13 @@ class StudyTable:
         ]
         text = json.dumps([_VERSION, str(path.resolve()), states, asdict(self.options)])
         return f'{hashlib.sha256(text.encode()).hexdigest()[:32]}.json'
+
+
+def _cell(value: object) -> object:
+    """Return a value that no spreadsheet takes for a formula: such a text gets an apostrophe."""
+    if isinstance(value, str) and value.startswith(_FORMULA_STARTS):
+        return f"'{value}"
+    return value
 
 
 def _replace(path: Path, text: str) -> None:

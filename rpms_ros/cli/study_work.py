@@ -44,12 +44,15 @@ class StudyOptions(IdentificationOptions):
         Axis of the force.
     sign : int
         1 or -1.
+    max_memory : int or None
+        What reading may take [bytes]; None for the default.
     """
 
     pulses_topic: str = 'pulses'
     force_topic: str = 'force'
     axis: str = 'z'
     sign: int = 1
+    max_memory: int | None = None
 
 
 def columns() -> dict[str, type]:
@@ -66,7 +69,9 @@ def work(path: str, options: StudyOptions) -> Row:
     """Return the row of one recording; a failure that is the recording's own is a row too."""
     try:
         topics = Topics(options.pulses_topic, options.force_topic)
-        recording = read_recording(path, topics, options.axis, options.sign)
+        recording = read_recording(
+            path, topics, options.axis, options.sign, memory=options.max_memory
+        )
         document = plain(result_of(recording, identified(recording, options, most_estimates=1)))
     except RpmsError as error:
         return failure(str(error))

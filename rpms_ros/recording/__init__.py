@@ -8,10 +8,12 @@ from rpms_ros.recording.reading import Topics
 from rpms_ros.recording.reading import read_facts
 from rpms_ros.recording.reading import read_recording
 from rpms_ros.recording.session_hash import session_hash
+from rpms_ros.recording.writing import FurtherTopic
 from rpms_ros.recording.writing import RecordingWriter
 from rpms_ros.recording.writing import write_recording
 
 __all__ = [
+    'FurtherTopic',
     'GateSettings',
     'Recording',
     'RecordingFacts',

@@ -145,6 +145,9 @@ def _edges(high: BoolArray, low: BoolArray) -> tuple[IntArray, IntArray]:
 
 
 def _columns(path: Path, names: Sequence[str]) -> dict[str, FloatArray]:
+    # A pipe would be waited for without end.
+    if path.exists() and not path.is_file():
+        raise RecordingError(f'expected a CSV file at {path}, got no regular file')
     try:
         with path.open(newline='', encoding='utf-8-sig') as file:
             header = [name.strip() for name in next(csv.reader(file), [])]

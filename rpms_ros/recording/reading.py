@@ -58,6 +58,8 @@ class RecordingFacts:
         Faults of the recording by kind.
     remarks : tuple of str
         One line on each.
+    files : tuple of str
+        Names of the storage files.
     """
 
     path: Path
@@ -67,6 +69,7 @@ class RecordingFacts:
     custom: Mapping[str, str] = field(default_factory=dict)
     faults: Mapping[str, int] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,7 @@ def _facts(scan: Scan, frame_ids: Mapping[str, tuple[str, ...]] | None = None) -
         scan.files.custom,
         dict(scan.findings.counts),
         tuple(scan.findings.remarks),
+        tuple(path.name for path in scan.files.paths),
     )
 
 

@@ -4,11 +4,13 @@ import os
 from collections.abc import Mapping
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from sqlite3 import Error as SqliteError
 from types import TracebackType
 from typing import NoReturn
 
+import numpy as np
 from rosbags.interfaces import Qos
 
 from rpms_ros.errors import RecordingError
@@ -28,6 +30,7 @@ from rpms_ros.recording.mcap_writing import McapFileWriter
 from rpms_ros.recording.metadata import CRC_KEY
 from rpms_ros.recording.metadata import TopicEntry
 from rpms_ros.recording.records import Channel
+from rpms_ros.recording.records import Records
 from rpms_ros.recording.sqlite_writing import SqliteFileWriter
 
 STORAGES: dict[str, type[McapFileWriter] | type[SqliteFileWriter]] = {
@@ -39,6 +42,26 @@ PULSES_TOPIC = '/pulses'
 FORCE_TOPIC = '/force'
 PULSE_FRAME = 'coil'
 _REFUSALS = (OSError, SqliteError)
+
+
+@dataclass(frozen=True)
+class FurtherTopic:
+    """Messages of a topic, ready to be written.
+
+    Attributes
+    ----------
+    name, type_name : str
+        Topic and type of its messages.
+    time_ns : sequence of int
+        When each message was received [ns].
+    messages : sequence of bytes
+        Each of them serialised.
+    """
+
+    name: str
+    type_name: str
+    time_ns: Sequence[int]
+    messages: Sequence[bytes]
 
 
 class RecordingWriter:
@@ -210,6 +233,7 @@ def write_recording(
     axis: str | Sequence[float] = 'z',
     custom: Mapping[str, str] | None = None,
     key: bytes | None = None,
+    further: Sequence['FurtherTopic'] = (),
 ) -> None:
     """Write pulses and forces as a recording.
 
@@ -228,6 +252,9 @@ def write_recording(
     axis : str or sequence of float
         Axis of the force in the frame of the sensor.
 
+    further : sequence of FurtherTopic
+        Messages of other topics, merged with them by their times.
+
     Raises
     ------
     RecordingError
@@ -238,7 +265,11 @@ def write_recording(
         (FORCE_TOPIC, WRENCH_STAMPED): encode_forces(forces, direction_of(axis)),
     }
     with RecordingWriter(path, storage, compression, custom, key) as writer:
-        batch = merged({writer.add_topic(*topic): part for topic, part in encoded.items()})
+        topics = {writer.add_topic(*topic): part for topic, part in encoded.items()}
+        for topic in further:
+            number = writer.add_topic(topic.name, topic.type_name)
+            topics[number] = Records.of(topic.messages, np.asarray(topic.time_ns, np.int64))
+        batch = merged(topics)
         records = batch.records
         # Not a copy of each message but a view: a thousand of them are a small part of the work.
         view = records.buffer.data

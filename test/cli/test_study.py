@@ -154,3 +154,14 @@ def test_recordings_are_found_once_and_in_order(sessions: Path) -> None:
     found = found_recordings([second, sessions, second / 'session_1_0.mcap'])
     names = [path.name for path in found]
     assert names == ['session_1', 'session_0', 'session_2', 'session_3', 'session_1_0.mcap']
+
+
+def test_a_name_is_no_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = '=HYPERLINK("http:evil","click")'
+    monkeypatch.chdir(tmp_path)
+    Path(name).mkdir()
+    (Path(name) / 'bag_0.mcap').write_bytes(b'')
+    assert main(['study', name, '--out', 'study', '--jobs', '1', '--quiet']) == 1
+    (row,) = table_of(Path('study'))
+    assert row['recording'] == f"'{name}"
+    assert row['status'] == 'failed'

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import FurtherTopic
 from rpms_ros.recording import RecordingWriter
 from rpms_ros.recording import read_facts
+from rpms_ros.recording import write_recording
 from rpms_ros.recording.definitions import PULSE
+from rpms_ros.recording.scan import Scan
 
 # A limit of the file size is met like the end of a device, at the same calls.
 FULL_DEVICE = """
@@ -114,8 +119,6 @@ def test_unknown_type_is_refused(tmp_path: Path) -> None:
 def test_messages_of_every_length_survive(tmp_path: Path) -> None:
     generator = np.random.default_rng(3)
     messages = [generator.bytes(int(size)) for size in generator.integers(0, 5000, 200)]
-    from rpms_ros.recording.scan import Scan
-
     for storage, compression in (('mcap', ''), ('mcap', 'lz4'), ('sqlite3', '')):
         path = tmp_path / f'{storage}{compression}'
         with RecordingWriter(path, storage, compression) as writer:
@@ -128,3 +131,19 @@ def test_messages_of_every_length_survive(tmp_path: Path) -> None:
             for index in range(len(records))
         ]
         assert read == messages
+
+
+def test_further_topics_are_merged_by_time(tmp_path: Path) -> None:
+    for storage in ('mcap', 'sqlite3'):
+        path = tmp_path / storage
+        text = FurtherTopic('/notes', 'std_msgs/msg/String', [5, 25], [b'one', b'two'])
+        forces = ForceTrace(np.array([0, 10, 20, 30]), np.zeros(4))
+        write_recording(path, PulseTrain.of([]), forces, storage=storage, further=[text])
+        counts = {topic.name: topic.count for topic in read_facts(path).topics}
+        assert counts == {'/pulses': 0, '/force': 4, '/notes': 2}
+        places = {
+            channel.topic: records.place.tolist()
+            for channel, records in Scan(path).blocks()
+            if records.place is not None
+        }
+        assert places['/notes'] == [1, 4]

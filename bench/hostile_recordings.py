@@ -1,0 +1,185 @@
+"""Recordings that were mutated or had a bit flipped: what the commands make of them.
+
+Mutations: bytes changed, cut out, doubled, cut off, of every file of small recordings in every
+storage, given to `rpms info`, `verify` and `identify`.  None may end in a traceback, take more
+than 10 s or more memory than 1 GB and four times the file, or return an exit code that is not
+documented.  Flips: one bit of a storage file or of metadata.yaml; either a fault is named, or
+nothing that is printed changes.
+
+python bench/hostile_recordings.py [--mutations 10000] [--flips 2000] [--seed 1]
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import random
+import resource
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.cli import main as rpms
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import write_recording
+
+STORAGES = (('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', ''))
+COMMANDS = ('info', 'verify', 'identify')
+LONGEST = 10.0
+MEMORY = 1_000_000_000
+DOCUMENTED = (0, 1, 2)
+_HOSTILE = (b'\xff' * 8, b'\0' * 8, b'\x7f' + b'\xff' * 7, b'[' * 64, b'&a *a ', b'\n- ')
+
+
+def simulated(folder: Path) -> list[Path]:
+    """Write a recording of a second in every storage; return their folders."""
+    stamp_ns = 10**18 + np.arange(1000, dtype=np.int64) * 1_000_000
+    generator = np.random.default_rng(1)
+    pulses = PulseTrain.regular(generator.random(20), 20.0, 10**18)
+    forces = ForceTrace(stamp_ns, generator.standard_normal(1000))
+    paths = []
+    for storage, compression in STORAGES:
+        path = folder / f'{storage}{compression}'
+        custom = {'operator': 'somebody', 'seed': '7'}
+        write_recording(
+            path, pulses, forces, storage=storage, compression=compression, custom=custom
+        )
+        paths.append(path)
+    return paths
+
+
+def mutated(content: bytes, generator: random.Random) -> bytes:
+    """Return the content with a few changes of the kinds that break readers."""
+    data = bytearray(content)
+    for _ in range(generator.choice((1, 1, 1, 2, 5))):
+        place = generator.randrange(len(data)) if data else 0
+        size = generator.choice((1, 4, 8, 64, 1000))
+        match generator.randrange(6):
+            case 0:
+                data[place : place + size] = generator.randbytes(size)
+            case 1:
+                del data[place : place + size]
+            case 2:
+                data[place:place] = data[place : place + size]
+            case 3:
+                del data[place:]
+            case 4:
+                piece = generator.choice(_HOSTILE)
+                data[place : place + len(piece)] = piece
+            case _:
+                if data:
+                    data[place] ^= 1 << generator.randrange(8)
+    return bytes(data)
+
+
+@contextlib.contextmanager
+def changed(path: Path, content: bytes) -> Iterator[None]:
+    """Give a file other content for a while."""
+    before = path.read_bytes()
+    path.write_bytes(content)
+    try:
+        yield
+    finally:
+        path.write_bytes(before)
+
+
+def run(command: str, path: Path) -> tuple[int | str, str]:
+    """Run a command in this process; return its exit code or traceback, and what it printed."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(io.StringIO()):
+        try:
+            return rpms([command, str(path), '--quiet', '--json']), output.getvalue()
+        except Exception:  # noqa: BLE001
+            return traceback.format_exc(), ''
+
+
+def try_mutations(paths: list[Path], count: int, seed: int) -> Counter[str]:
+    """Return how many mutations ended how; print what must not happen."""
+    generator = random.Random(seed)
+    ends: Counter[str] = Counter()
+    for number in range(count):
+        path = generator.choice(paths)
+        file = generator.choice(sorted(path.iterdir()))
+        command = COMMANDS[number % len(COMMANDS)]
+        with changed(file, mutated(file.read_bytes(), generator)):
+            begun = time.monotonic()
+            code, _ = run(command, path)
+            span = time.monotonic() - begun
+        if code not in DOCUMENTED:
+            print(f'mutation {number} of {file.name}, rpms {command}: {code}')
+        if span > LONGEST:
+            print(f'mutation {number} of {file.name}, rpms {command}: {span:.1f} s')
+        ends[f'exit {code}' if code in DOCUMENTED else 'traceback'] += 1
+        ends['too long'] += span > LONGEST
+    return ends
+
+
+def shown(output: str) -> dict[str, object]:
+    """Return what was printed without the faults."""
+    document: dict[str, object] = json.loads(output)
+    return {
+        key: value for key, value in document.items() if key not in ('faults', 'remarks', 'notes')
+    }
+
+
+def try_flips(paths: list[Path], count: int, seed: int) -> Counter[str]:
+    """Return how many flips ended how; print those that pass unnamed."""
+    generator = random.Random(seed)
+    before = {path: shown(run('identify', path)[1]) for path in paths}
+    ends: Counter[str] = Counter()
+    for number in range(count):
+        path = generator.choice(paths)
+        files = [
+            file for file in sorted(path.iterdir()) if file.suffix in ('.mcap', '.db3', '.yaml')
+        ]
+        file = generator.choice(files)
+        content = bytearray(file.read_bytes())
+        place, bit = generator.randrange(len(content)), generator.randrange(8)
+        content[place] ^= 1 << bit
+        with changed(file, bytes(content)):
+            code, output = run('identify', path)
+        if code == 0 and shown(output) != before[path]:
+            print(f'flip {number}: bit {bit} of byte {place} of {path.name}/{file.name} unnamed')
+            ends['unnamed'] += 1
+        elif code not in DOCUMENTED:
+            print(f'flip {number}: bit {bit} of byte {place} of {path.name}/{file.name}: {code}')
+            ends['traceback'] += 1
+        else:
+            ends['without effect' if code == 0 else 'named'] += 1
+    return ends
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--mutations', type=int, default=10_000)
+    parser.add_argument('--flips', type=int, default=2000)
+    parser.add_argument('--seed', type=int, default=1)
+    arguments = parser.parse_args()
+    os.environ.setdefault('OMP_NUM_THREADS', '1')
+    with tempfile.TemporaryDirectory() as name:
+        paths = simulated(Path(name))
+        # What is compiled once is in nobody's time.
+        for path in paths:
+            run('identify', path)
+        mutations = try_mutations(paths, arguments.mutations, arguments.seed)
+        flips = try_flips(paths, arguments.flips, arguments.seed)
+        largest = max(file.stat().st_size for path in paths for file in path.iterdir())
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    print(f'{arguments.mutations} mutations: {dict(mutations)}')
+    print(f'{arguments.flips} flips: {dict(flips)}')
+    print(f'largest memory {memory / 1e9:.2f} GB, target {(MEMORY + 4 * largest) / 1e9:.2f} GB')
+    good = not (mutations['traceback'] or mutations['too long'])
+    good &= not (flips['traceback'] or flips['unnamed'])
+    return 0 if good and memory <= MEMORY + 4 * largest else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,49 @@
+"""``rpms verify``: whether a recording is whole and unchanged."""
+
+import argparse
+import json
+from pathlib import Path
+
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_memory_option
+from rpms_ros.cli.options import add_topic_options
+from rpms_ros.cli.options import topics_of
+
+_DESCRIPTION = """\
+Checks a recording, one line a finding: structure, checksums, signature, publishers, clock, gaps,
+doubles, values; and shows the hash of the session that results and reports carry.
+"""
+_EXAMPLES = """\
+  rpms verify session
+  rpms verify session --key laboratory.key        signed with this key?
+exit codes: 0 nothing wrong, 1 a line says FAULT, 2 cannot be read
+"""
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers, 'verify', run, 'is a recording whole and unchanged', _DESCRIPTION, _EXAMPLES
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
+    parser.add_argument('--key', type=Path, metavar='FILE', help='key of the signature')
+    parser.add_argument('--json', action='store_true', help='one JSON object instead of text')
+    add_topic_options(parser)
+    add_memory_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print what was found; return 1 if something is wrong."""
+    from rpms_ros.recording.checksums import read_key
+    from rpms_ros.recording.verifying import FAULT
+    from rpms_ros.recording.verifying import verify
+
+    key = read_key(arguments.key) if arguments.key else None
+    findings = verify(arguments.bag, topics_of(arguments), key, arguments.max_memory)
+    if arguments.json:
+        rows = [vars(finding) for finding in findings]
+        print(json.dumps({'recording': str(arguments.bag), 'findings': rows}))
+    else:
+        for finding in findings:
+            print(f'{finding.check:<11}{finding.state:<9}{finding.text}')
+    return 1 if any(finding.state == FAULT for finding in findings) else 0

@@ -1,0 +1,224 @@
+"""Everything about a recording that can be checked, one line a finding."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import IntArray
+from rpms_ros.recording.checksums import SUMS_NAME
+from rpms_ros.recording.checksums import read_checksums
+from rpms_ros.recording.checksums import sha256
+from rpms_ros.recording.checksums import signature_fits
+from rpms_ros.recording.findings import printable
+from rpms_ros.recording.reading import Recording
+from rpms_ros.recording.reading import RecordingFacts
+from rpms_ros.recording.reading import Topics
+from rpms_ros.recording.reading import read_facts
+from rpms_ros.recording.reading import read_recording
+from rpms_ros.recording.session_hash import session_hash
+
+OK, FAULT, UNKNOWN = 'ok', 'FAULT', 'unknown'
+PUBLISHERS_KEY = 'publishers'
+"""Name in `custom_data` under which a recorder notes how many publishers a topic had."""
+# Longer steps between stamps are gaps: more than jitter makes of one sampling interval.
+_LONGEST_STEP = 1.75
+_SEQUENCES = 2**32
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found.
+
+    Attributes
+    ----------
+    check : str
+        What was looked at, such as ``checksums``.
+    state : str
+        ``ok``, ``FAULT``, or ``unknown`` where the recording does not tell.
+    text : str
+        One line for people.
+    """
+
+    check: str
+    state: str
+    text: str
+
+
+def verify(
+    path: Path,
+    topics: Topics | None = None,
+    key: bytes | None = None,
+    memory: int | None = None,
+) -> list[Finding]:
+    """Return what every check found, at least one finding a check.
+
+    Parameters
+    ----------
+    path : Path
+        Folder or storage file.
+    topics : Topics, optional
+        Names of the topics.
+    key : bytes, optional
+        What the recording must have been signed with.
+    memory : int, optional
+        What reading may take, as of `read_recording` [bytes].
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing that could be read.
+    """
+    facts = read_facts(path, memory=memory)
+    findings = [*_structure(facts), *_checksums(path, facts), _signature(path, key)]
+    findings += _publishers(facts)
+    try:
+        recording = read_recording(path, topics, memory=memory)
+    except RecordingError as error:
+        return [*findings, Finding('session', FAULT, printable(str(error)))]
+    seen = set(facts.remarks)
+    findings += [
+        Finding('session', FAULT, text) for text in recording.facts.remarks if text not in seen
+    ]
+    findings += [*_clock(recording), *_gaps(recording), *_doubles(recording), *_values(recording)]
+    return [*findings, Finding('hash', OK, session_hash(recording))]
+
+
+def _structure(facts: RecordingFacts) -> list[Finding]:
+    """Faults of files, records and counts; damage in a chunk of mcap is found here too."""
+    count = sum(topic.count for topic in facts.topics)
+    text = f'{count} messages on {len(facts.topics)} topics, {facts.storage}'
+    return [Finding('structure', FAULT, remark) for remark in facts.remarks] or [
+        Finding('structure', OK, text)
+    ]
+
+
+def _checksums(path: Path, facts: RecordingFacts) -> Iterator[Finding]:
+    folder = path if path.is_dir() else path.parent
+    try:
+        sums = read_checksums(folder)
+    except (OSError, RecordingError) as error:
+        yield Finding('checksums', FAULT, printable(str(error)))
+        return
+    if sums is None:
+        yield Finding('checksums', UNKNOWN, f'there is no {SUMS_NAME}')
+        return
+    wrong = [name for name, digest in sums.items() if not _fits(folder / name, digest)]
+    for name in wrong:
+        text = f'{name} is missing or is not what was written: its SHA-256 differs'
+        yield Finding('checksums', FAULT, printable(text))
+    for name in sorted(set(facts.files) - sums.keys()):
+        yield Finding('checksums', FAULT, printable(f'{name} is not listed in {SUMS_NAME}'))
+    if not wrong:
+        yield Finding('checksums', OK, f'SHA-256 of {", ".join(sums)}')
+
+
+def _fits(path: Path, digest: str) -> bool:
+    return path.is_file() and sha256(path) == digest
+
+
+def _signature(path: Path, key: bytes | None) -> Finding:
+    folder = path if path.is_dir() else path.parent
+    fits = signature_fits(folder, key or b'')
+    if key is None:
+        text = 'not signed' if fits is None else 'signed; --key checks it'
+        return Finding('signature', UNKNOWN, text)
+    if fits is None:
+        return Finding('signature', FAULT, 'expected a signature, got none')
+    if not fits:
+        return Finding('signature', FAULT, 'not made with the key')
+    return Finding('signature', OK, 'made with the key')
+
+
+def _publishers(facts: RecordingFacts) -> list[Finding]:
+    try:
+        counts = json.loads(facts.custom[PUBLISHERS_KEY])
+        several = {str(topic): int(count) for topic, count in counts.items() if int(count) > 1}
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
+        return [Finding('publishers', UNKNOWN, 'the recording does not tell')]
+    return [
+        Finding('publishers', FAULT, printable(f'{topic} had {count} publishers'))
+        for topic, count in several.items()
+    ] or [Finding('publishers', OK, 'one for each topic')]
+
+
+def _clock(recording: Recording) -> list[Finding]:
+    columns = {
+        'the clock of the recorder (pulses)': recording.pulse_received_ns,
+        'the clock of the recorder (force)': recording.force_received_ns,
+        'the stamps of the pulses': recording.pulses.onset_ns,
+        'the stamps of the force': recording.forces.stamp_ns,
+    }
+    findings = []
+    for name, times in columns.items():
+        steps = np.diff(times)
+        if back := int(np.count_nonzero(steps < 0)):
+            furthest = -float(steps.min()) * 1e-9
+            text = f'{name}: {back} steps back, the furthest by {furthest:.6g} s'
+            findings.append(Finding('clock', FAULT, text))
+    return findings or [Finding('clock', OK, 'no step back')]
+
+
+def _gaps(recording: Recording) -> Iterator[Finding]:
+    rising = np.diff(recording.forces.stamp_ns)
+    rising = rising[rising > 0]
+    interval = float(np.median(rising)) if len(rising) else 0.0
+    gaps = rising[rising > _LONGEST_STEP * interval]
+    if len(gaps):
+        missing = int(np.sum(np.rint(gaps / interval) - 1))
+        text = f'{len(gaps)} gaps in the force, about {missing} samples missing, '
+        yield Finding('gaps', FAULT, f'{text}the longest {gaps.max() * 1e-9:.6g} s')
+    steps = _steps(recording.pulses.sequence)
+    lost = int(np.sum(steps[(steps > 1) & (steps < _SEQUENCES // 2)] - 1))
+    if lost:
+        yield Finding('gaps', FAULT, f'{lost} pulses are missing in their numbering')
+    if not len(gaps) and not lost:
+        yield Finding(
+            'gaps', OK, f'none in the force every {interval * 1e-6:.6g} ms nor in pulses'
+        )
+
+
+def _steps(sequence: IntArray) -> IntArray:
+    """Return the steps of the numbering of pulses, which wraps at 2^32."""
+    steps: IntArray = np.diff(sequence) % _SEQUENCES
+    return steps
+
+
+def _doubles(recording: Recording) -> Iterator[Finding]:
+    counts = {
+        'force samples with the stamp of another': _repeated(recording.forces.stamp_ns),
+        'pulses with the stamp of another': _repeated(recording.pulses.onset_ns),
+        'pulses with the number of the one before': int(
+            np.count_nonzero(_steps(recording.pulses.sequence) == 0)
+        ),
+    }
+    for name, count in counts.items():
+        if count:
+            yield Finding('doubles', FAULT, f'{count} {name}')
+    if not any(counts.values()):
+        yield Finding('doubles', OK, 'none')
+
+
+def _repeated(values: IntArray) -> int:
+    return len(values) - len(np.unique(values))
+
+
+def _values(recording: Recording) -> Iterator[Finding]:
+    pulses, force = recording.pulses, recording.forces.force
+    counts = {
+        'forces that are no finite number': np.count_nonzero(~np.isfinite(force)),
+        'intensities outside 0 to 1': np.count_nonzero(
+            ~((pulses.intensity >= 0) & (pulses.intensity <= 1))
+        ),
+        'widths that are no time': np.count_nonzero(
+            ~(np.isfinite(pulses.width) & (pulses.width > 0))
+        ),
+    }
+    for name, count in counts.items():
+        if count:
+            yield Finding('values', FAULT, f'{count} {name}')
+    if not any(counts.values()):
+        yield Finding('values', OK, 'finite, intensities from 0 to 1')

@@ -1,0 +1,117 @@
+"""rpms verify: one line a finding, and the exit code."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import session_hash
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.verifying import PUBLISHERS_KEY
+
+Rpms = Callable[..., tuple[int, str, str]]
+MILLISECOND = 1_000_000
+CHECKS = ['structure', 'checksums', 'signature', 'publishers', 'clock', 'gaps', 'doubles']
+CHECKS += ['values', 'hash']
+KEY = b'a key of the laboratory'
+
+
+def session() -> tuple[PulseTrain, ForceTrace]:
+    stamp_ns = 10**18 + np.arange(1000, dtype=np.int64) * MILLISECOND
+    pulses = PulseTrain.regular(np.full(20, 0.5), 20.0, 10**18)
+    return pulses, ForceTrace(stamp_ns, np.ones(1000))
+
+
+def lines_of(out: str) -> dict[str, str]:
+    """Return what was found by check; several findings of one check are joined."""
+    found: dict[str, str] = {}
+    for line in out.splitlines():
+        check, text = line.split(maxsplit=1)
+        found[check] = f'{found.get(check, "")}{text}\n'
+    return found
+
+
+def test_a_good_recording(rpms: Rpms, short_session: Path) -> None:
+    code, out, err = rpms('verify', short_session)
+    assert (code, err) == (0, '')
+    assert [line.split()[0] for line in out.splitlines()] == CHECKS
+    found = lines_of(out)
+    assert found['hash'].split() == ['ok', session_hash(read_recording(short_session))]
+    assert found['checksums'].startswith('ok       SHA-256 of short_0.mcap, metadata.yaml')
+    assert found['signature'].startswith('unknown  not signed')
+    code, out, _ = rpms('verify', short_session, '--json')
+    findings = json.loads(out)['findings']
+    assert code == 0
+    assert [finding['check'] for finding in findings] == CHECKS
+
+
+def test_a_signature_is_checked(rpms: Rpms, tmp_path: Path) -> None:
+    keys = {name: tmp_path / name for name in ('right', 'wrong')}
+    keys['right'].write_bytes(KEY)
+    keys['wrong'].write_bytes(KEY[::-1])
+    write_recording(tmp_path / 'signed', *session(), key=KEY)
+    write_recording(tmp_path / 'unsigned', *session())
+    for name, key, code, text in (
+        ('signed', 'right', 0, 'ok       made with the key'),
+        ('signed', 'wrong', 1, 'FAULT    not made with the key'),
+        ('unsigned', 'right', 1, 'FAULT    expected a signature, got none'),
+    ):
+        found, out, _ = rpms('verify', tmp_path / name, '--key', keys[key])
+        assert found == code
+        assert lines_of(out)['signature'].strip() == text
+    code, out, _ = rpms('verify', tmp_path / 'signed')
+    assert 'signed; --key checks it' in lines_of(out)['signature']
+    sums = tmp_path / 'signed' / 'SHA256SUMS'
+    sums.write_text(sums.read_text().replace('a', 'b'))
+    code, out, _ = rpms('verify', tmp_path / 'signed', '--key', keys['right'])
+    assert code == 1
+    assert lines_of(out)['signature'].startswith('FAULT')
+    assert lines_of(out)['checksums'].startswith('FAULT')
+
+
+def test_what_is_wrong_with_a_session_is_named(rpms: Rpms, tmp_path: Path) -> None:
+    pulses, forces = session()
+    stamp_ns, force = forces.stamp_ns.copy(), forces.force.copy()
+    stamp_ns[300:] += 5 * MILLISECOND
+    stamp_ns[600:] -= 100 * MILLISECOND
+    force[7] = np.nan
+    intensity, width, sequence = (
+        pulses.intensity.copy(),
+        pulses.width.copy(),
+        pulses.sequence + 0,
+    )
+    intensity[3], width[4] = 1.5, 0.0
+    sequence[10:] += 2
+    sequence[15] = sequence[14]
+    bad = PulseTrain(pulses.onset_ns, intensity, sequence, width)
+    custom = {PUBLISHERS_KEY: json.dumps({'/force': 2, '/pulses': 1})}
+    write_recording(tmp_path / 'bag', bad, ForceTrace(stamp_ns, force), custom=custom)
+    code, out, _ = rpms('verify', tmp_path / 'bag')
+    found = lines_of(out)
+    assert code == 1
+    assert 'FAULT    /force had 2 publishers' in found['publishers']
+    assert 'the stamps of the force: 1 steps back, the furthest by 0.099 s' in found['clock']
+    assert '1 gaps in the force, about 5 samples missing, the longest 0.006 s' in found['gaps']
+    assert '3 pulses are missing in their numbering' in found['gaps']
+    assert '100 force samples with the stamp of another' in found['doubles']
+    assert '1 pulses with the number of the one before' in found['doubles']
+    assert '1 forces that are no finite number' in found['values']
+    assert '1 intensities outside 0 to 1' in found['values']
+    assert '1 widths that are no time' in found['values']
+
+
+def test_what_cannot_be_read(rpms: Rpms, tmp_path: Path) -> None:
+    code, out, err = rpms('verify', tmp_path)
+    assert (code, out) == (2, '')
+    assert err.startswith('rpms: error: expected .mcap or .db3 files at ')
+    pulses, _ = session()
+    write_recording(tmp_path / 'bag', pulses, ForceTrace(np.empty(0, np.int64), np.empty(0)))
+    code, out, _ = rpms('verify', tmp_path / 'bag')
+    assert code == 1
+    assert 'FAULT    expected messages on topic /force' in lines_of(out)['session']
+    code, _, err = rpms('info', tmp_path / 'bag', '--max-memory', '1e-9')
+    assert code in (0, 1)

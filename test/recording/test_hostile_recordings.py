@@ -1,0 +1,199 @@
+"""Recordings made to hurt: a clear line within bounds of memory and time, whatever they hold."""
+
+import importlib.util
+import os
+import random
+import struct
+import subprocess
+import sys
+import time
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from backports import zstd
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import read_csv
+from rpms_ros.recording import read_facts
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.findings import Findings
+from rpms_ros.recording.mcap_records import CHUNK
+from rpms_ros.recording.mcap_records import MAGIC
+
+Session = tuple[PulseTrain, ForceTrace]
+BENCH = Path(__file__).parents[2] / 'bench' / 'hostile_recordings.py'
+# About two minutes in CI, whose script sets it; a few seconds otherwise [s].
+FUZZ_SECONDS = float(os.environ.get('RPMS_FUZZ_SECONDS', '6'))
+
+
+def load_bench() -> Any:
+    specification = importlib.util.spec_from_file_location('hostile_recordings', BENCH)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def chunk(content_size: int, packed: bytes, compression: str) -> bytes:
+    name = compression.encode()
+    head = struct.pack('<QQQII', 0, 0, content_size, 0, len(name)) + name
+    body = head + struct.pack('<Q', len(packed)) + packed
+    return struct.pack('<BQ', CHUNK, len(body)) + body
+
+
+@cache
+def bomb(size: int) -> bytes:
+    """Return a small zstd frame of so many zeros."""
+    compressor = zstd.ZstdCompressor()
+    parts = [compressor.compress(bytes(1 << 20)) for _ in range(size >> 20)]
+    return b''.join((*parts, compressor.flush()))
+
+
+def test_a_chunk_that_unpacks_into_more_than_a_memory_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'bomb.mcap'
+    path.write_bytes(MAGIC + chunk(12_400_000_000, bomb(32 << 20), 'zstd'))
+    with pytest.raises(RecordingError, match=r'read within 1 GB \(--max-memory .*got a chunk of'):
+        read_facts(path)
+
+
+def test_many_chunks_are_no_way_round(tmp_path: Path) -> None:
+    path = tmp_path / 'bomb.mcap'
+    one = chunk(100 << 20, bomb(100 << 20), 'zstd')
+    path.write_bytes(MAGIC + 20 * one)
+    with pytest.raises(RecordingError, match='read within 1 GB'):
+        read_facts(path)
+
+
+def test_a_chunk_that_states_less_than_it_holds_is_cut(tmp_path: Path) -> None:
+    path = tmp_path / 'bomb.mcap'
+    path.write_bytes(MAGIC + chunk(1000, bomb(64 << 20), 'zstd'))
+    assert read_facts(path).faults['truncated_file'] == 1
+
+
+def test_a_packed_file_that_unpacks_into_a_full_disk_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'bomb.mcap.zstd'
+    path.write_bytes(bomb(64 << 20))
+    with pytest.raises(RecordingError, match=r'read within 0\.01 GB .* bomb.mcap.zstd, which'):
+        read_facts(path, memory=10_000_000)
+
+
+def test_more_messages_than_the_memory_takes_are_refused(session: Session, tmp_path: Path) -> None:
+    write_recording(tmp_path / 'bag', *session)
+    with pytest.raises(RecordingError, match=r'read within 0.0001 GB .* got more messages'):
+        read_recording(tmp_path / 'bag', memory=100_000)
+    assert len(read_recording(tmp_path / 'bag', memory=10_000_000).forces) == 2000
+
+
+ALIASES = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + ''.join(
+    f'{name}: &{name} [{", ".join(9 * [f"*{before}"])}]\n'
+    for before, name in zip('abcdefgh', 'bcdefghi', strict=True)
+)
+HOSTILE = {
+    'aliases': f'custom_data:\n  {ALIASES}'.replace('\n', '\n  '),
+    'of itself': 'a: &a [*a]\n',
+    'brackets': '[' * 50_000,
+    'custom list': 'rosbag2_bagfile_information: {version: 9, custom_data: [1, 2]}\n',
+    'no date': 'rosbag2_bagfile_information: {version: 2001-99-99}\n',
+    'digits': f'rosbag2_bagfile_information: {{version: {"9" * 5000}}}\n',
+    'bytes': '\udcff',
+}
+
+
+@pytest.mark.parametrize('text', list(HOSTILE.values()), ids=list(HOSTILE))
+def test_hostile_metadata_are_left_aside(session: Session, tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'bag'
+    write_recording(path, *session)
+    (path / 'metadata.yaml').write_bytes(text.encode('utf-8', 'surrogateescape'))
+    facts = read_facts(path)
+    assert facts.faults == {'damaged_metadata': 1}
+    assert len(facts.remarks) == 1
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    for name in ('bag_0.mcap', 'bag_0.db3', 'metadata.yaml', 'SHA256SUMS'):
+        os.mkfifo(tmp_path / name)
+    with pytest.raises(RecordingError, match=r'expected \.mcap or \.db3 files at .*, got none'):
+        read_facts(tmp_path)
+    with pytest.raises(RecordingError, match=r'expected \.mcap or \.db3 files at .*, got none'):
+        read_facts(tmp_path / 'bag_0.mcap')
+    os.mkfifo(tmp_path / 'trial.csv')
+    with pytest.raises(RecordingError, match=r'expected a CSV file at .*, got no regular file'):
+        read_csv(tmp_path / 'trial.csv', 't', 'F', 'gate')
+
+
+def test_a_view_without_end_is_not_read(tmp_path: Path) -> None:
+    import sqlite3
+
+    path = tmp_path / 'bag.db3'
+    with sqlite3.connect(path) as connection:
+        connection.execute('CREATE TABLE topics(id, name, type, serialization_format)')
+        connection.execute(
+            'CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 '
+            "FROM n) SELECT id, 1 AS topic_id, id AS timestamp, 'x' AS data FROM n"
+        )
+    connection.close()
+    with pytest.raises(RecordingError, match=r'expected tables of rosbag2 .* no plain table'):
+        read_facts(path)
+
+
+def test_names_cannot_move_the_cursor() -> None:
+    findings = Findings()
+    for _ in range(30):
+        findings.add('missing_file', 'a\x1b[2Jb\nc is not there')
+    assert findings.counts == {'missing_file': 30}
+    assert findings.remarks[0] == r'a\x1b[2Jb\nc is not there'
+    assert findings.remarks[-1] == '20 more of missing_file'
+    assert len(findings.remarks) == 11
+
+
+def test_reading_a_bomb_stays_small(tmp_path: Path) -> None:
+    path = tmp_path / 'bomb.mcap'
+    path.write_bytes(MAGIC + 8 * chunk(100 << 20, bomb(100 << 20), 'zstd'))
+    code = (
+        'import resource, sys\n'
+        'from rpms_ros.cli import main\n'
+        'code = main(["info", sys.argv[1], "--quiet"])\n'
+        'print(code, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code, str(path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    exit_code, memory = done.stdout.splitlines()[-1].split()
+    assert exit_code in ('1', '2')
+    assert int(memory) < 1_000_000_000
+
+
+def test_mutated_recordings_are_read_or_refused(tmp_path: Path) -> None:
+    bench = load_bench()
+    paths = bench.simulated(tmp_path)
+    end = time.monotonic() + FUZZ_SECONDS
+    seed = random.randrange(2**32)
+    while time.monotonic() < end:
+        seed += 1
+        ends = bench.try_mutations(paths, 10, seed)
+        assert not ends['traceback'], f'seed {seed}'
+        ends = bench.try_flips(paths, 2, seed)
+        assert not ends['traceback'] + ends['unnamed'], f'seed {seed}'
+
+
+def test_mutated_tables_are_read_or_refused(tmp_path: Path) -> None:
+    bench = load_bench()
+    rows = ''.join(f'{0.001 * i:.3f},{i % 7},{5 * (i % 50 < 2)}\n' for i in range(400))
+    path = tmp_path / 'trial.csv'
+    generator = random.Random(4)
+    for _ in range(100):
+        path.write_bytes(bench.mutated(f't,F,gate\n{rows}'.encode(), generator))
+        try:
+            read_csv(path, 't', 'F', 'gate')
+        except RecordingError:
+            continue
