@@ -6,6 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from rpms_ros.errors import ReportError
 from rpms_ros.identification import CONVERGED
 from rpms_ros.identification import INFORMED
 from rpms_ros.identification import NOT_INFORMED
@@ -90,11 +91,20 @@ class IdentificationResult:
 
 
 def result_of(recording: Recording, session: IdentifiedSession) -> IdentificationResult:
-    """Return the result of a session; intervals and physiology if the estimator offers them."""
+    """Return the result of a session; intervals and physiology if the estimator offers them.
+
+    Raises
+    ------
+    ReportError
+        If the response to a pulse is not finite: the estimator could do nothing with the data.
+    """
     last, stamps = session.last, recording.forces.stamp_ns
     known, names = last.curve_known, last.nonlinear_names
     flags = [EXCITATION[flag] for flag in last.nonlinear_excitation.tolist()]
     variance = np.maximum(np.diag(last.nonlinear_covariance), 0.0)
+    response = impulse_response(recording.pulses, last)
+    if not (np.isfinite(response).all() and np.isfinite(last.curve_force).all()):
+        raise ReportError('expected data that lead to finite forces, got a response without')
     return IdentificationResult(
         session_hash=session_hash(recording),
         estimator=last.estimator,
@@ -113,7 +123,7 @@ def result_of(recording: Recording, session: IdentifiedSession) -> Identificatio
         else None,
         impulse_response=ImpulseResponse(
             time_s=last.response_time,
-            force=impulse_response(recording.pulses, last),
+            force=response,
             lower=_if_any(last.response_lower) if known else None,
             upper=_if_any(last.response_upper) if known else None,
         ),

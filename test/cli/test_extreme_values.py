@@ -37,11 +37,13 @@ def test_identify_ends_as_documented(
     onset_ns = STAMP_NS[::50].copy()
     pulses = PulseTrain(onset_ns, intensity, np.arange(40, dtype=np.int64), width)
     write_recording(tmp_path / 'bag', pulses, ForceTrace(STAMP_NS, force))
-    code, out, err = rpms('identify', tmp_path / 'bag', '--json', '--estimator', estimator)
-    assert code in (0, 1, 2)
-    if code == 2:
-        assert out == ''
-        assert err.startswith('rpms: error: expected ')
-        assert err.count('\n') == 1
-    else:
-        assert 'NaN' not in out
+    for options in ([], ['--json']):
+        command = ('identify', tmp_path / 'bag', '--estimator', estimator, *options)
+        code, out, err = rpms(*command)
+        assert code in (0, 1, 2)
+        if code == 2:
+            assert out == ''
+            assert err.startswith('rpms: error: expected ')
+            assert err.count('\n') == 1
+        elif options:
+            assert 'NaN' not in out
