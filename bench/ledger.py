@@ -58,7 +58,7 @@ def reservations(count: int, folder: Path) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--kills', type=int, default=100)
-    parser.add_argument('--pulses', type=int, default=1000)
+    parser.add_argument('--pulses', type=int, default=1500)
     parser.add_argument('--reservations', type=int, default=2000)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:

@@ -89,7 +89,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         first = Path(folder, 'mcap')
         options = ['--duration', str(3600 * arguments.hours), '--noise', '0.05', '--quiet']
-        rpms(['simulate', '--out', str(first), '--schedule', 'random', *options])
+        rpms(['simulate', '--out', str(first), '--schedule', 'uniform_random', *options])
         recording = read_recording(first)
         messages = len(recording.pulses) + len(recording.forces)
         print(f'{messages} messages in the page cache; processor times; ratio: loop over bulk')

@@ -75,7 +75,7 @@ def kill_repeatedly(folder: Path, kills: int, pulses: int, seed: int = 0) -> Tal
     chance = random.Random(seed)
     folder.mkdir(parents=True, exist_ok=True)
     killed = exhausted = 0
-    while killed + exhausted < kills:
+    while killed < kills:
         command = [
             sys.executable,
             __file__,

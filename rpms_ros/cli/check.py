@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from rpms_ros.stimulation.device_specification import DeviceSpecification
     from rpms_ros.stimulation.forecast import Forecast
     from rpms_ros.stimulation.forecast import Offer
+    from rpms_ros.stimulation.patient import Patient
     from rpms_ros.stimulation.schedule import Schedule
 
 _BARS = ' ▁▂▃▄▅▆▇█'
@@ -28,7 +29,7 @@ def add_parser(subparsers: Any) -> None:
         ),
         epilog=(
             'exit status: 0 deliverable, 1 not deliverable, 2 unusable input.  '
-            'example: rpms protocol paper-random --out s.yaml && '
+            'example: rpms protocol uniform_random --out s.yaml && '
             'rpms check s.yaml --device rapid2-240v'
         ),
     )
@@ -38,6 +39,12 @@ def add_parser(subparsers: Any) -> None:
         required=True,
         metavar='SPECIFICATION',
         help='name of a device specification, or its YAML file',
+    )
+    parser.add_argument(
+        '--patient',
+        type=Path,
+        metavar='FILE',
+        help="patient file: the tighter of the device's and the patient's limits count",
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object and no more')
     parser.add_argument(
@@ -53,16 +60,21 @@ def run(arguments: argparse.Namespace) -> int:
     """Check a schedule; return 0 if it can be delivered, 1 if not."""
     from rpms_ros.stimulation.description import load_schedule
     from rpms_ros.stimulation.device_specification import load_device_specification
-    from rpms_ros.stimulation.forecast import forecast
+    from rpms_ros.stimulation.fitting import forecast_within
     from rpms_ros.stimulation.forecast import offers
+    from rpms_ros.stimulation.patient import for_session
+    from rpms_ros.stimulation.patient import load_patient
 
     schedule = load_schedule(arguments.schedule)
     specification = load_device_specification(arguments.device)
-    ahead = forecast(schedule, specification)
+    patient = load_patient(arguments.patient) if arguments.patient is not None else None
+    if patient is not None:
+        specification = for_session(specification, patient)
+    ahead = forecast_within(schedule, specification, patient.dose if patient else None)
     if arguments.json:
         print(json.dumps(as_json(ahead)))
     else:
-        print('\n'.join(report(schedule, specification, ahead)))
+        print('\n'.join(report(schedule, specification, ahead, patient)))
         if not ahead.deliverable:
             print('\n'.join(_offered(offers(schedule, specification))))
     if arguments.plot is not None:
@@ -94,13 +106,17 @@ def as_json(ahead: 'Forecast') -> dict[str, Any]:
 
 
 def report(
-    schedule: 'Schedule', specification: 'DeviceSpecification', ahead: 'Forecast'
+    schedule: 'Schedule',
+    specification: 'DeviceSpecification',
+    ahead: 'Forecast',
+    patient: 'Patient | None' = None,
 ) -> list[str]:
     """Return what a person wants to know, line by line."""
     verdict = 'deliverable' if ahead.deliverable else 'NOT deliverable'
     continuous = specification.limits.continuous_power_w
+    whom = f' for patient {patient.identifier}' if patient is not None else ''
     lines = [
-        f'{schedule.name} on {specification.name}: {verdict}',
+        f'{schedule.name} on {specification.name}{whom}: {verdict}',
         f'  pulses       {ahead.pulses} in {ahead.duration_s:g} s, {ahead.max_rate_hz:.4g} Hz',
         f'  energy       {ahead.energy_j:,.0f} J',
         f'  mean power   {ahead.mean_power_w:,.0f} W, {continuous:g} W can go on for ever',
@@ -112,11 +128,34 @@ def report(
             f'cut-out {specification.thermal.cutout:g} '
             f'(model, started at {specification.thermal.ambient:g})'
         )
+    lines.extend(_patient(schedule, specification, ahead, patient))
     lines.extend(_plot(schedule, ahead))
     for found in ahead.violations:
         lines.append(f'  {found.limit}: {found.reason}')
         lines.append(f'    first at {found.time_s:.4g} s, {found.pulses} pulses')
     return lines
+
+
+def _patient(
+    schedule: 'Schedule',
+    specification: 'DeviceSpecification',
+    ahead: 'Forecast',
+    patient: 'Patient | None',
+) -> list[str]:
+    if patient is None:
+        real = not specification.simulated_only
+        return ["  patient      none: the device's limits alone"] if real else []
+    dose, above = patient.dose, schedule.plan.intensity > patient.motor_threshold
+    return [
+        (
+            f'  dose         {ahead.pulses} of {dose.pulses} pulses, {ahead.energy_j:,.0f} of '
+            f'{dose.energy_j:,.0f} J in {dose.window_h:g} h, without what was given before'
+        ),
+        (
+            f'  threshold    {int(above.sum())} of {ahead.pulses} pulses above the motor '
+            f'threshold {patient.motor_threshold:g}'
+        ),
+    ]
 
 
 def _waits(waits: tuple[float, ...]) -> str:

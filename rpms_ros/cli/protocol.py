@@ -28,16 +28,28 @@ class Protocol:
     build: 'Callable[[argparse.Namespace], Schedule]'
 
 
-def _paper_random(arguments: argparse.Namespace) -> 'Schedule':
+def _uniform_random(arguments: argparse.Namespace) -> 'Schedule':
     from rpms_ros.stimulation.presets import paper_random
 
     return paper_random(**_given(arguments, 'duration_s', 'rate_hz', 'seed'))
 
 
-def _paper_sinusoid(arguments: argparse.Namespace) -> 'Schedule':
+def _sinusoid(arguments: argparse.Namespace) -> 'Schedule':
     from rpms_ros.stimulation.presets import paper_sinusoid
 
     return paper_sinusoid(**_given(arguments, 'duration_s', 'rate_hz'))
+
+
+def _staircase(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation.presets import staircase
+
+    return staircase(**_given(arguments, 'rate_hz'))
+
+
+def _constant(arguments: argparse.Namespace) -> 'Schedule':
+    from rpms_ros.stimulation.presets import constant
+
+    return constant(**_given(arguments, 'duration_s', 'rate_hz'))
 
 
 def _twitches(arguments: argparse.Namespace) -> 'Schedule':
@@ -75,12 +87,14 @@ def _given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 
 PROTOCOLS: dict[str, Protocol] = {
-    'paper-random': Protocol(
-        'uniform random intensity, 0 to 100 % at 20 Hz for 90 s', _paper_random
+    'uniform_random': Protocol(
+        'uniform random intensity, 0 to 100 % at 20 Hz for 90 s', _uniform_random
     ),
-    'paper-sinusoid': Protocol(
-        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s', _paper_sinusoid
+    'sinusoid': Protocol(
+        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s', _sinusoid
     ),
+    'staircase': Protocol('six levels from 0 to 100 % at 20 Hz, 3 s each', _staircase),
+    'constant': Protocol('100 % at 20 Hz for 10 s', _constant),
     'twitches': Protocol('single pulses at six intensities, a second apart, shuffled', _twitches),
     'trains': Protocol('trains of 1.5 s at 5 to 35 Hz, single pulses before them', _trains),
     'recruitment': Protocol(
@@ -96,7 +110,9 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'protocol',
         help='write a schedule that has a name',
-        description='Write a schedule as YAML, to run, to check or to change by hand.',
+        description='Write a schedule as YAML, to run, to check or to change by hand.  '
+        'With --device it is made deliverable: weaker, slower or shorter, with pauses and ramps '
+        'put in.',
         epilog='protocols: '
         + '; '.join(f'{name}: {entry.summary}' for name, entry in PROTOCOLS.items()),
     )
@@ -109,6 +125,18 @@ def add_parser(subparsers: Any) -> None:
         '--duration', dest='duration_s', type=float, metavar='S', help='length instead'
     )
     parser.add_argument('--seed', type=int, help='seed of what is random')
+    parser.add_argument(
+        '--device',
+        metavar='SPECIFICATION',
+        help='change it as far as this device needs it, and say what was changed: name of a '
+        'device specification, or its YAML file',
+    )
+    parser.add_argument(
+        '--patient',
+        type=Path,
+        metavar='FILE',
+        help="patient file: as far as the patient's figures need it, too; with --device",
+    )
     parser.set_defaults(run=run)
 
 
@@ -118,6 +146,11 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.stimulation.description import schedule_to_text
 
     schedule = PROTOCOLS[arguments.name].build(arguments)
+    changes: tuple[str, ...] = ()
+    if arguments.device is not None:
+        schedule, changes = _fitted(schedule, arguments)
+    elif arguments.patient is not None:
+        raise StimulationError('expected --device with --patient, got none')
     try:
         arguments.out.write_text(schedule_to_text(schedule), encoding='utf-8')
     except OSError as error:
@@ -129,4 +162,20 @@ def run(arguments: argparse.Namespace) -> int:
         f'{arguments.out}: {totals.pulses} pulses in {totals.duration:g} s, '
         f'at most {totals.highest_rate_hz:.4g} Hz and intensity {totals.highest_intensity:.3g}'
     )
+    for change in changes:
+        print(f'  changed: {change}')
     return 0
+
+
+def _fitted(
+    schedule: 'Schedule', arguments: argparse.Namespace
+) -> 'tuple[Schedule, tuple[str, ...]]':
+    """Return what device and patient can be given of a schedule, and what was changed."""
+    from rpms_ros.stimulation.device_specification import load_device_specification
+    from rpms_ros.stimulation.fitting import fitted
+    from rpms_ros.stimulation.patient import load_patient
+
+    specification = load_device_specification(arguments.device)
+    patient = load_patient(arguments.patient) if arguments.patient is not None else None
+    found = fitted(schedule, specification, patient)
+    return found.schedule, found.changes

@@ -34,7 +34,7 @@ _EXAMPLES = """\
   rpms simulate --out session --subject random --schedule my_schedule.yaml --drift 0.1
   rpms identify session
 """
-_SCHEDULES = ('random', 'sinusoid', 'staircase', 'constant')
+_SCHEDULES = ('uniform_random', 'sinusoid', 'staircase', 'constant')
 _SUBJECTS = ('simulation', 'rpms', 'fes', 'random')
 _DISTURBANCES = {
     'noise': 'standard deviation of white noise',
@@ -69,9 +69,9 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 def _add_stimulation(group: 'argparse._ArgumentGroup') -> None:
     group.add_argument(
         '--schedule',
-        default='random',
+        default='uniform_random',
         metavar='NAME|FILE',
-        help=f'{", ".join(_SCHEDULES)}, or a YAML file (default: random)',
+        help=f'{", ".join(_SCHEDULES)}, or a YAML file (default: uniform_random)',
     )
     group.add_argument(
         '--duration', type=float, default=90.0, metavar='S', help='length [s] (default: 90)'
@@ -211,7 +211,7 @@ def _schedule(arguments: argparse.Namespace) -> 'Schedule':
 
     duration, rate = arguments.duration, arguments.pulse_rate
     match arguments.schedule:
-        case 'random':
+        case 'uniform_random':
             return paper_random(duration, rate, arguments.seed)
         case 'sinusoid':
             return paper_sinusoid(duration, rate)

@@ -47,6 +47,9 @@ class Books:
         Onset [ns] and energy [J] of the pulses within the window of the mean power.
     window_energy_j : float
         Their energy [J].
+    known : deque of (int, float)
+        Onsets [ns] and intensities (shares) that the subject knows, each stronger than all after
+        it, so that the first is the strongest.
     session_pulses, session_energy_j : int, float
         Pulses and energy [J] of the session.
     """
@@ -65,6 +68,8 @@ class Books:
         self.train_energy_j = 0.0
         self.window: deque[tuple[int, float]] = deque()
         self.window_energy_j = 0.0
+        self.rise_ns = nanoseconds(limits.rise_window_s)
+        self.known: deque[tuple[int, float]] = deque()
         self.session_pulses = 0
         self.session_energy_j = 0.0
 
@@ -76,7 +81,7 @@ class Books:
         """Count what earlier processes fired, oldest first.
 
         Rest, trains and power count whatever this device or this patient had; the session is the
-        patient's.
+        patient's.  No intensity counts as known: the subject may be another one, or have rested.
         """
         for pulse in pulses:
             session = self.session_pulses, self.session_energy_j
@@ -85,6 +90,7 @@ class Books:
             self._book(latest, pulse.intensity, pulse.energy_j)
             if not pulse.on_patient:
                 self.session_pulses, self.session_energy_j = session
+        self.known.clear()
 
     def _book(self, time_ns: int, intensity: float, energy_j: float) -> None:
         if self.starts_train(time_ns):
@@ -100,6 +106,9 @@ class Books:
         self.window.append((time_ns, energy_j))
         self.window_energy_j += energy_j
         self.last_ns, self.last_intensity = time_ns, intensity
+        while self.known and self.known[-1][1] <= intensity:
+            self.known.pop()
+        self.known.append((time_ns, intensity))
         self.session_pulses += 1
         self.session_energy_j += energy_j
         self.forget(time_ns)
@@ -115,11 +124,13 @@ class Books:
         self.window[-1] = (time_ns, self.window[-1][1])
 
     def forget(self, time_ns: int) -> None:
-        """Let go of what has left the window of the mean power at ``time_ns`` [ns]."""
+        """Let go of what has left the windows of mean power and of rise at ``time_ns`` [ns]."""
         while self.window and self.window[0][0] <= time_ns - self.window_ns:
             self.window_energy_j -= self.window.popleft()[1]
         if not self.window:
             self.window_energy_j = 0.0
+        while self.known and self.known[0][0] < time_ns - self.rise_ns:
+            self.known.popleft()
 
     def starts_train(self, time_ns: int) -> bool:
         """Return whether a pulse at ``time_ns`` [ns] would be the first of a train."""
@@ -149,4 +160,5 @@ class Books:
         """Return books with the same entries, for a trial."""
         other = copy(self)
         other.window = deque(self.window)
+        other.known = deque(self.known)
         return other

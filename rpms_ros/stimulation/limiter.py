@@ -42,6 +42,7 @@ class PulseLimiter(Books):
         for found in (
             self._by_shape(intensity, width_s),
             self._by_step(time_ns, intensity),
+            self._by_rise(time_ns, intensity),
             self._by_interval(time_ns, intensity),
             self._by_train(time_ns),
             self._by_energy(time_ns, intensity),
@@ -65,6 +66,14 @@ class PulseLimiter(Books):
         if abs(intensity - before) <= self.limits.maximum_intensity_step + math.ulp(1.0):
             return None
         return refusals.too_steep(self.limits, before, intensity)
+
+    def _by_rise(self, time_ns: int, intensity: float) -> Refusal | None:
+        self.forget(time_ns)
+        known = self.known[0][1] if self.known else 0.0
+        # the difference of two shares is rounded once
+        if intensity - known <= self.limits.maximum_intensity_rise + math.ulp(1.0):
+            return None
+        return refusals.too_new(self.limits, known, intensity)
 
     def _by_interval(self, time_ns: int, intensity: float) -> Refusal | None:
         if self.last_ns is None or time_ns >= self.earliest_ns(intensity):

@@ -23,6 +23,11 @@ class Limits:
         Share of the stimulator's maximum.
     maximum_intensity_step : float
         Change from one pulse to the next of a train, and of its first pulse from zero (share).
+    maximum_intensity_rise : float
+        How much stronger a pulse may be than the strongest of the ``rise_window_s`` before it, or
+        than zero if there was none (share): a subject is led to an intensity step by step.
+    rise_window_s : float
+        How long an intensity counts as known to the subject [s].
     minimum_width_s, maximum_width_s : float
         Duration of a pulse [s].
     maximum_rate_hz : float
@@ -54,6 +59,8 @@ class Limits:
 
     maximum_intensity: float = share(1.0)
     maximum_intensity_step: float = share(1.0)
+    maximum_intensity_rise: float = share(1.0)
+    rise_window_s: float = bounded(_POSITIVE_S, 60.0)
     minimum_width_s: float = bounded(Bound(1e-6, 0.01, 's'), 10e-6)
     maximum_width_s: float = bounded(Bound(1e-6, 0.01, 's'), 1e-3)
     maximum_rate_hz: float = bounded(Bound(0.0, 1000.0, 'Hz', above=True), 50.0)

@@ -79,7 +79,13 @@ class PlanCheck:
 
     def broken(self) -> tuple[Broken, ...]:
         """Return where each limit is broken, if it is."""
-        return (*self._shapes(), *self._intervals(), *self._trains(), *self._energies())
+        return (
+            *self._shapes(),
+            *self._rises(),
+            *self._intervals(),
+            *self._trains(),
+            *self._energies(),
+        )
 
     def _split_trains(self) -> None:
         """Number the pulses of each train; add up pulses, energy and wait of each."""
@@ -123,6 +129,25 @@ class PlanCheck:
             Broken(
                 ~(np.abs(intensity - before) <= steepest),
                 lambda i: refusals.too_steep(limits, float(before[i]), float(intensity[i])),
+            ),
+        )
+
+    def _rises(self) -> tuple[Broken, ...]:
+        """Hold each pulse against the strongest of the window before it."""
+        limits, books, count = self.limits, self._books, len(self.time_ns)
+        if not count or limits.maximum_intensity_rise >= 1.0:
+            return ()
+        times = np.array([*(time for time, _ in books.known), *self.time_ns.tolist()])
+        earlier = len(books.known)
+        values = np.concatenate([[share for _, share in books.known], self._intensity])
+        first = np.searchsorted(times, self.time_ns - books.rise_ns, side='left')
+        known = _highest(values, first, np.arange(count) + earlier)
+        rise = self._intensity - known
+        # the difference of two shares is rounded once
+        far = ~(rise <= limits.maximum_intensity_rise + math.ulp(1.0))
+        return (
+            Broken(
+                far, lambda i: refusals.too_new(limits, float(known[i]), float(self._intensity[i]))
             ),
         )
 
@@ -186,3 +211,20 @@ class PlanCheck:
                 lambda i: refusals.too_much_energy(limits, float(session[i])),
             ),
         )
+
+
+def _highest(values: FloatArray, first: IntArray, end: IntArray) -> FloatArray:
+    """Return the highest value from ``first`` to before ``end``, 0 where there is none.
+
+    A table of the highest of 1, 2, 4 ... values in a row: two of them cover any stretch.
+    """
+    table = [values]
+    while 2 ** len(table) <= len(values):
+        before, half = table[-1], 2 ** (len(table) - 1)
+        table.append(np.maximum(before[:-half], before[half:]))
+    highest = np.zeros(len(first))
+    size = end - first
+    for power, row in enumerate(table):
+        fits = (size >= 2**power) & (size < 2 ** (power + 1))
+        highest[fits] = np.maximum(row[first[fits]], row[end[fits] - 2**power])
+    return highest

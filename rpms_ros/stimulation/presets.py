@@ -18,7 +18,7 @@ def paper_random(
 ) -> Schedule:
     """Return uniform random intensities from 0 to 100 % (Eq. 29, Sec. 3.3.1)."""
     segment = UniformRandom(rate_hz=rate_hz, duration_s=duration_s)
-    return Schedule((segment,), name='paper-random', seed=seed)
+    return Schedule((segment,), name=UniformRandom.kind, seed=seed)
 
 
 def paper_sinusoid(
@@ -28,7 +28,7 @@ def paper_sinusoid(
 ) -> Schedule:
     """Return a sinusoidal change of intensity from 0 to 100 %, period 9 s (Sec. 3.3.1)."""
     segment = Sinusoid(rate_hz=rate_hz, duration_s=duration_s, period_s=period_s)
-    return Schedule((segment,), name='paper-sinusoid')
+    return Schedule((segment,), name=Sinusoid.kind)
 
 
 def staircase(
@@ -40,7 +40,7 @@ def staircase(
     segment = Staircase(
         rate_hz=rate_hz, duration_s=step_s * max(1, len(levels)), levels=tuple(levels)
     )
-    return Schedule((segment,), name='staircase')
+    return Schedule((segment,), name=Staircase.kind)
 
 
 def constant(
@@ -48,4 +48,4 @@ def constant(
 ) -> Schedule:
     """Return pulses of one intensity."""
     segment = Constant(rate_hz=rate_hz, duration_s=duration_s, intensity=intensity)
-    return Schedule((segment,), name='constant')
+    return Schedule((segment,), name=Constant.kind)

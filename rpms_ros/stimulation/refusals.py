@@ -51,6 +51,15 @@ def too_steep(limits: Limits, before: float, intensity: float) -> Refusal:
     )
 
 
+def too_new(limits: Limits, known: float, intensity: float) -> Refusal:
+    """Return what a pulse is told that is far above what the subject knows (shares)."""
+    return Refusal(
+        'maximum_intensity_rise',
+        f'expected at most {limits.maximum_intensity_rise:g} more than {known:g}, the '
+        f'strongest of the {limits.rise_window_s:g} s before, got {intensity:g}',
+    )
+
+
 def too_soon(limits: Limits, rate_hz: float, strongest: float, gap_s: float) -> Refusal:
     """Return what a pulse is told that comes sooner than ``rate_hz`` allows."""
     which = 'maximum_rate_hz' if rate_hz == limits.maximum_rate_hz else 'rate_limits_hz'

@@ -1,6 +1,8 @@
 """`rpms check` and `rpms protocol`: verdicts, exit codes, JSON, faults of the input."""
 
 import json
+from datetime import UTC
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -36,7 +38,7 @@ def written(tmp_path, rpms):
     return write
 
 
-@pytest.mark.parametrize('name', ['paper-random', 'paper-sinusoid'])
+@pytest.mark.parametrize('name', ['uniform_random', 'sinusoid'])
 def test_the_paper_is_not_deliverable_and_an_offer_is_made(written, rpms, name):
     code, out, err = rpms('check', written(name), '--device', 'rapid2-240v')
     assert (code, err) == (1, '')
@@ -46,17 +48,17 @@ def test_the_paper_is_not_deliverable_and_an_offer_is_made(written, rpms, name):
 
 
 def test_protocols_are_those_of_the_paper(written):
-    assert load_schedule(written('paper-random')) == paper_random()
-    assert load_schedule(written('paper-sinusoid')) == paper_sinusoid()
+    assert load_schedule(written('uniform_random')) == paper_random()
+    assert load_schedule(written('sinusoid')) == paper_sinusoid()
 
 
 def test_options_change_a_protocol(written):
-    changed = written('paper-random', '--rate', '10', '--duration', '5', '--seed', '7')
+    changed = written('uniform_random', '--rate', '10', '--duration', '5', '--seed', '7')
     assert load_schedule(changed) == paper_random(duration_s=5.0, rate_hz=10.0, seed=7)
 
 
 def test_json_is_one_object_with_its_keys(written, rpms):
-    code, out, _ = rpms('check', written('paper-random'), '--device', 'rapid2-240v', '--json')
+    code, out, _ = rpms('check', written('uniform_random'), '--device', 'rapid2-240v', '--json')
     document = json.loads(out)
     assert code == 1
     assert list(document) == KEYS
@@ -73,8 +75,8 @@ def test_json_is_one_object_with_its_keys(written, rpms):
 def test_what_is_deliverable_says_so(tmp_path, rpms):
     path = tmp_path / 'mild.yaml'
     path.write_text(
-        'name: mild\nsegments:\n- {kind: constant, rate_hz: 10.0, duration_s: 20.0, '
-        'intensity: 0.4}\n- {kind: pause, duration_s: 3.0}\n- {kind: single, intensity: 0.6}\n'
+        'name: mild\nsegments:\n- {kind: ramp, rate_hz: 10.0, duration_s: 20.0, end: 0.4}\n'
+        '- {kind: pause, duration_s: 3.0}\n- {kind: single, intensity: 0.45}\n'
     )
     code, out, err = rpms('check', path, '--device', 'rapid2-240v')
     assert (code, err) == (0, '')
@@ -89,7 +91,7 @@ def test_what_is_deliverable_says_so(tmp_path, rpms):
 
 
 def test_temperature_is_null_where_nothing_is_known_of_it(written, rpms):
-    code, out, _ = rpms('check', written('paper-random'), '--device', 'simulated', '--json')
+    code, out, _ = rpms('check', written('uniform_random'), '--device', 'simulated', '--json')
     assert code == 0
     assert json.loads(out)['temperature_c'] is None
 
@@ -104,11 +106,11 @@ def test_silence_is_deliverable(tmp_path, rpms):
 
 def test_plot_is_written(tmp_path, written, rpms):
     figure = tmp_path / 'plot.png'
-    rpms('check', written('paper-sinusoid'), '--device', 'rapid2-240v', '--plot', figure)
+    rpms('check', written('sinusoid'), '--device', 'rapid2-240v', '--plot', figure)
     assert figure.read_bytes().startswith(b'\x89PNG')
     code, _, err = rpms(
         'check',
-        written('paper-sinusoid'),
+        written('sinusoid'),
         '--device',
         'simulated',
         '--plot',
@@ -145,10 +147,10 @@ def test_files_that_cannot_be_read_or_written(tmp_path, rpms):
     code, _, err = rpms('check', tmp_path / 'absent.yaml', '--device', 'simulated')
     assert code == 2
     assert 'expected a readable schedule file' in err
-    code, _, err = rpms('protocol', 'paper-random', '--out', tmp_path / 'no' / 'x.yaml')
+    code, _, err = rpms('protocol', 'uniform_random', '--out', tmp_path / 'no' / 'x.yaml')
     assert code == 2
     assert 'expected a file to write' in err
-    code, _, err = rpms('protocol', 'paper-random', '--out', tmp_path / 'x.yaml', '--rate', '0')
+    code, _, err = rpms('protocol', 'uniform_random', '--out', tmp_path / 'x.yaml', '--rate', '0')
     assert code == 2
     assert 'rate_hz: expected a number in [0.001, 1000] Hz, got 0.0' in err
 
@@ -159,3 +161,85 @@ def test_help_names_every_protocol(rpms, capsys):
     out = capsys.readouterr().out
     assert all(name in out for name in PROTOCOLS)
     assert '0 to 100 %' in out
+
+
+PATIENT = """\
+identifier: P01
+device: rapid2-240v
+motor_threshold: 0.32
+largest_comfortable: 0.55
+dose: {pulses: 5000, energy_j: 400.0e+3, window_h: 24.0}
+rest: {train_pulses: 1800, pause_s: 3.0}
+set_by: A. Physician
+set_on: TODAY
+expires: TODAY
+"""
+
+
+@pytest.fixture
+def patient(tmp_path):
+    path = tmp_path / 'p01.yaml'
+    path.write_text(PATIENT.replace('TODAY', str(datetime.now(UTC).date())))
+    return path
+
+
+@pytest.mark.parametrize('name', PROTOCOLS)
+@pytest.mark.parametrize('whom', ['device', 'patient'])
+def test_a_protocol_for_a_device_can_be_delivered(rpms, tmp_path, patient, name, whom):
+    path = tmp_path / 'fitted.yaml'
+    device = ('--device', 'rapid2-240v', *(('--patient', patient) if whom == 'patient' else ()))
+    code, out, err = rpms('protocol', name, '--out', path, *device)
+    assert (code, err) == (0, '')
+    assert 'changed: every intensity times' in out
+    code, out, err = rpms('check', path, *device)
+    assert (code, err) == (0, '')
+    assert f'{name} on rapid2-240v' in out
+    if whom == 'patient':
+        assert 'for patient P01: deliverable' in out
+        assert 'of 5000 pulses' in out
+        highest = load_schedule(path).totals.highest_intensity
+        # above the threshold, and never above what is comfortable
+        assert 0.5 < highest <= 0.55
+    else:
+        assert "patient      none: the device's limits alone" in out
+
+
+def test_a_protocol_that_needs_no_change_is_not_changed(rpms, tmp_path):
+    path = tmp_path / 'fitted.yaml'
+    code, out, _ = rpms('protocol', 'muscle', '--out', path, '--device', 'simulated')
+    assert code == 0
+    assert 'changed' not in out
+
+
+def test_a_patient_bounds_what_a_device_could_do(rpms, tmp_path, patient):
+    path = tmp_path / 's.yaml'
+    path.write_text(
+        'segments:\n- {kind: ramp, rate_hz: 10.0, duration_s: 20.0, end: 0.6}\n'
+        '- {kind: constant, rate_hz: 10.0, duration_s: 170.0, intensity: 0.1}\n'
+    )
+    assert rpms('check', path, '--device', 'rapid2-240v')[0] == 0
+    code, out, _ = rpms('check', path, '--device', 'rapid2-240v', '--patient', patient)
+    assert code == 1
+    assert 'maximum_intensity: expected an intensity in [0, 0.55]' in out
+    assert 'maximum_train_pulses: expected a pause of 3 s after at most 1800 pulses' in out
+    assert 'pulses above the motor threshold 0.32' in out
+    patient.write_text(patient.read_text().replace('pulses: 5000', 'pulses: 100'))
+    _, out, _ = rpms('check', path, '--device', 'rapid2-240v', '--patient', patient)
+    assert 'dose_pulses: expected at most 100 pulses in 24 h, got 1900' in out
+
+
+def test_patients_that_do_not_fit(rpms, tmp_path, patient):
+    path = tmp_path / 's.yaml'
+    path.write_text('segments: [{kind: single, intensity: 0.1}]')
+    code, _, err = rpms('check', path, '--device', 'simulated', '--patient', patient)
+    assert code == 2
+    assert "patient P01: expected figures found with 'simulated'" in err
+    day = str(datetime.now(UTC).date())
+    patient.write_text(patient.read_text().replace(day, '2020-01-01'))
+    for command in (('check', path), ('protocol', 'muscle', '--out', tmp_path / 'x.yaml')):
+        code, _, err = rpms(*command, '--device', 'rapid2-240v', '--patient', patient)
+        assert code == 2
+        assert 'expected a day from 2020-01-01 to 2020-01-01' in err
+    code, _, err = rpms('protocol', 'muscle', '--out', tmp_path / 'x.yaml', '--patient', patient)
+    assert code == 2
+    assert 'expected --device with --patient, got none' in err

@@ -47,7 +47,12 @@ def test_the_same_options_make_the_same_recording(rpms: Rpms, tmp_path: Path) ->
 
 @pytest.mark.parametrize(
     ('schedule', 'pulses', 'span'),
-    [('random', 120, 1.0), ('sinusoid', 120, 1.0), ('staircase', 120, 1.0), ('constant', 120, 0)],
+    [
+        ('uniform_random', 120, 1.0),
+        ('sinusoid', 120, 1.0),
+        ('staircase', 120, 1.0),
+        ('constant', 120, 0),
+    ],
 )
 def test_schedules_by_name(
     rpms: Rpms, tmp_path: Path, schedule: str, pulses: int, span: float
@@ -88,7 +93,10 @@ def test_truth_is_noted(rpms: Rpms, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
-        (['--schedule', 'waltz'], 'expected a schedule of random, .* or a file, got waltz'),
+        (
+            ['--schedule', 'waltz'],
+            'expected a schedule of uniform_random, .* or a file, got waltz',
+        ),
         (['--rate', '0'], 'expected a rate of the force up to 1e.06 Hz, got 0.0'),
         (['--noise', '-1'], 'expected a noise of at least 0 N, got -1.0'),
         (['--intensity', '2', '--schedule', 'constant'], 'intensity.* got 2'),

@@ -11,9 +11,11 @@ from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.parameters import type_of
 from rpms_ros.stimulation import SEGMENT_KINDS
 from rpms_ros.stimulation import schedule_from_text
+from rpms_ros.stimulation.patient import patient_from_mapping
 from rpms_ros.stimulation.states import TRANSITIONS
 from rpms_ros.stimulation.states import Command
 from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.yaml_places import from_text
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'driver.md').read_text()
@@ -50,9 +52,10 @@ def test_the_page_holds_every_transition(state):
     assert f'| `{state.name}` | {" | ".join(cell(command) for command in COLUMNS)} |' in PAGE
 
 
-def test_the_schedule_on_the_page_can_be_read():
-    (text,) = re.findall(r'```yaml\n(.*?)```', PAGE, re.DOTALL)
-    assert schedule_from_text(text).totals.duration == pytest.approx(41.0, abs=1e-9)
+def test_schedule_and_patient_on_the_page_can_be_read():
+    schedule, patient = re.findall(r'```yaml\n(.*?)```', PAGE, re.DOTALL)
+    assert schedule_from_text(schedule).totals.duration == pytest.approx(41.0, abs=1e-9)
+    assert from_text(patient, patient_from_mapping).identifier == 'P01'
 
 
 def test_the_page_names_every_kind_of_segment():

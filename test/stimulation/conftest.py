@@ -23,7 +23,9 @@ CALLS = ('open', 'arm', 'prepare', 'fire', 'keep_alive', 'beat', 'rest', 'silenc
 def cached_specification(name):
     """A specification for a subject who knows every intensity."""
     found = load_device_specification(name)
-    known = dataclasses.replace(found.limits, maximum_intensity_step=1.0)
+    known = dataclasses.replace(
+        found.limits, maximum_intensity_step=1.0, maximum_intensity_rise=1.0
+    )
     return dataclasses.replace(found, limits=known)
 
 

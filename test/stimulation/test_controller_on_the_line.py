@@ -38,18 +38,18 @@ def test_whole_driver_on_the_line(instrument, wait_for):
 
     alive()
     controller.arm()
-    run = controller.start(constant(0.4, 0.5, 20.0))
+    run = controller.start(constant(0.1, 0.5, 20.0))
     wait_for(lambda: alive() and bool(run.ended))
     assert run.ended == 'completed'
-    assert fake.fired() == [40] * 10
-    assert {pulse.delivery.intensity for pulse in fired} == {0.4}
+    assert fake.fired() == [10] * 10
+    assert {pulse.delivery.intensity for pulse in fired} == {0.1}
     # there is time to read the intensity back only where the machine is quick enough
     told = {pulse.delivery.unverified for pulse in fired}
     assert told <= {frozenset({'delivery'}), frozenset({'delivery', 'intensity'})}
     alive()
     controller.arm()
     alive()
-    controller.start(constant(0.4, 5.0, 20.0))
+    controller.start(constant(0.1, 5.0, 20.0))
     wait_for(lambda: alive() and len(fake.triggers) > 12)
     controller.stop('test', 'a test')
     wait_for(lambda: not fake.armed)

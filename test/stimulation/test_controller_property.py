@@ -27,10 +27,10 @@ from rpms_ros.stimulation.states import State
 SECOND = 1_000_000_000
 BATCHES, PER_BATCH = 10, 30
 KNOWN = {
-    'maximum_intensity', 'maximum_intensity_step', 'minimum_width_s', 'maximum_width_s',
-    'maximum_rate_hz', 'rate_limits_hz', 'maximum_train_pulses', 'wait', 'continuous_power_w',
-    'session_pulses', 'session_energy_j', 'idle_disarm_s', 'stop', 'executor', 'supervisor',
-    'heartbeat', 'force_limit', 'state', 'temperature', 'emergency_stop',
+    'maximum_intensity', 'maximum_intensity_step', 'maximum_intensity_rise', 'minimum_width_s',
+    'maximum_width_s', 'maximum_rate_hz', 'rate_limits_hz', 'maximum_train_pulses', 'wait',
+    'continuous_power_w', 'session_pulses', 'session_energy_j', 'idle_disarm_s', 'stop',
+    'executor', 'supervisor', 'heartbeat', 'force_limit', 'state', 'temperature', 'emergency_stop',
 }  # fmt: skip
 
 
@@ -41,6 +41,8 @@ def random_limits(random):
     return Limits(
         maximum_intensity=float(random.uniform(0.7, 1.0)),
         maximum_intensity_step=float(random.uniform(0.6, 1.0)),
+        maximum_intensity_rise=0.8 + 0.2 * float(edges[0]),
+        rise_window_s=0.2 + 5.0 * float(edges[1]),
         maximum_rate_hz=float(random.uniform(20.0, 80.0)),
         rate_intensities=(*edges.tolist(), 1.0),
         rate_limits_hz=tuple(rates.tolist()),
@@ -161,6 +163,7 @@ def broken(commands, limits):
     trains = split(commands, round(limits.minimum_pause_s * SECOND))
     energies = [0.0, *accumulate(energy([command], limits) for command in commands)]
     window = round(limits.energy_window_s * SECOND)
+    rise = round(limits.rise_window_s * SECOND)
     times = [time for time, _ in commands]
     wrong = {
         'maximum_intensity': any(not 0 <= u <= limits.maximum_intensity for _, u in commands),
@@ -170,6 +173,11 @@ def broken(commands, limits):
             abs(after - before) > limits.maximum_intensity_step + 1e-12
             for train in trains
             for (_, before), (_, after) in pairwise([(0, 0.0), *train])
+        ),
+        'maximum_intensity_rise': any(
+            u - max((v for time, v in commands[:index] if time >= now - rise), default=0.0)
+            > limits.maximum_intensity_rise + 1e-12
+            for index, (now, u) in enumerate(commands)
         ),
         'continuous_power_w': any(
             energies[index + 1] - energies[bisect_left(times, time - window + 1)]

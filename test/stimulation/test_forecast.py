@@ -26,7 +26,10 @@ from rpms_ros.stimulation.thermal import CoilThermal
 SHIPPED = load_device_specification('rapid2-240v')
 # of a subject who knows every intensity: the other limits are looked at one by one
 RAPID = dataclasses.replace(
-    SHIPPED, limits=dataclasses.replace(SHIPPED.limits, maximum_intensity_step=1.0)
+    SHIPPED,
+    limits=dataclasses.replace(
+        SHIPPED.limits, maximum_intensity_step=1.0, maximum_intensity_rise=1.0
+    ),
 )
 SECOND = 1_000_000_000
 

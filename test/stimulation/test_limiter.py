@@ -17,7 +17,9 @@ from rpms_ros.stimulation.limits import Limits
 SECOND = 1_000_000_000
 WIDTH = 100e-6
 RAPID = dataclasses.replace(
-    load_device_specification('rapid2-240v').limits, maximum_intensity_step=1.0
+    load_device_specification('rapid2-240v').limits,
+    maximum_intensity_step=1.0,
+    maximum_intensity_rise=1.0,
 )
 
 
@@ -221,3 +223,26 @@ def test_what_may_go_on_for_ever():
     assert RAPID.highest_intensity(50.0) == pytest.approx(math.sqrt(1050 / 12600), rel=1e-12)
     assert RAPID.highest_intensity(60.0) == 0.0
     assert RAPID.highest_intensity(4.0) == 1.0
+
+
+def test_a_subject_is_led_to_an_intensity_step_by_step():
+    limiter = PulseLimiter(Limits(maximum_intensity_rise=0.1, rise_window_s=10.0))
+    assert limiter.refusal(0, 0.11, WIDTH).limit == 'maximum_intensity_rise'
+    assert give(limiter, [0.0], 0.1) is None
+    assert limiter.refusal(SECOND, 0.3, WIDTH).limit == 'maximum_intensity_rise'
+    assert give(limiter, [1.0], 0.2) is None
+    # what is known may come again after something weaker, until it was too long ago
+    assert give(limiter, [2.0, 3.0], 0.0) is None
+    assert give(limiter, [4.0], 0.3) is None
+    assert give(limiter, [13.0], 0.1) is None
+    assert limiter.refusal(14 * SECOND, 0.31, WIDTH) is None
+    assert limiter.refusal(14 * SECOND + 1, 0.31, WIDTH).limit == 'maximum_intensity_rise'
+    assert give(limiter, [15.0], 0.2) is None
+
+
+def test_no_intensity_of_an_earlier_process_is_known():
+    limiter = PulseLimiter(Limits(maximum_intensity_rise=0.1))
+    limiter.book_history([BookedPulse(-SECOND, 0.5, 10.0)])
+    refusal = limiter.refusal(SECOND, 0.2, WIDTH)
+    assert refusal.limit == 'maximum_intensity_rise'
+    assert 'at most 0.1 more than 0, the strongest of the 60 s before' in refusal.reason

@@ -22,6 +22,8 @@ LIMITS = st.builds(
     Limits,
     maximum_intensity=st.floats(0.5, 1.0),
     maximum_intensity_step=st.floats(0.3, 1.0),
+    maximum_intensity_rise=st.floats(0.1, 1.0),
+    rise_window_s=st.sampled_from([0.05, 0.1, 0.5, 5.0]),
     maximum_rate_hz=st.sampled_from([10.0, 20.0, 33.3, 1000.0]),
     rate_intensities=st.just((0.3, 0.6, 1.0)),
     rate_limits_hz=st.just((50.0, 20.0, 15.0)),
