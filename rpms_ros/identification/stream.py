@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import faults
 from rpms_ros.identification.doubts import Doubts
 from rpms_ros.identification.estimate import Estimate
@@ -114,6 +115,23 @@ class IdentificationStream:
         for onset_ns in pulses.onset_ns[late & ~stray].tolist():
             self._postponed.add(faults.PULSE_LATE, newest_ns)
             self.exclude(onset_ns, onset_ns + self._memory_ns)
+
+    def change(self, settings: StreamSettings) -> None:
+        """Make estimates at another period from now on.
+
+        Raises
+        ------
+        IdentificationError
+            If anything else differs: it must not change while samples wait.
+        """
+        if replace(settings, estimate_period=self.settings.estimate_period) != self.settings:
+            raise IdentificationError(
+                f'expected settings that differ in the estimate period alone, got {settings}'
+            )
+        self.settings = settings
+        self._period_ns = nanoseconds(settings.estimate_period)
+        if self._cell is not None:
+            self._cell = self._last_ns // self._period_ns
 
     def takes_early(self, pulses: PulseTrain, stamp_ns: IntArray, before: IntArray) -> bool:
         """Return whether pulses may come before samples of which some came before them.

@@ -57,7 +57,11 @@ class IdentifierParameters(NodeParameters):
         maximum=10.0,
     )
     estimate_period: float = parameter(
-        _STREAM.estimate_period, 'Stamps between two estimates.', unit='s', minimum=0.001
+        _STREAM.estimate_period,
+        'Stamps between two estimates; may be changed while the node runs.',
+        unit='s',
+        minimum=0.001,
+        dynamic=True,
     )
     longest_gap: float = parameter(
         _STREAM.longest_gap,

@@ -5,8 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse as PulseMessage
@@ -193,17 +197,80 @@ def test_a_jump_of_the_clock_is_counted_and_learning_goes_on(graph) -> None:
     assert np.isfinite(last.linear).all()
 
 
-@pytest.mark.parametrize('accepted', [True, False])
-def test_a_best_effort_sensor_is_heard_if_that_is_accepted(
-    graph, capfd: pytest.CaptureFixture[str], accepted: bool
+@pytest.mark.parametrize('told', [True, False])
+def test_a_best_effort_sensor_is_heard(
+    graph, capfd: pytest.CaptureFixture[str], told: bool
 ) -> None:
     probe = graph.add(lambda **options: Node('probe', **options))
     sensor = probe.create_publisher(WrenchStamped, 'force', qos.FORCE_BEST_EFFORT)
-    graph.add(Identifier, best_effort_force=accepted)
-    if accepted:
-        graph.wait_for(lambda: sensor.get_subscription_count() == 1)
-    else:
-        graph.wait_for(lambda: 'incompatible QoS' in ''.join(capfd.readouterr()))
+    identifier = graph.add(Identifier, best_effort_force=told)
+    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
+    sample = messages.force_message(START_NS, 1.0, messages.AXES['z'], MESSAGE_TYPES)
+    before = identifier._heard
+
+    def heard() -> bool:
+        sensor.publish(sample)
+        return identifier._heard > before
+
+    graph.wait_for(heard)
+    if not told:
+        assert '/force is published best effort' in ''.join(capfd.readouterr())
+
+
+def test_a_second_publisher_is_a_fault_and_a_doubt(graph) -> None:
+    pulses, forces = recording()
+    bench = Bench(graph)
+    other = graph.add(lambda **options: Node('other', **options))
+    other.create_publisher(WrenchStamped, 'force', qos.FORCE)
+    other.create_publisher(PulseMessage, 'pulses', qos.PULSES)
+    counts = bench.identifier._senders.counts
+    graph.wait_for(lambda: set(counts) == {'force_publishers', 'pulse_publishers'})
+    bench.send_pulses(pulses)
+    bench.send_forces(forces)
+    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    assert last.faults['force_publishers'] >= 1
+    assert last.doubts == ('force_publishers', 'pulse_publishers')
+
+
+def test_reset_begins_anew_and_the_period_may_change(graph) -> None:
+    pulses, forces = recording()
+    bench = Bench(graph)
+    bench.send_pulses(pulses)
+    bench.send_forces(forces)
+    before = bench.wait_until(START_NS + 1_699 * MILLISECOND)
+    response = bench.identifier._on_reset(Trigger.Request(), Trigger.Response())
+    assert response.success
+    (changed,) = bench.identifier.set_parameters([Parameter('estimate_period', value=0.5)])
+    assert changed.successful
+    (refused,) = bench.identifier.set_parameters([Parameter('estimator', value='horizon')])
+    assert not refused.successful
+    assert 'read-only' in refused.reason
+    count = len(bench.estimates)
+    later, force = recording(start_ns=START_NS + 10**10)
+    bench.send_pulses(later)
+    bench.send_forces(force)
+    last = bench.wait_until(START_NS + 10**10 + 1_499 * MILLISECOND)
+    assert len(bench.estimates) - count == 3
+    assert last.samples < before.samples
+
+
+def test_diagnostics_say_what_is_in_doubt(graph) -> None:
+    heard: list[DiagnosticStatus] = []
+    probe = graph.add(lambda **options: Node('listener', **options))
+    probe.create_subscription(
+        DiagnosticArray, '/diagnostics', lambda message: heard.extend(message.status), 10
+    )
+    pulses, forces = recording(4.0)
+    bench = Bench(graph)
+    bench.send_pulses(pulses)
+    bench.send_forces(ForceTrace(forces.stamp_ns, np.zeros(len(forces))))
+    graph.wait_for(lambda: any(one.level == DiagnosticStatus.WARN for one in heard))
+    status = next(one for one in heard if one.level == DiagnosticStatus.WARN)
+    assert status.name == '/identifier: identification'
+    assert status.message == 'in doubt: force_constant'
+    assert {'estimator', 'fault force_constant'} <= {value.key for value in status.values}
+    bench.identifier._heard -= 6.0
+    graph.wait_for(lambda: heard[-1].level == DiagnosticStatus.STALE)
 
 
 def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) -> None:
@@ -218,6 +285,8 @@ def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) 
         ({'sign': 0}, 'expected a sign of 1 or -1, got 0'),
         ({'axis': 'up'}, "expected axis x, y, z, .* got 'up'"),
         ({'pulse_look_ahead': 0.5}, r'<= pulse_look_ahead <= reorder_delay, got 0\.5 and 0\.2'),
+        ({'estimator': 'batch'}, 'works on line, got batch, .*: use horizon here'),
+        ({'monitors': ('pish',)}, "expected monitors of .*, got 'pish'"),
         ({'preset': 'table_9'}, "preset: expected one of table_4, .* got 'table_9'"),
     ],
 )
