@@ -17,6 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rpms_ros.axis import AXES as AXES
+from rpms_ros.axis import Axis
+from rpms_ros.axis import unit_vector
 from rpms_ros.errors import MessageError
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -25,11 +28,6 @@ from rpms_ros.pulses import Pulse
 
 MessageTypes = Mapping[str, Callable[..., Any]]
 """Message classes by name, such as ``std_msgs/msg/Header``; they take their fields by keyword."""
-
-Axis = tuple[float, float, float]
-
-AXES: dict[str, Axis] = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
-AXES |= {f'-{name}': (-x, -y, -z) for name, (x, y, z) in list(AXES.items())}
 
 TIME = 'builtin_interfaces/msg/Time'
 HEADER = 'std_msgs/msg/Header'
@@ -58,16 +56,10 @@ def axis_of(text: str, sign: int = 1) -> Axis:
         If it is no direction.
     """
     try:
-        vector = AXES[text] if text in AXES else tuple(float(part) for part in text.split(','))
-    except ValueError:
-        vector = ()
-    length = float(np.linalg.norm(vector)) if len(vector) == 3 else 0.0
-    if not (math.isfinite(length) and length > 0):
-        raise MessageError(
-            f'expected axis x, y, z, -x or three numbers as 0.6,0,0.8, got {text!r}'
-        )
-    x, y, z = (sign * (value / length) for value in vector)
-    return (x, y, z)
+        x, y, z = unit_vector(text)
+    except ValueError as error:
+        raise MessageError(str(error)) from error
+    return (sign * x, sign * y, sign * z)
 
 
 def nanoseconds(stamp: Any) -> int:

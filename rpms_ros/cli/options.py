@@ -98,8 +98,8 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
         '--axis',
         default='z',
         metavar='AXIS',
-        help='axis of the wrench along which the muscle pulls: x, y, z or a direction as '
-        '0.6,0,0.8 (default: z; write --axis=-1,0,0 if it begins with a minus)',
+        help='axis of the wrench along which the muscle pulls: x, y, z, -x or a direction as '
+        '0.6,0,0.8 (default: z; write --axis=-z, with the sign of equality before a minus)',
     )
     group.add_argument(
         '--sign',

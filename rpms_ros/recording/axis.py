@@ -4,36 +4,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rpms_ros.axis import unit_vector
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
 
-AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
-
 
 def direction_of(axis: str | Sequence[float]) -> FloatArray:
-    """Return the unit vector (3,) of an axis.
-
-    Parameters
-    ----------
-    axis : str or sequence of float
-        ``x``, ``y``, ``z``, or a direction of any length: ``'0.6,0,0.8'`` or three numbers.
+    """Return the unit vector (3,) of an axis, as `rpms_ros.axis.unit_vector` reads it.
 
     Raises
     ------
     RecordingError
         If it is not a direction.
     """
-    if isinstance(axis, str) and axis in AXES:
-        return np.array(AXES[axis])
     try:
-        parts = axis.split(',') if isinstance(axis, str) else axis
-        vector = np.array([float(part) for part in parts])
-    except ValueError:
-        vector = np.empty(0)
-    length = float(np.linalg.norm(vector)) if len(vector) == 3 else 0.0
-    if not (length > 0 and np.isfinite(length)):
-        raise RecordingError(f'expected axis x, y, z or three numbers as 0.6,0,0.8, got {axis!r}')
-    return vector / length
+        return np.array(unit_vector(axis))
+    except ValueError as error:
+        raise RecordingError(str(error)) from error
 
 
 def force_along(

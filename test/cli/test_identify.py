@@ -166,7 +166,7 @@ def test_faults_of_the_data_are_counted(
     ('options', 'message'),
     [
         (['--force-topic', 'torque'], 'expected topic torque in'),
-        (['--axis', 'up'], 'expected axis x, y, z or three numbers'),
+        (['--axis', 'up'], 'expected axis x, y, z, -x or three numbers'),
         (['--estimator', 'oracle'], 'expected an estimator of'),
         (['--rate-hz', '0'], 'expected a repetition rate above 0 Hz, got 0.0'),
     ],

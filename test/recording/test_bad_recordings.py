@@ -368,7 +368,7 @@ def test_values_are_handed_on_as_they_are(write_with_rosbags: WriteWithRosbags, 
 
 @pytest.mark.parametrize('axis', ['w', '1,2', '0,0,0', 'nan,0,1', (1.0,), '1;0;0'])
 def test_axis_that_is_none(tmp_path: Path, axis: Any) -> None:
-    with pytest.raises(RecordingError, match='expected axis x, y, z or three numbers'):
+    with pytest.raises(RecordingError, match='expected axis x, y, z, -x or three numbers'):
         read_recording(tmp_path / 'bag', axis=axis)
 
 

@@ -1,0 +1,31 @@
+"""Axes of a sensor as people write them: one parser for nodes, recordings and commands."""
+
+import math
+from collections.abc import Sequence
+
+Axis = tuple[float, float, float]
+
+AXES: dict[str, Axis] = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
+AXES |= {f'-{name}': (-x, -y, -z) for name, (x, y, z) in list(AXES.items())}
+
+
+def unit_vector(axis: str | Sequence[float]) -> Axis:
+    """Return the unit vector of ``x``, ``-z``, ``0.6,0,0.8`` or three numbers.
+
+    Raises
+    ------
+    ValueError
+        If it is no direction.
+    """
+    if isinstance(axis, str) and axis in AXES:
+        return AXES[axis]
+    parts = axis.split(',') if isinstance(axis, str) else axis
+    try:
+        vector = tuple(float(part) for part in parts)
+    except ValueError:
+        vector = ()
+    length = math.hypot(*vector) if len(vector) == 3 else 0.0
+    if not (math.isfinite(length) and length > 0.0):
+        raise ValueError(f'expected axis x, y, z, -x or three numbers as 0.6,0,0.8, got {axis!r}')
+    x, y, z = (value / length for value in vector)
+    return (x, y, z)
