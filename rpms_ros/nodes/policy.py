@@ -108,7 +108,11 @@ NODES: dict[str, Interfaces] = {
         start=(topics.RUN_SCHEDULE,),
     ),
     'stop_button': Interfaces(publish=(topics.EMERGENCY_STOP,), subscribe=(topics.JOY,)),
-    'identifier': Interfaces(publish=(topics.ESTIMATE,), subscribe=(topics.PULSES, topics.FORCE)),
+    'identifier': Interfaces(
+        publish=(topics.ESTIMATE, topics.DIAGNOSTICS),
+        subscribe=(topics.PULSES, topics.FORCE),
+        serve=('~/reset',),
+    ),
 }
 """What each node does, by its name."""
 
