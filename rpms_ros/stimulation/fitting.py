@@ -36,7 +36,7 @@ from rpms_ros.stimulation.segment import Segment
 MOST_SEGMENTS = 1000
 PAUSES_S = (0.0, 2.0, 4.0, 8.0, 16.0, 30.0)
 WEAKER = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
-SHORTER = (1.0, 0.75, 0.5, 0.25)
+SHORTER = (1.0, 0.95, 0.9, 0.75, 0.5, 0.25)
 RAMP_INTERVAL_S = 0.5
 _SHARES = ('intensity', 'start', 'end', 'levels', 'low', 'high')
 _RAMPED = frozenset({'maximum_intensity_rise'})

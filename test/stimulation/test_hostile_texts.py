@@ -13,6 +13,8 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import schedule_from_mapping
 from rpms_ros.stimulation import schedule_from_text
 from rpms_ros.stimulation import schedule_to_text
+from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.patient import load_patient
 from rpms_ros.stimulation.schedule import LONGEST_NAME
 
 # set by bench/hostile_texts.py for the full count
@@ -88,3 +90,12 @@ def test_the_texts_are_hostile_and_not_only_noise(hostile_texts):
     # both sides of the border are tried
     assert 4 <= accepted < 200
     assert sum(map(hostile_texts.sendable, texts)) > 200
+
+
+def test_hostile_files_of_devices_and_patients(hostile_texts, tmp_path):
+    path = tmp_path / 'hostile.yaml'
+    for text in hostile_texts.hostile_texts(150, seed=3):
+        path.write_bytes(text.encode('utf-8', 'surrogatepass'))
+        for load in (load_patient, lambda path: load_device_specification(str(path))):
+            with pytest.raises(StimulationError, match=r'hostile\.yaml: '):
+                load(path)
