@@ -3,7 +3,9 @@
 from rpms_ros.identification.basis import DistortedSineBasis
 from rpms_ros.identification.batch import BatchEstimator
 from rpms_ros.identification.catalogue import ESTIMATORS
+from rpms_ros.identification.catalogue import EstimatorOptions
 from rpms_ros.identification.catalogue import estimator_by_name
+from rpms_ros.identification.catalogue import estimator_names
 from rpms_ros.identification.estimate import CONVERGED
 from rpms_ros.identification.estimate import CURVE_INTENSITY
 from rpms_ros.identification.estimate import DEFAULT_RATE
@@ -40,6 +42,7 @@ __all__ = [
     'DistortedSineBasis',
     'Estimate',
     'Estimator',
+    'EstimatorOptions',
     'HorizonEstimator',
     'IdentificationStream',
     'IdentifiedSession',
@@ -50,6 +53,7 @@ __all__ = [
     'RecursiveSettings',
     'StreamSettings',
     'estimator_by_name',
+    'estimator_names',
     'identify',
     'settings_by_name',
 ]

@@ -1,7 +1,16 @@
-"""Estimators by name, for command lines and node parameters."""
+"""Estimators by name: those of this package and those that other distributions bring.
+
+An estimator of another distribution is a callable that takes `EstimatorOptions`, named by an
+entry point of the group ``rpms_ros.estimators``.  Those of this package are in `ESTIMATORS`.
+"""
 
 from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
 from dataclasses import replace
+from importlib.metadata import EntryPoint
+from importlib.metadata import entry_points
+from types import MappingProxyType
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.batch import BatchEstimator
@@ -12,30 +21,71 @@ from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.settings import settings_by_name
 
+GROUP = 'rpms_ros.estimators'
+_PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'update')
 
-def _recursive(preset: str, seed: int, rate_hz: float) -> Estimator:
-    return RecursiveEstimator(settings_by_name(preset), seed, rate_hz)
 
+@dataclass(frozen=True)
+class EstimatorOptions:
+    """What a command or a node tells the estimator that it builds; it takes of it what it needs.
+
+    Attributes
+    ----------
+    preset : str
+        Design parameters by name; the batch and the horizon take their start from it, and begin
+        the response without a latency (``table_4``) or 8 ms after the pulse (``table_5``).
+    seed : int
+        Seed of a random start.
+    rate_hz : float
+        Repetition rate for which the recruitment curve is stated [Hz].
+    """
+
+    preset: str = 'table_4'
+    seed: int = 0
+    rate_hz: float = DEFAULT_RATE
+
+
+EstimatorBuilder = Callable[[EstimatorOptions], Estimator]
 
 # The simulated plant of the paper has no latency; people have one, about 9 ms, rarely below 8.
 _LATENCY = {'table_4': 0.0, 'table_5': 8e-3}
 
 
-def _projection(preset: str, rate_hz: float) -> tuple[ProjectionSettings, float]:
-    start = settings_by_name(preset).start
-    basis = replace(ProjectionSettings().basis, latency=_LATENCY[preset])
-    return ProjectionSettings(basis=basis, start=start), rate_hz
+def _recursive(options: EstimatorOptions) -> Estimator:
+    return RecursiveEstimator(settings_by_name(options.preset), options.seed, options.rate_hz)
 
 
-ESTIMATORS: dict[str, Callable[[str, int, float], Estimator]] = {
-    'recursive': _recursive,
-    'batch': lambda preset, _seed, rate_hz: BatchEstimator(*_projection(preset, rate_hz)),
-    'horizon': lambda preset, _seed, rate_hz: HorizonEstimator(*_projection(preset, rate_hz)),
-}
-"""What makes a fresh estimator of a preset, a seed and a rate [Hz], by name."""
+def _projection(options: EstimatorOptions) -> ProjectionSettings:
+    start = settings_by_name(options.preset).start
+    basis = replace(ProjectionSettings().basis, latency=_LATENCY[options.preset])
+    return ProjectionSettings(basis=basis, start=start)
 
-ON_LINE = ('recursive', 'horizon')
-"""Estimators for which an estimate costs the same however long the session."""
+
+def _batch(options: EstimatorOptions) -> Estimator:
+    return BatchEstimator(_projection(options), options.rate_hz)
+
+
+def _horizon(options: EstimatorOptions) -> Estimator:
+    return HorizonEstimator(_projection(options), options.rate_hz)
+
+
+ESTIMATORS: Mapping[str, EstimatorBuilder] = MappingProxyType(
+    {'recursive': _recursive, 'batch': _batch, 'horizon': _horizon}
+)
+"""What builds a fresh estimator of this package, by name."""
+
+
+def estimator_names() -> tuple[str, ...]:
+    """Return the names of all estimators that are installed, those of this package first."""
+    return (*ESTIMATORS, *sorted(set(_registered()) - set(ESTIMATORS)))
+
+OFF_LINE = ('batch',)
+"""Estimators for which an estimate costs more the longer the session."""
+
+
+def on_line_names() -> tuple[str, ...]:
+    """Return the names of the estimators that may run on line."""
+    return tuple(name for name in estimator_names() if name not in OFF_LINE)
 
 
 def estimator_by_name(
@@ -44,27 +94,50 @@ def estimator_by_name(
     seed: int = 0,
     rate_hz: float = DEFAULT_RATE,
 ) -> Estimator:
-    """Return a fresh estimator of `ESTIMATORS`.
-
-    Parameters
-    ----------
-    name : str
-        Name of the algorithm.
-    preset : str
-        Design parameters by name; the batch and the horizon take their start from it, and begin
-        the response without a latency (``table_4``) or 8 ms after the pulse (``table_5``).
-    seed : int
-        Seed of the recursive algorithm's random start.
-    rate_hz : float
-        Repetition rate for which the recruitment curve is stated [Hz].
+    """Return a fresh estimator of `estimator_names`; see `EstimatorOptions`.
 
     Raises
     ------
     IdentificationError
-        If there is no such estimator or preset, or the rate is not above zero.
+        If there is no such estimator, more than one of its name, or it cannot be loaded or is
+        none; if there is no such preset, or the rate is not above zero.
     """
-    if name not in ESTIMATORS:
+    options = EstimatorOptions(preset, seed, rate_hz)
+    points = _registered().get(name, [])
+    targets = [*(['this package'] if name in ESTIMATORS else []), *(p.value for p in points)]
+    if not targets:
         raise IdentificationError(
-            f'expected an estimator of {", ".join(ESTIMATORS)}, got {name!r}'
+            f'expected an estimator of {", ".join(estimator_names())}, got {name!r}'
         )
-    return ESTIMATORS[name](preset, seed, rate_hz)
+    if len(set(targets)) > 1:
+        raise IdentificationError(
+            f'expected one estimator of the name {name!r}, got {" and ".join(sorted(targets))}'
+        )
+    return ESTIMATORS[name](options) if name in ESTIMATORS else _loaded(points[0], options)
+
+
+def _registered() -> dict[str, list[EntryPoint]]:
+    """Return the entry points of other distributions by name."""
+    found: dict[str, list[EntryPoint]] = {}
+    for point in entry_points(group=GROUP):
+        found.setdefault(point.name, []).append(point)
+    return found
+
+
+def _loaded(point: EntryPoint, options: EstimatorOptions) -> Estimator:
+    """Return the estimator of an entry point."""
+    try:
+        builder: EstimatorBuilder = point.load()
+        estimator = builder(options)
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise IdentificationError(
+            f'expected the estimator {point.name!r} at {point.value}, '
+            f'got {type(error).__name__}: {error}'
+        ) from error
+    lacking = [part for part in _PARTS if not hasattr(estimator, part)]
+    if lacking:
+        raise IdentificationError(
+            f'expected {", ".join(lacking)} in the estimator {point.name!r}, '
+            f'got {type(estimator).__name__}'
+        )
+    return estimator

@@ -30,6 +30,8 @@ PULSE_SEQUENCE_STUCK = 'pulse_sequence_stuck'
 PULSE_PUBLISHERS = 'pulse_publishers'
 SAMPLES_EXCLUDED = 'samples_excluded'
 MONITOR_FAILED = 'monitor_failed'
+PULSES_TOO_FREQUENT = 'pulses_too_frequent'
+FACTORISATION_FAILED = 'factorisation_failed'
 
 MEANING: Mapping[str, str] = {
     FORCE_NOT_FINITE: 'force samples that were NaN or infinite, dropped',
@@ -70,6 +72,8 @@ MEANING: Mapping[str, str] = {
     PULSE_PUBLISHERS: 'seconds in which pulses had more than one publisher (node only)',
     SAMPLES_EXCLUDED: 'force samples that were predicted but not learnt from',
     MONITOR_FAILED: 'monitors that raised an exception and were taken out',
+    PULSES_TOO_FREQUENT: 'pulses between two samples for which the horizon has no room, dropped',
+    FACTORISATION_FAILED: 'steps of an estimator that were not taken: matrix not positive',
 }
 
 

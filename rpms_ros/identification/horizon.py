@@ -14,10 +14,12 @@ import numpy as np
 
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import PULSES_TOO_FREQUENT
 from rpms_ros.identification.projection.arrival import absorb
 from rpms_ros.identification.projection.arrival import disagreement_limit
 from rpms_ros.identification.projection.arrival import forget
 from rpms_ros.identification.projection.arrival import yield_to_horizon
+from rpms_ros.identification.projection.cells import COUNT
 from rpms_ros.identification.projection.cells import HEAD
 from rpms_ros.identification.projection.cells import SIZE
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
@@ -46,6 +48,8 @@ from rpms_ros.pulses import IntArray
 _HIGHEST_RATE = 120.0
 # Cells that a step period can bring before a step makes room again.
 _SPARE_CELLS = 128
+# Cells that no pulse begins, in one step period at the most.
+_CELLS_OF_PAUSES = 4
 # Of the baseline over the horizon, and how near they may be [ns]: a young horizon has two.
 _KNOTS = 3
 _LEAST_SPACING_NS = 15 * NANOSECONDS_PER_SECOND // 2
@@ -114,6 +118,7 @@ class HorizonEstimator(ProjectionEstimator):
             if self._last_ns is not None and period[first] != self._last_ns // self._step_ns:
                 self._step_if_due()
             part = slice(first, last)
+            self._make_room(int(stamp_ns[first]), int(stamp_ns[last - 1]))
             self._take(stamp_ns[part], force[part], usable[part], prediction[part])
             self._last_ns = int(stamp_ns[last - 1])
         return prediction
@@ -149,6 +154,10 @@ class HorizonEstimator(ProjectionEstimator):
             return
         self._slide()
         cells, known, fit = self._cells, self._known, self._fit
+        if not self._holds_samples():
+            # Nothing to learn from: what is remembered is all that is known.
+            fit.complete[:] = 0.0
+            return
         remembers = bool(known.information.any())
         if self.settings.forgetting and remembers:
             forget(known, fit, self.settings.forgetting)
@@ -159,6 +168,14 @@ class HorizonEstimator(ProjectionEstimator):
         steps = _STEPS_AFTER_CHANGE if contradicted else self.settings.steps
         self._improve(fit, known, steps, _TOLERANCE, ready=remembers and not contradicted)
         restate(cells, self._intake, fit, self._kick)
+
+    def _holds_samples(self) -> bool:
+        """Return whether the horizon holds any sample, or nothing is remembered."""
+        cells = self._cells
+        order = (int(cells.place[HEAD]) + np.arange(self._first, int(cells.place[SIZE]))) % len(
+            cells.start_ns
+        )
+        return bool(cells.moments[order, COUNT].any()) or not self._known.information.any()
 
     @property
     def _unsettled(self) -> bool:
@@ -264,6 +281,29 @@ class HorizonEstimator(ProjectionEstimator):
             self._first -= gone
         spacing = max((self._last_ns - begin) // (_KNOTS - 1), _LEAST_SPACING_NS)
         self._baseline = Baseline(self._baseline.knots, begin, spacing)
+
+    def _make_room(self, first_ns: int, last_ns: int) -> None:
+        """Let there be room for the cells up to `last_ns`, at the cost of the oldest ones.
+
+        What leaves is remembered as always.  Pulses that began long before the first sample, in
+        an outage of the force, no longer act.
+        """
+        pending = self._pending
+        pending.drop(pending.begin_until(first_ns - 2 * self._memory_ns))
+        cells = self._cells
+        capacity = len(cells.start_ns)
+        coming = pending.begin_until(last_ns)
+        most = capacity - _CELLS_OF_PAUSES
+        if coming > most:
+            self._faults.add(PULSES_TOO_FREQUENT, coming - most)
+            pending.drop(coming - most)
+            coming = most
+        lacking = int(cells.place[SIZE]) + coming + _CELLS_OF_PAUSES - capacity
+        if lacking > 0:
+            self._leave(min(max(lacking, self._first), int(cells.place[SIZE])))
+            cells.place[HEAD] = (int(cells.place[HEAD]) + lacking) % capacity
+            cells.place[SIZE] -= lacking
+            self._first = max(self._first - lacking, 0)
 
     def _leave(self, last: int) -> None:
         """Keep what cells up to `last` say as a quadratic cost."""

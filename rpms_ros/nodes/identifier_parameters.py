@@ -11,8 +11,8 @@ from rpms_ros.identification import PRESETS
 from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import StreamSettings
-from rpms_ros.identification.catalogue import ON_LINE
 from rpms_ros.identification.catalogue import estimator_by_name
+from rpms_ros.identification.catalogue import on_line_names
 from rpms_ros.identification.monitors import monitors_by_name
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
@@ -24,7 +24,7 @@ _STREAM = StreamSettings()
 class IdentifierParameters(NodeParameters):
     """Parameters of the identifier."""
 
-    estimator: str = parameter('recursive', 'Algorithm.', choices=tuple(ON_LINE))
+    estimator: str = parameter('recursive', 'Algorithm.', choices=on_line_names())
     preset: str = parameter('table_4', 'Design parameters by name.', choices=tuple(PRESETS))
     seed: int = parameter(0, 'Seed of the random start of the Hessian.', minimum=0)
     repetition_rate: float = parameter(

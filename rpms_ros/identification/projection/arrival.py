@@ -33,6 +33,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from rpms_ros.identification.projection.cells import Cells
+from rpms_ros.identification.projection.fit import FAILURES
 from rpms_ros.identification.projection.fit import VARIANCE
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import Known
@@ -136,11 +137,14 @@ def forget(known: Known, fit: Fit, share: float) -> None:
     for column in range(count):
         solved = information[column].copy()
         if not solve_positive(_total(known, fit), solved):
+            fit.scalars[FAILURES] += 1.0
             return
         for row in range(count):
             kept[row, column] = dot(information[row], solved)
     solved = known.pull.copy()
-    solve_positive(_total(known, fit), solved)
+    if not solve_positive(_total(known, fit), solved):
+        fit.scalars[FAILURES] += 1.0
+        return
     for row in range(count):
         known.pull[row] += share * (dot(information[row], solved) - known.pull[row])
     for row in range(count):
@@ -172,7 +176,8 @@ def _slope_at_optimum(known: Known, fit: Fit, gradient: FloatArray) -> FloatArra
     step = np.zeros(len(both))
     # The linear unknowns are solved: the joint cost has a slope by theta only.
     step[:PARAMETERS] = gradient
-    solve_positive(both, step)
+    if not solve_positive(both, step):
+        fit.scalars[FAILURES] += 1.0
     away = away_from_reference(fit, known) + step[:count]
     slope = known.pull.copy()
     for row in range(count):
@@ -205,6 +210,7 @@ def yield_to_horizon(known: Known, fit: Fit, gradient: FloatArray, limit: float)
     _weakly_known(known, fit, memory)
     difference = slope.copy()
     if not (solve_positive(own, by_horizon) and solve_positive(memory, difference)):
+        fit.scalars[FAILURES] += 1.0
         return 0.0
     statistic: float = dot(slope, by_horizon[:count]) + dot(slope, difference)
     statistic /= fit.scalars[VARIANCE]

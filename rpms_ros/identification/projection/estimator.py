@@ -8,10 +8,13 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import FACTORISATION_FAILED
+from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.projection.cells import COUNT
 from rpms_ros.identification.projection.cells import HEAD
 from rpms_ros.identification.projection.cells import SIZE
 from rpms_ros.identification.projection.cells import empty_cells
+from rpms_ros.identification.projection.fit import FAILURES
 from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.intake import ERROR_ENERGY
 from rpms_ros.identification.projection.intake import FORCE_ENERGY
@@ -81,6 +84,7 @@ class ProjectionEstimator:
         self._baseline = Baseline(knots, 0, 1)
         self._pending = PendingPulses(basis.latency, self.settings.by_rate, rate_hz)
         self._snapshots = Snapshots(self.name, basis, rate_hz, self.settings.confidence)
+        self._faults = FaultCounter()
         self._pulses = 0
         self._intensity_range = (np.inf, -np.inf)
 
@@ -119,6 +123,8 @@ class ProjectionEstimator:
         self._intake.scalars[FRESH] = 1.0
         self._intake.scalars[ERROR_ENERGY] = 0.0
         self._intake.scalars[FORCE_ENERGY] = 0.0
+        # The slope of the baseline says nothing of another time; where it led to does.
+        self._fit.levels[:] = self._fit.levels[-1:]
 
     def _take(
         self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray, prediction: FloatArray
@@ -154,8 +160,16 @@ class ProjectionEstimator:
             output_error=float(np.sqrt(scalars[ERROR_ENERGY] / energy)) if energy > 0.0 else 0.0,
         )
         return self._snapshots.make(
-            stamp_ns, self._fit, self._known, self._spread(), counters, faults
+            stamp_ns, self._fit, self._known, self._spread(), counters, self._with_own(faults)
         )
+
+    def _with_own(self, faults: Mapping[str, int]) -> dict[str, int]:
+        """Return the faults of the stream, and those that were found here."""
+        own = FaultCounter()
+        for name, count in (*faults.items(), *self._faults.counts().items()):
+            own.add(name, count)
+        own.add(FACTORISATION_FAILED, int(self._fit.scalars[FAILURES]))
+        return own.counts()
 
     def _spread(self) -> FloatArray:
         """Return how much sums of neighbouring residuals vary (lengths,) [N^2]."""

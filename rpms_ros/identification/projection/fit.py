@@ -15,7 +15,7 @@ from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import FloatArray
 
 # Places in `Fit.scalars`
-COST, SAMPLES, ENERGY, SQUARES, VARIANCE, DAMPING, MOVED = range(7)
+COST, SAMPLES, ENERGY, SQUARES, VARIANCE, DAMPING, MOVED, FAILURES = range(8)
 # The model's error is taken to be at least this share of the force's mean square [1], with the
 # weight of this many samples: a fit to a handful of samples must not believe itself.
 _MODEL_ERROR = 1e-4
@@ -38,8 +38,8 @@ class Fit(NamedTuple):
         Sums from the cells, lower triangle.
     complete : ndarray (unknowns, unknowns)
         The newest matrix that had the rows of theta too.
-    scalars : ndarray (7,)
-        See the indices above.
+    scalars : ndarray (8,)
+        See the indices above; FAILURES counts matrices that could not be factorised.
     """
 
     theta: FloatArray
@@ -83,7 +83,7 @@ class Known(NamedTuple):
 def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
     """Return a fit that has seen nothing."""
     unknowns = PARAMETERS + functions + knots
-    scalars = np.zeros(7)
+    scalars = np.zeros(8)
     scalars[DAMPING] = 1e-3
     return Fit(
         theta=theta.copy(),
@@ -109,7 +109,8 @@ def coordinate(theta: FloatArray, place: int) -> float:
 def weak_ridge(fit: Fit) -> float:
     """Return a ridge that keeps w and b solvable and is too weak to be seen otherwise."""
     power = fit.scalars[ENERGY] / max(fit.scalars[SAMPLES], 1.0) + LEAST_ENERGY
-    value: float = 1e-2 * fit.scalars[VARIANCE] / power
+    # The variance is above the power only where it is remembered from before a gap.
+    value: float = 1e-2 * fit.scalars[VARIANCE] / max(power, fit.scalars[VARIANCE])
     return value
 
 
@@ -122,6 +123,13 @@ def away_from_reference(fit: Fit, known: Known) -> FloatArray:
     away[PARAMETERS:] = fit.linear
     away -= known.reference
     return away
+
+
+@numba.njit(cache=True)
+def remembers(known: Known) -> bool:
+    """Return whether cells that have left say anything."""
+    found: bool = known.information[PARAMETERS, PARAMETERS] > 0.0
+    return found
 
 
 @numba.njit(cache=True)
@@ -177,18 +185,22 @@ def _squares(fit: Fit) -> float:
 
 @numba.njit(cache=True)
 def _solve_linear(fit: Fit, known: Known) -> None:
-    """Solve for w and b at ``fit.theta``."""
+    """Solve for w and b at ``fit.theta``; they stay, and it is counted, if that fails."""
     functions = len(fit.linear)
     matrix = linear_matrix(fit, known)
     right = fit.right[PARAMETERS:].copy()
+    before = fit.linear.copy()
     fit.linear[:] = 0.0
     away = away_from_reference(fit, known)
+    fit.linear[:] = before
     for row in range(functions):
         at = PARAMETERS + row
         right[row] += known.pull[at]
         for other in range(len(away)):
             right[row] -= known.information[at, other] * away[other]
-    solve_positive(matrix, right)
+    if not solve_positive(matrix, right):
+        fit.scalars[FAILURES] += 1.0
+        return
     fit.linear[:] = right[:functions]
     fit.levels[:] = right[functions:]
 
@@ -228,7 +240,11 @@ def fit_linear(
     _solve_linear(fit, known)
     squares = _squares(fit)
     scalars[SQUARES] = max(squares, 0.0)
-    if refresh:
+    if refresh and remembers(known) and samples < _MODEL_ERROR_SAMPLES:
+        # After a gap a few samples say less of the variance than what was known before it.
+        kept = (_MODEL_ERROR_SAMPLES - samples) * scalars[VARIANCE]
+        scalars[VARIANCE] = (scalars[SQUARES] + kept) / _MODEL_ERROR_SAMPLES
+    elif refresh:
         doubt = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
         scalars[VARIANCE] = (scalars[SQUARES] + doubt) / (samples + _MODEL_ERROR_SAMPLES)
     scalars[COST] = squares + _known_cost(fit, known)

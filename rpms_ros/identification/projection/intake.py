@@ -20,6 +20,7 @@ from rpms_ros.identification.projection.normal_equations import correlate
 from rpms_ros.identification.projection.normal_equations import hat
 from rpms_ros.identification.projection.normal_equations import knot_of
 from rpms_ros.identification.projection.normal_equations import move_state
+from rpms_ros.identification.projection.normal_equations import within_knots
 from rpms_ros.muscle.identified_form import bends
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -27,7 +28,7 @@ from rpms_ros.pulses import IntArray
 
 OUTPUT_ERROR_TIME = 1.0
 # Places in `Intake.scalars`
-ERROR_ENERGY, FORCE_ENERGY, LEARNT, FRESH, PREVIOUS = range(5)
+ERROR_ENERGY, FORCE_ENERGY, LEARNT, FRESH = range(4)
 
 
 class Intake(NamedTuple):
@@ -41,21 +42,25 @@ class Intake(NamedTuple):
         The force of the newest cell at tau is ``response^T e(tau)``.
     values : ndarray (functions,)
         e(tau), overwritten.
-    scalars : ndarray (5,)
-        See the indices above; PREVIOUS is the time of the last cell's last sample [s into it].
+    scalars : ndarray (4,)
+        See the indices above.
+    previous_ns : ndarray of int64 (1,)
+        Stamp of the last sample that was learnt from [ns]; a float would round it to 256 ns.
     """
 
     state: FloatArray
     response: FloatArray
     values: FloatArray
     scalars: FloatArray
+    previous_ns: IntArray
 
 
 def fresh_intake(functions: int) -> Intake:
     """Return an intake that knows of nothing before its first sample."""
-    scalars = np.zeros(5)
+    scalars = np.zeros(4)
     scalars[FRESH] = 1.0
-    return Intake(np.zeros(functions), np.zeros(functions), np.zeros(functions), scalars)
+    state, response, values = np.zeros((3, functions))
+    return Intake(state, response, values, scalars, np.zeros(1, dtype=np.int64))
 
 
 @numba.njit(cache=True)
@@ -131,15 +136,16 @@ def take(
         for function in range(len(intake.values)):
             predicted += intake.response[function] * intake.values[function]
         knot, position = knot_of(stamp, baseline)
+        position = within_knots(position, baseline)
         for offset in range(min(baseline.knots, 2)):
             predicted += fit.levels[knot + offset] * hat(offset, position, baseline)[0]
         prediction[index] = predicted
         if not usable[index]:
             continue
         error = force[index] - predicted
-        since = min(max(1e-9 * (stamp - scalars[PREVIOUS]), 0.0), 100.0)
+        since = min(max(1e-9 * (stamp - intake.previous_ns[0]), 0.0), 100.0)
         decay = math.exp(-since / OUTPUT_ERROR_TIME)
-        scalars[PREVIOUS] = stamp
+        intake.previous_ns[0] = stamp
         scalars[ERROR_ENERGY] = decay * scalars[ERROR_ENERGY] + error * error
         scalars[FORCE_ENERGY] = decay * scalars[FORCE_ENERGY] + force[index] * force[index]
         scalars[LEARNT] += 1.0

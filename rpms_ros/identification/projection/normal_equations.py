@@ -34,6 +34,8 @@ from rpms_ros.muscle.identified_form import bends_with_gradient
 from rpms_ros.pulses import FloatArray
 
 PARAMETERS = 4
+# A prediction follows the baseline's slope this far beyond its knots [ns].
+_EXTRAPOLATION_NS = 250_000_000
 
 
 class Baseline(NamedTuple):
@@ -118,6 +120,18 @@ def knot_of(start_ns: int, baseline: Baseline) -> tuple[int, float]:
     ahead = (start_ns - baseline.origin_ns) / baseline.spacing_ns
     knot = min(max(int(ahead), 0), baseline.knots - 2)
     return knot, ahead - knot
+
+
+@numba.njit(cache=True)
+def within_knots(position: float, baseline: Baseline) -> float:
+    """Return a position no further than `_EXTRAPOLATION_NS` outside of the knots' interval.
+
+    A slope says nothing of a time that lies beyond a gap or a jump of the clock.
+    """
+    if baseline.knots < 2:
+        return position
+    margin = _EXTRAPOLATION_NS / baseline.spacing_ns
+    return min(max(position, -margin), 1.0 + margin)
 
 
 @numba.njit(cache=True)

@@ -49,6 +49,10 @@ class PendingPulses:
             self.intensity = self.intensity[count:]
             self.weight = self.weight[count:]
 
+    def begin_until(self, stamp_ns: int) -> int:
+        """Return how many pulses begin to act before a stamp [ns]."""
+        return int(np.searchsorted(self.begin_ns, stamp_ns))
+
     def forget(self) -> None:
         """Drop all pulses; the next one counts as alone."""
         self.begin_ns = np.empty(0, dtype=np.int64)

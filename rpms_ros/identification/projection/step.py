@@ -27,6 +27,7 @@ from rpms_ros.identification.projection.cells import Cells
 from rpms_ros.identification.projection.fit import COST
 from rpms_ros.identification.projection.fit import DAMPING
 from rpms_ros.identification.projection.fit import ENERGY
+from rpms_ros.identification.projection.fit import FAILURES
 from rpms_ros.identification.projection.fit import LEAST_ENERGY
 from rpms_ros.identification.projection.fit import MOVED
 from rpms_ros.identification.projection.fit import SAMPLES
@@ -69,14 +70,15 @@ def theta_gradient(fit: Fit, known: Known, gradient: FloatArray) -> None:
 
 
 @numba.njit(cache=True)
-def _reduced_hessian(fit: Fit, known: Known, hessian: FloatArray) -> None:
-    """Write the Schur complement of theta (4, 4)."""
+def _reduced_hessian(fit: Fit, known: Known, hessian: FloatArray) -> bool:
+    """Write the Schur complement of theta (4, 4); return whether the rest is positive."""
     functions = len(fit.linear)
     columns = fit.matrix[PARAMETERS:, :PARAMETERS].T.copy()
     columns[:, :functions] += known.information[:PARAMETERS, PARAMETERS:]
     for place in range(PARAMETERS):
         solved = columns[place].copy()
-        solve_positive(linear_matrix(fit, known), solved)
+        if not solve_positive(linear_matrix(fit, known), solved):
+            return False
         for other in range(place, PARAMETERS):
             entry = fit.matrix[other, place] + known.information[other, place]
             if other == place:
@@ -85,6 +87,7 @@ def _reduced_hessian(fit: Fit, known: Known, hessian: FloatArray) -> None:
                 entry -= columns[other, row] * solved[row]
             hessian[other, place] = entry
             hessian[place, other] = entry
+    return True
 
 
 @numba.njit(cache=True)
@@ -94,8 +97,8 @@ def _damped_step(
     damping: float,
     held: BoolArray,
     step: FloatArray,
-) -> None:
-    """Solve for the steps (4,) that are not held, given those that are."""
+) -> bool:
+    """Solve for the steps (4,) that are not held, given those that are; return success."""
     matrix = hessian.copy()
     right = gradient.copy()
     for place in range(PARAMETERS):
@@ -109,8 +112,9 @@ def _damped_step(
             matrix[:, place] = 0.0
             matrix[place, place] = 1.0
             right[place] = step[place]
-    solve_positive(matrix, right)
+    solved = solve_positive(matrix, right)
     step[:] = right
+    return solved
 
 
 @numba.njit(cache=True)
@@ -130,12 +134,13 @@ def _bounded_step(
     gradient: FloatArray,
     damping: float,
     candidate: FloatArray,
-) -> None:
-    """Write theta after a damped step (4,) that stays within the bounds."""
+) -> bool:
+    """Write theta after a damped step (4,) within the bounds; return whether there is one."""
     step = np.zeros(PARAMETERS)
     held = np.zeros(PARAMETERS, dtype=np.bool_)
     for _ in range(PARAMETERS):
-        _damped_step(hessian, gradient, damping, held, step)
+        if not _damped_step(hessian, gradient, damping, held, step):
+            return False
         left = False
         for place in range(PARAMETERS):
             here = coordinate(theta, place)
@@ -152,6 +157,7 @@ def _bounded_step(
         candidate[place] = math.exp(value) if place >= 2 else value
         candidate[place] = min(max(candidate[place], known.lower[place]), known.upper[place])
     _part(known, candidate)
+    return True
 
 
 @numba.njit(cache=True)
@@ -174,6 +180,7 @@ def _promise(
 def _accept(fit: Fit, trial: Fit, size: float, good: bool) -> None:
     """Go where the trial is."""
     damping = fit.scalars[DAMPING]
+    failures = fit.scalars[FAILURES]
     fit.theta[:] = trial.theta
     fit.linear[:] = trial.linear
     fit.levels[:] = trial.levels
@@ -182,6 +189,7 @@ def _accept(fit: Fit, trial: Fit, size: float, good: bool) -> None:
     fit.scalars[:] = trial.scalars
     fit.scalars[DAMPING] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
     fit.scalars[MOVED] = size
+    fit.scalars[FAILURES] = failures
 
 
 @numba.njit(cache=True)
@@ -221,6 +229,7 @@ def improve(
     """Take up to so many Levenberg-Marquardt steps from `fit`, whose linear part is solved.
 
     A step that does not lower the cost is not taken; damping rises and the next one is shorter.
+    So is one whose matrix cannot be factorised, which is counted.
     Ends early when the reduction that a step promises falls below `tolerance` times the cost.
     `trial` is scratch of the same shape; `ready` says that the equations are complete already.
     """
@@ -236,12 +245,20 @@ def improve(
                 complete(cells, first, kick, baseline, work, fit)
             ready = False
             theta_gradient(fit, known, gradient)
-            _reduced_hessian(fit, known, hessian)
+            if not _reduced_hessian(fit, known, hessian):
+                scalars[FAILURES] += 1.0
+                return
             fresh = True
-        _bounded_step(fit.theta, known, hessian, gradient, scalars[DAMPING], trial.theta)
+        damping = scalars[DAMPING]
+        if not _bounded_step(fit.theta, known, hessian, gradient, damping, trial.theta):
+            scalars[FAILURES] += 1.0
+            scalars[DAMPING] = min(max(10.0 * damping, 1e-6), MOST_DAMPING)
+            continue
         promised, size = _promise(fit, trial.theta, hessian, gradient)
         trial.scalars[VARIANCE] = scalars[VARIANCE]
+        trial.scalars[FAILURES] = 0.0
         fit_linear(cells, first, kick, baseline, known, work, trial, False)
+        scalars[FAILURES] += trial.scalars[FAILURES]
         actual = scalars[COST] - trial.scalars[COST]
         if actual >= -_ROUNDING * scalars[ENERGY]:
             _accept(fit, trial, size, actual > 0.5 * promised)

@@ -5,7 +5,6 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.batch import BatchEstimator
-from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimate import CONVERGED
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.laguerre import LaguerreBasis
@@ -141,16 +140,6 @@ def test_follows_a_clock_that_jumps_back(record):
     again = record(4.0, noise=0.005, seed=8)
     again.feed(estimator)
     assert again.curve_error(estimator.estimate(0, {})) < 0.01
-
-
-@pytest.mark.parametrize('name', ['recursive', 'batch', 'horizon'])
-def test_catalogue_makes_what_it_names(name):
-    assert estimator_by_name(name).name == name
-
-
-def test_catalogue_refuses_other_names():
-    with pytest.raises(IdentificationError, match=r"expected an estimator of recursive.*'oracle'"):
-        estimator_by_name('oracle')
 
 
 @BOTH

@@ -1,0 +1,125 @@
+"""Estimators by name, one of them from a distribution outside of the package."""
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.catalogue import ESTIMATORS
+from rpms_ros.identification.catalogue import estimator_by_name
+from rpms_ros.identification.catalogue import estimator_names
+from rpms_ros.identification.session import identify
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+MODULE = '''
+import numpy as np
+
+from rpms_ros.identification import CURVE_INTENSITY
+from rpms_ros.identification import Estimate
+
+
+class MeanForce:
+    """Predicts the mean of the force so far; knows nothing of pulses."""
+
+    name = 'mean_force'
+    memory = 0.5
+
+    def __init__(self, options):
+        self.options = options
+        self.total, self.count = 0.0, 0
+
+    def add_pulses(self, onset_ns, intensity):
+        pass
+
+    def forget_pulses(self):
+        pass
+
+    def update(self, stamp_ns, force, usable):
+        prediction = np.empty(len(force))
+        for index, value in enumerate(force):
+            prediction[index] = self.total / max(self.count, 1)
+            if usable[index]:
+                self.total += value
+                self.count += 1
+        return prediction
+
+    def estimate(self, stamp_ns, faults):
+        empty = np.empty(0)
+        return Estimate(
+            stamp_ns=stamp_ns, estimator=self.name, nonlinear_names=(), nonlinear=empty,
+            linear_names=('mean',), linear=np.array([self.total / max(self.count, 1)]),
+            repetition_rate=self.options.rate_hz, curve_intensity=CURVE_INTENSITY,
+            curve_force=empty, response_time=empty, response_force=empty, output_error=0.0,
+            samples=self.count, pulses=0, faults=dict(faults),
+        )
+
+
+def nothing(options):
+    return 7
+
+
+not_callable = 7
+'''
+
+
+@pytest.fixture(name='install')
+def install_fixture(tmp_path, monkeypatch):
+    """Put a distribution with these entry points on the path."""
+
+    def install(entry_points, name='acme_estimators'):
+        folder = tmp_path / name
+        metadata = folder / f'{name}-1.0.dist-info'
+        metadata.mkdir(parents=True)
+        (folder / f'{name}.py').write_text(MODULE)
+        (metadata / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
+        text = f'[rpms_ros.estimators]\n{entry_points}\n'
+        (metadata / 'entry_points.txt').write_text(text)
+        monkeypatch.syspath_prepend(folder)
+
+    return install
+
+
+def test_an_estimator_from_outside_of_the_package_runs_a_session(install):
+    install('mean_force = acme_estimators:MeanForce')
+    assert estimator_names() == ('recursive', 'batch', 'horizon', 'mean_force')
+    estimator = estimator_by_name('mean_force', rate_hz=25.0)
+    stamp = np.arange(2000, dtype=np.int64) * 1_000_000
+    session = identify(
+        estimator, PulseTrain.regular([0.5], 20.0), ForceTrace(stamp, stamp * 0.0 + 3.0)
+    )
+    assert session.last.estimator == 'mean_force'
+    assert session.last.repetition_rate == 25.0
+    assert session.last.linear[0] == 3.0
+    assert len(session.prediction) == 2000
+
+
+@pytest.mark.parametrize('name', ESTIMATORS)
+def test_the_package_makes_what_it_names(name):
+    assert estimator_by_name(name).name == name
+
+
+def test_other_names_are_refused():
+    with pytest.raises(IdentificationError, match=r"expected an estimator of recursive.*'oracle'"):
+        estimator_by_name('oracle')
+
+
+def test_one_name_is_one_estimator(install):
+    install('horizon = acme_estimators:MeanForce')
+    message = r"expected one estimator of the name 'horizon', got acme_estimators:MeanForce and"
+    with pytest.raises(IdentificationError, match=message):
+        estimator_by_name('horizon')
+
+
+@pytest.mark.parametrize(
+    ('target', 'message'),
+    [
+        ('acme_estimators:nothing', "expected add_pulses, estimate, .* in the estimator 'broken'"),
+        ('acme_estimators:not_callable', 'got TypeError'),
+        ('acme_estimators:absent', 'got AttributeError'),
+        ('not_installed:Estimator', 'got ModuleNotFoundError'),
+    ],
+)
+def test_what_is_no_estimator_is_refused(install, target, message):
+    install(f'broken = {target}')
+    with pytest.raises(IdentificationError, match=message):
+        estimator_by_name('broken')
