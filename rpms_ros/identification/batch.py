@@ -1,8 +1,8 @@
 """Off-line estimator: variable projection over all samples, from many starts.
 
-The samples are condensed into cells of one pulse each, from which the normal equations of any
+The samples are condensed into blocks of one pulse each, from which the normal equations of any
 parameters follow exactly (`rpms_ros.identification.projection`); a fit costs what its pulses
-cost, not its samples.  Fits are made when the recording has doubled, so that there is an honest
+cost, not its samples.  Fits are made when the recording has doubled, so that there is an
 a-priori prediction of every sample, and once more when an estimate is asked for.
 """
 
@@ -12,18 +12,14 @@ import numpy as np
 
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
-from rpms_ros.identification.projection.cells import SIZE
-from rpms_ros.identification.projection.cells import grown
+from rpms_ros.identification.projection.block_statistics import grown
+from rpms_ros.identification.projection.data_intake import restate
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
-from rpms_ros.identification.projection.fit import COST
-from rpms_ros.identification.projection.fit import DAMPING
-from rpms_ros.identification.projection.fit import VARIANCE
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.fit import fit_linear
-from rpms_ros.identification.projection.intake import LEARNT
-from rpms_ros.identification.projection.intake import restate
-from rpms_ros.identification.projection.normal_equations import Baseline
+from rpms_ros.identification.projection.problem import BaselineKnots
+from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.projection.step import complete_equations
 from rpms_ros.identification.projection.step import improve
@@ -38,7 +34,7 @@ _GROWTH = 2
 _SHORTEST_SLOPE_NS = 5 * NANOSECONDS_PER_SECOND
 # Later fits that no estimate waits for go on from the one before.
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
-_SCOUTED_CELLS = 200
+_SCOUTED_BLOCKS = 200
 _SCOUTING_STEPS = 5
 _SCOUTING_TOLERANCE = 1e-3
 _FINAL_STEPS = 12
@@ -108,23 +104,25 @@ class BatchEstimator(ProjectionEstimator):
         return prediction
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Fit everything that has come and return what is known."""
+        """Fit everything that has come and return what is prior."""
         self._fit_all(scouting=True)
-        return self._snapshot(stamp_ns, faults)
+        return self._build(stamp_ns, faults)
 
     def _make_room(self, span_ns: int) -> None:
-        """Let there be room for all pending pulses, and for the cells of a pause."""
-        need = int(self._cells.place[SIZE]) + len(self._pending.begin_ns)
+        """Let there be room for all pending pulses, and for the blocks of a pause."""
+        need = int(self._problem.blocks.size[0]) + len(self._delay_line.begin_ns)
         need += span_ns // 200_000_000 + 2
-        if need > len(self._cells.start_ns):
-            self._cells = grown(self._cells, 2 * need)
+        if need > len(self._problem.blocks.start_ns):
+            blocks = grown(self._problem.blocks, 2 * need)
+            self._problem = self._problem._replace(blocks=blocks)
 
     def _reshape(self, knots: int) -> None:
         """Give the baseline so many knots."""
         theta, functions = self._fit.theta, self.settings.basis.functions
         self._fit = empty_fit(theta, functions, knots)
         self._trial = empty_fit(theta, functions, knots)
-        self._baseline = Baseline(knots, 0, 1)
+        baseline = BaselineKnots(knots, 0, 1)
+        self._problem = self._problem._replace(baseline=baseline)
 
     def _place_knots(self) -> None:
         """Spread the baseline's knots evenly over what has come."""
@@ -132,71 +130,51 @@ class BatchEstimator(ProjectionEstimator):
         span = self._last_ns - self._origin_ns
         spacing = self.settings.knot_spacing * NANOSECONDS_PER_SECOND
         parts = max(round(span / spacing), 1) if span >= _SHORTEST_SLOPE_NS else 0
-        if parts + 1 != self._baseline.knots:
+        if parts + 1 != self._problem.baseline.knots:
             self._reshape(parts + 1)
-        self._baseline = Baseline(parts + 1, self._origin_ns, -(-span // max(parts, 1)))
+        baseline = BaselineKnots(parts + 1, self._origin_ns, -(-span // max(parts, 1)))
+        self._problem = self._problem._replace(baseline=baseline)
 
     def _fit_all(self, scouting: bool) -> None:
         """Fit all samples: a few steps from every start, many from the best."""
-        samples = int(self._intake.scalars[LEARNT])
+        samples = int(self._intake.learnt[0])
         if self._origin_ns is None or samples == self._fitted_samples:
             return
         self._fitted_samples = samples
         if self.settings.baseline:
             self._place_knots()
         fit = self._fit
-        fit.scalars[VARIANCE] = 0.0
-        self._solve(fit, 0, refresh=True)
-        self._improve(fit, 0, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
+        fit.variance[0] = 0.0
+        fit_linear(self._problem, fit, True)
+        improve(self._problem, fit, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE, False)
         if scouting:
             self._scout(fit)
         for _ in range(_ROUNDS):
-            self._solve(fit, 0, refresh=True)
-            self._improve(fit, 0, _FINAL_STEPS, _FINAL_TOLERANCE)
-        complete_equations(
-            self._cells, 0, self._kick, self._baseline, self._known, self._work, fit
-        )
-        restate(self._cells, self._intake, fit, self._kick)
+            fit_linear(self._problem, fit, True)
+            improve(self._problem, fit, self._trial, _FINAL_STEPS, _FINAL_TOLERANCE, False)
+        complete_equations(self._problem, fit)
+        restate(self._problem, self._intake, fit)
 
     def _scout(self, fit: Fit) -> None:
-        """Try every start on the newest cells; go on from the best if it is better over all."""
-        first = max(int(self._cells.place[SIZE]) - _SCOUTED_CELLS, 0)
-        best = self._trial_from(fit, fit.theta, first)
+        """Try every start on the newest blocks; go on from the best if it is better over all."""
+        first = max(int(self._problem.blocks.size[0]) - _SCOUTED_BLOCKS, 0)
+        problem = self._problem._replace(first=first)
+        best = self._trial_from(problem, fit, fit.theta)
         for theta in self.settings.starts():
-            other = self._trial_from(fit, theta, first)
-            if other.scalars[COST] < best.scalars[COST]:
+            other = self._trial_from(problem, fit, theta)
+            if other.cost[0] < best.cost[0]:
                 best = other
-        self._solve(best, 0, refresh=False)
-        self._improve(best, 0, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
-        if best.scalars[COST] < fit.scalars[COST]:
+        fit_linear(self._problem, best, False)
+        improve(self._problem, best, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE, False)
+        if best.cost[0] < fit.cost[0]:
             fit.theta[:] = best.theta
-            fit.scalars[DAMPING] = best.scalars[DAMPING]
+            fit.damping[0] = best.damping[0]
 
-    def _trial_from(self, fit: Fit, theta: FloatArray, first: int) -> Fit:
+    def _trial_from(self, problem: Problem, fit: Fit, theta: FloatArray) -> Fit:
         """Return a fit a few steps from theta, with the variance of `fit`."""
         other = empty_fit(theta, len(fit.linear), len(fit.levels))
-        other.scalars[VARIANCE] = fit.scalars[VARIANCE]
-        other.scalars[DAMPING] = _START_DAMPING
-        self._solve(other, first, refresh=False)
-        self._improve(other, first, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
+        other.variance[0] = fit.variance[0]
+        other.damping[0] = _START_DAMPING
+        fit_linear(problem, other, False)
+        improve(problem, other, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE, False)
         return other
-
-    def _solve(self, fit: Fit, first: int, refresh: bool) -> None:
-        fit_linear(
-            self._cells, first, self._kick, self._baseline, self._known, self._work, fit, refresh
-        )
-
-    def _improve(self, fit: Fit, first: int, steps: int, tolerance: float) -> None:
-        improve(
-            self._cells,
-            first,
-            self._kick,
-            self._baseline,
-            self._known,
-            self._work,
-            fit,
-            self._trial,
-            steps,
-            tolerance,
-            False,
-        )

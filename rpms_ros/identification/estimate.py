@@ -124,7 +124,7 @@ class Estimator(Protocol):
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act: the clock has jumped and they lie nowhere."""
+        """Drop the pulses that still act: the clock has jumped, their time is not known."""
 
     def update(
         self,

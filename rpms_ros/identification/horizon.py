@@ -1,9 +1,9 @@
 """On-line estimator: exact variable projection over a moving horizon.
 
-Samples of the last 20 s are kept, condensed into cells of one pulse each, from which the normal
+Samples of the last 20 s are kept, condensed into blocks of one pulse each, from which the normal
 equations of any parameters follow exactly.  Once a period of the stamps one Gauss-Newton step is
-taken from them, so the linearisation never grows old.  Cells that leave the horizon are kept as
-a quadratic cost that is forgotten only where newer cells say the same.
+taken from them, so all samples are linearised at the present parameters.  Blocks that leave the
+horizon are kept as a quadratic cost that is forgotten only where newer blocks say the same.
 
 Steps are triggered by stamps alone, so the answer does not depend on how the data are cut.
 """
@@ -15,26 +15,19 @@ import numpy as np
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import PULSES_TOO_FREQUENT
-from rpms_ros.identification.projection.arrival import absorb
-from rpms_ros.identification.projection.arrival import disagreement_limit
-from rpms_ros.identification.projection.arrival import forget
-from rpms_ros.identification.projection.arrival import yield_to_horizon
-from rpms_ros.identification.projection.cells import COUNT
-from rpms_ros.identification.projection.cells import HEAD
-from rpms_ros.identification.projection.cells import SIZE
+from rpms_ros.identification.projection.arrival_cost import disagreement_limit
+from rpms_ros.identification.projection.arrival_cost import forget
+from rpms_ros.identification.projection.arrival_cost import marginalize
+from rpms_ros.identification.projection.arrival_cost import yield_to_horizon
+from rpms_ros.identification.projection.block_statistics import COUNT
+from rpms_ros.identification.projection.data_intake import restate
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
-from rpms_ros.identification.projection.fit import COST
-from rpms_ros.identification.projection.fit import DAMPING
-from rpms_ros.identification.projection.fit import MOVED
-from rpms_ros.identification.projection.fit import VARIANCE
 from rpms_ros.identification.projection.fit import Fit
-from rpms_ros.identification.projection.fit import Known
 from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.fit import fit_linear
-from rpms_ros.identification.projection.intake import LEARNT
-from rpms_ros.identification.projection.intake import restate
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
-from rpms_ros.identification.projection.normal_equations import Baseline
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import BaselineKnots
+from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.projection.step import complete
 from rpms_ros.identification.projection.step import improve
@@ -46,10 +39,10 @@ from rpms_ros.pulses import IntArray
 
 # There is room for pulses at this rate over the horizon [Hz]; at a higher one it is shorter.
 _HIGHEST_RATE = 120.0
-# Cells that a step period can bring before a step makes room again.
-_SPARE_CELLS = 128
-# Cells that no pulse begins, in one step period at the most.
-_CELLS_OF_PAUSES = 4
+# BlockStatistics that a step period can bring before a step makes room again.
+_SPARE_BLOCKS = 128
+# BlockStatistics that no pulse begins, in one step period at the most.
+_BLOCKS_OF_PAUSES = 4
 # Of the baseline over the horizon, and how near they may be [ns]: a young horizon has two.
 _KNOTS = 3
 _LEAST_SPACING_NS = 15 * NANOSECONDS_PER_SECOND // 2
@@ -61,7 +54,7 @@ _CHALLENGE_STEPS = 5
 _CHALLENGER_STEPS = 10
 _CHALLENGER_TOLERANCE = 1e-6
 _START_DAMPING = 1e-2
-# Steps shorter than this, taken with little damping, only follow the noise.
+# Steps shorter than this, taken with little damping, are smaller than the uncertainty.
 _CALM = 5e-3
 _CALM_DAMPING = 1e-4
 
@@ -91,7 +84,7 @@ class HorizonEstimator(ProjectionEstimator):
     ) -> None:
         settings = settings if settings is not None else ProjectionSettings()
         seconds = settings.horizon + settings.basis.duration
-        capacity = int(seconds * _HIGHEST_RATE) + _SPARE_CELLS
+        capacity = int(seconds * _HIGHEST_RATE) + _SPARE_BLOCKS
         super().__init__(settings, rate_hz, capacity, _KNOTS if settings.baseline else 0)
         self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
         self._horizon_ns = round(settings.horizon * NANOSECONDS_PER_SECOND)
@@ -100,7 +93,7 @@ class HorizonEstimator(ProjectionEstimator):
         self._last_ns: int | None = None
         self._rested = True
         self._starts = settings.starts()
-        self._forgotten = settings.known()
+        self._forgotten = settings.as_prior()
         self._turn = 0
         self._settled_ns = -(2**63)
 
@@ -126,22 +119,21 @@ class HorizonEstimator(ProjectionEstimator):
     def forget_pulses(self) -> None:
         """Drop the pulses that still act; what the horizon holds is kept as a quadratic cost."""
         super().forget_pulses()
-        size = int(self._cells.place[SIZE])
+        size = int(self._problem.blocks.size[0])
         if size:
             self._leave(size)
-            self._cells.place[SIZE] = 0
-            self._first = 0
+            self._problem.blocks.size[0] = 0
+            self._move_to(0)
         self._last_ns = None
         self._settled_ns = -(2**63)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return what is known now."""
-        return self._snapshot(stamp_ns, faults)
+        return self._build(stamp_ns, faults)
 
     def _step_if_due(self) -> None:
-        """Take a step, or every other one while steps lead nowhere new."""
-        scalars = self._fit.scalars
-        calm = scalars[MOVED] < _CALM and scalars[DAMPING] <= _CALM_DAMPING
+        """Take a step, or every other one while steps are shorter than the uncertainty."""
+        calm = self._fit.moved[0] < _CALM and self._fit.damping[0] <= _CALM_DAMPING
         if calm and not self._rested:
             self._rested = True
             return
@@ -150,32 +142,35 @@ class HorizonEstimator(ProjectionEstimator):
 
     def _step(self) -> None:
         """Slide the horizon and take a step."""
-        if self._intake.scalars[LEARNT] == 0.0:
+        if self._intake.learnt[0] == 0.0:
             return
         self._slide()
-        cells, known, fit = self._cells, self._known, self._fit
+        prior, fit = self._problem.prior, self._fit
         if not self._holds_samples():
             # Nothing to learn from: what is remembered is all that is known.
             fit.complete[:] = 0.0
             return
-        remembers = bool(known.information.any())
+        remembers = bool(prior.information.any())
         if self.settings.forgetting and remembers:
-            forget(known, fit, self.settings.forgetting)
-        self._solve(fit, known, refresh=True)
+            forget(prior, fit, self.settings.forgetting)
+        fit_linear(self._problem, fit, True)
         if self._unsettled:
             self._challenge()
         contradicted = remembers and self._compare()
         steps = _STEPS_AFTER_CHANGE if contradicted else self.settings.steps
-        self._improve(fit, known, steps, _TOLERANCE, ready=remembers and not contradicted)
-        restate(cells, self._intake, fit, self._kick)
+        ready = remembers and not contradicted
+        improve(self._problem, fit, self._trial, steps, _TOLERANCE, ready)
+        restate(self._problem, self._intake, fit)
 
     def _holds_samples(self) -> bool:
         """Return whether the horizon holds any sample, or nothing is remembered."""
-        cells = self._cells
-        order = (int(cells.place[HEAD]) + np.arange(self._first, int(cells.place[SIZE]))) % len(
-            cells.start_ns
+        blocks = self._problem.blocks
+        order = (int(blocks.head[0]) + np.arange(self._problem.first, int(blocks.size[0]))) % len(
+            blocks.start_ns
         )
-        return bool(cells.moments[order, COUNT].any()) or not self._known.information.any()
+        return (
+            bool(blocks.moments[order, COUNT].any()) or not self._problem.prior.information.any()
+        )
 
     @property
     def _unsettled(self) -> bool:
@@ -185,20 +180,20 @@ class HorizonEstimator(ProjectionEstimator):
 
     def _compare(self) -> bool:
         """Hold what is remembered against the horizon; return whether it had to give way."""
-        cells, known, fit, work = self._cells, self._known, self._fit, self._work
+        prior, fit = self._problem.prior, self._fit
         assert self._last_ns is not None
-        complete(cells, self._first, self._kick, self._baseline, work, fit)
+        complete(self._problem, fit)
         gradient = np.zeros(PARAMETERS)
-        theta_gradient(fit, known, gradient)
+        theta_gradient(fit, prior, gradient)
         # After a contradiction all that leaves is suspect: more than expected is too much.
-        limit = float(len(known.reference)) if self._unsettled else self._limit
-        statistic = yield_to_horizon(known, fit, gradient, limit)
+        limit = float(len(prior.reference)) if self._unsettled else self._limit
+        statistic = yield_to_horizon(prior, fit, gradient, limit)
         if statistic > self._limit:
             self._settled_ns = self._last_ns + self._horizon_ns
         if statistic <= limit:
             return False
         # The variance stays: it was found from the horizon alone.
-        self._solve(fit, known, refresh=False)
+        fit_linear(self._problem, fit, False)
         return True
 
     def _challenge(self) -> None:
@@ -215,109 +210,81 @@ class HorizonEstimator(ProjectionEstimator):
         fit = self._fit
         here = self._from_horizon_alone(fit.theta)
         other = self._from_horizon_alone(self._starts[turn])
-        self._improve(other, self._forgotten, _CHALLENGER_STEPS, _CHALLENGER_TOLERANCE)
-        gain = here.scalars[COST] - other.scalars[COST]
-        if gain > self._limit * fit.scalars[VARIANCE]:
+        steps, tolerance = _CHALLENGER_STEPS, _CHALLENGER_TOLERANCE
+        improve(self._alone(), other, self._trial, steps, tolerance, False)
+        gain = here.cost[0] - other.cost[0]
+        if gain > self._limit * fit.variance[0]:
             fit.theta[:] = other.theta
-            fit.scalars[DAMPING] = other.scalars[DAMPING]
-            self._known.information[:] = 0.0
-            self._known.pull[:] = 0.0
-            self._solve(fit, self._known, refresh=True)
+            fit.damping[0] = other.damping[0]
+            self._problem.prior.information[:] = 0.0
+            self._problem.prior.information_vector[:] = 0.0
+            fit_linear(self._problem, fit, True)
+
+    def _alone(self) -> Problem:
+        """Return the problem of the horizon, as if nothing were remembered."""
+        return self._problem._replace(prior=self._forgotten)
 
     def _from_horizon_alone(self, theta: FloatArray) -> Fit:
         """Return a fit at theta (4,), its linear unknowns solved as if nothing were remembered."""
         other = empty_fit(theta, len(self._fit.linear), len(self._fit.levels))
-        other.scalars[VARIANCE] = self._fit.scalars[VARIANCE]
-        other.scalars[DAMPING] = _START_DAMPING
-        self._solve(other, self._forgotten, refresh=False)
+        other.variance[0] = self._fit.variance[0]
+        other.damping[0] = _START_DAMPING
+        fit_linear(self._alone(), other, False)
         return other
 
-    def _solve(self, fit: Fit, known: Known, refresh: bool) -> None:
-        fit_linear(
-            self._cells,
-            self._first,
-            self._kick,
-            self._baseline,
-            known,
-            self._work,
-            fit,
-            refresh,
-        )
-
-    def _improve(
-        self, fit: Fit, known: Known, steps: int, tolerance: float, ready: bool = False
-    ) -> None:
-        improve(
-            self._cells,
-            self._first,
-            self._kick,
-            self._baseline,
-            known,
-            self._work,
-            fit,
-            self._trial,
-            steps,
-            tolerance,
-            ready,
-        )
+    def _move_to(self, first: int) -> None:
+        """Let the horizon begin at another block."""
+        self._problem = self._problem._replace(first=first)
 
     def _slide(self) -> None:
-        """Let cells go that lie before the horizon; keep what leads the state up to it."""
+        """Let blocks go that lie before the horizon; keep what leads the state up to it."""
         assert self._last_ns is not None
-        cells = self._cells
-        capacity = len(cells.start_ns)
-        head, size = int(cells.place[HEAD]), int(cells.place[SIZE])
-        start_ns = cells.start_ns[(head + np.arange(size)) % capacity]
-        surplus = size - (capacity - _SPARE_CELLS)
+        blocks = self._problem.blocks
+        capacity = len(blocks.start_ns)
+        head, size = int(blocks.head[0]), int(blocks.size[0])
+        start_ns = blocks.start_ns[(head + np.arange(size)) % capacity]
+        surplus = size - (capacity - _SPARE_BLOCKS)
         oldest = self._last_ns - self._horizon_ns
         leaving = int(np.searchsorted(start_ns[1:], oldest, side='right'))
         self._leave(min(max(leaving, surplus), size - 1))
-        begin = int(start_ns[self._first])
-        gone = int(np.searchsorted(start_ns, begin - self._memory_ns))
-        gone = min(max(gone, surplus), self._first)
-        if gone > 0:
-            cells.place[HEAD] = (head + gone) % capacity
-            cells.place[SIZE] -= gone
-            self._first -= gone
+        begin = int(start_ns[self._problem.first])
+        dropped = int(np.searchsorted(start_ns, begin - self._memory_ns))
+        dropped = min(max(dropped, surplus), self._problem.first)
+        if dropped > 0:
+            blocks.head[0] = (head + dropped) % capacity
+            blocks.size[0] -= dropped
+            self._move_to(self._problem.first - dropped)
         spacing = max((self._last_ns - begin) // (_KNOTS - 1), _LEAST_SPACING_NS)
-        self._baseline = Baseline(self._baseline.knots, begin, spacing)
+        baseline = BaselineKnots(self._problem.baseline.knots, begin, spacing)
+        self._problem = self._problem._replace(baseline=baseline)
 
     def _make_room(self, first_ns: int, last_ns: int) -> None:
-        """Let there be room for the cells up to `last_ns`, at the cost of the oldest ones.
+        """Let there be room for the blocks up to `last_ns`, at the cost of the oldest ones.
 
         What leaves is remembered as always.  Pulses that began long before the first sample, in
         an outage of the force, no longer act.
         """
-        pending = self._pending
+        pending = self._delay_line
         pending.drop(pending.begin_until(first_ns - 2 * self._memory_ns))
-        cells = self._cells
-        capacity = len(cells.start_ns)
+        blocks = self._problem.blocks
+        capacity = len(blocks.start_ns)
         coming = pending.begin_until(last_ns)
-        most = capacity - _CELLS_OF_PAUSES
+        most = capacity - _BLOCKS_OF_PAUSES
         if coming > most:
             self._faults.add(PULSES_TOO_FREQUENT, coming - most)
             pending.drop(coming - most)
             coming = most
-        lacking = int(cells.place[SIZE]) + coming + _CELLS_OF_PAUSES - capacity
+        lacking = int(blocks.size[0]) + coming + _BLOCKS_OF_PAUSES - capacity
         if lacking > 0:
-            self._leave(min(max(lacking, self._first), int(cells.place[SIZE])))
-            cells.place[HEAD] = (int(cells.place[HEAD]) + lacking) % capacity
-            cells.place[SIZE] -= lacking
-            self._first = max(self._first - lacking, 0)
+            self._leave(min(max(lacking, self._problem.first), int(blocks.size[0])))
+            first = self._problem.first
+            blocks.head[0] = (int(blocks.head[0]) + lacking) % capacity
+            blocks.size[0] -= lacking
+            self._move_to(max(first - lacking, 0))
 
     def _leave(self, last: int) -> None:
-        """Keep what cells up to `last` say as a quadratic cost."""
-        if last <= self._first:
+        """Keep what blocks up to `last` say as a quadratic cost."""
+        if last <= self._problem.first:
             return
-        absorb(
-            self._cells,
-            self._first,
-            last,
-            self._kick,
-            self._baseline,
-            self._known,
-            self._work,
-            self._fit,
-            self._trial,
-        )
-        self._first = last
+        marginalize(self._problem, last, self._fit, self._trial)
+        self._move_to(last)

@@ -29,7 +29,7 @@ _MEMORY = 16.0
 
 
 @numba.njit(cache=True)
-def move_generator(distance: float, values: FloatArray) -> None:
+def transition_generator(distance: float, values: FloatArray) -> None:
     """Write ``e_k(distance)`` into `values` (functions,); `distance` is 2 p t."""
     decay = math.exp(-0.5 * distance)
     before = 0.0
@@ -47,7 +47,7 @@ def _evaluate_all(distance: FloatArray, values: FloatArray) -> None:
     """Write ``e^(-x/2) L_l(x)`` at distances (n,) into `values` (n, functions), zero before."""
     for index in range(len(distance)):
         if distance[index] >= 0.0:
-            move_generator(distance[index], values[index])
+            transition_generator(distance[index], values[index])
             for function in range(1, values.shape[1]):
                 values[index, function] += values[index, function - 1]
 
@@ -83,7 +83,7 @@ class LaguerreBasis:
             raise IdentificationError(f'expected a latency of at least 0 s, got {self.latency}')
 
     @property
-    def kick(self) -> float:
+    def input_gain(self) -> float:
         """What a pulse of recruitment 1 adds to each state, sqrt(2 p) [s^-1/2]."""
         return math.sqrt(2.0 / self.time_constant)
 
@@ -96,7 +96,7 @@ class LaguerreBasis:
     def area(self) -> FloatArray:
         """Integral of each function, its transfer function at zero (functions,) [s^1/2]."""
         sign = np.where(np.arange(self.functions) % 2, -1.0, 1.0)
-        total: FloatArray = self.kick * self.time_constant * sign
+        total: FloatArray = self.input_gain * self.time_constant * sign
         return total
 
     def evaluate(self, lag: npt.ArrayLike) -> FloatArray:
@@ -115,4 +115,4 @@ class LaguerreBasis:
         since = np.atleast_1d(np.asarray(lag, dtype=np.float64)) - self.latency
         values = np.zeros((len(since), self.functions))
         _evaluate_all(2.0 / self.time_constant * since, values)
-        return self.kick * values
+        return self.input_gain * values

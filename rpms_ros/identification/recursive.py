@@ -104,7 +104,7 @@ class RecursiveEstimator:
         self._pulses += len(onset_ns)
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act: the clock has jumped and they lie nowhere."""
+        """Drop the pulses that still act: the clock has jumped, their time is not known."""
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
         # A stamp from before the newest would make the decaying energies grow instead.

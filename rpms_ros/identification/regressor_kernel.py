@@ -8,8 +8,8 @@ trial step in the parameters come from the same values.
 import numba
 
 from rpms_ros.identification.basis import distorted_sines
-from rpms_ros.muscle.identified_form import bends
-from rpms_ros.muscle.identified_form import bends_with_gradient
+from rpms_ros.muscle.identified_form import arctan_recruitment
+from rpms_ros.muscle.identified_form import arctan_recruitment_with_gradient
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
@@ -55,10 +55,10 @@ def regress(
     raw: FloatArray,
 ) -> None:
     """Write ``sum_q rho(theta, u_q) r~(lag_q)`` into `raw` (functions,)."""
-    offset = bends(0.0, theta)
+    offset = arctan_recruitment(0.0, theta)
     raw[:] = 0.0
     for pulse in range(first, last):
-        rho = bends(intensity[pulse], theta) - offset
+        rho = arctan_recruitment(intensity[pulse], theta) - offset
         for function in range(len(raw)):
             raw[function] += rho * values[pulse - first, function]
 
@@ -85,12 +85,12 @@ def regress_with_gradient(
     scratch : ndarray (2, 4)
         Overwritten.
     """
-    offset = bends_with_gradient(0.0, theta, scratch[0])
+    offset = arctan_recruitment_with_gradient(0.0, theta, scratch[0])
     raw[:] = 0.0
     raw_gradient[:] = 0.0
     recruits = False
     for pulse in range(first, last):
-        rho = bends_with_gradient(intensity[pulse], theta, scratch[1]) - offset
+        rho = arctan_recruitment_with_gradient(intensity[pulse], theta, scratch[1]) - offset
         recruits = recruits or rho != 0.0
         for function in range(len(raw)):
             raw[function] += rho * values[pulse - first, function]

@@ -39,7 +39,7 @@ class RecruitmentParameters(NamedTuple):
 
 
 @numba.njit(cache=True)
-def bends(intensity: float, theta: FloatArray) -> float:
+def arctan_recruitment(intensity: float, theta: FloatArray) -> float:
     """Return ``T(u - u_thr, a_thr) - T(u - u_sat, a_sat)``; rho(u) is this less its value at 0.
 
     Parameters
@@ -56,8 +56,10 @@ def bends(intensity: float, theta: FloatArray) -> float:
 
 
 @numba.njit(cache=True)
-def bends_with_gradient(intensity: float, theta: FloatArray, gradient: FloatArray) -> float:
-    """Return `bends` and write its derivatives by theta into `gradient` (4,)."""
+def arctan_recruitment_with_gradient(
+    intensity: float, theta: FloatArray, gradient: FloatArray
+) -> float:
+    """Return `arctan_recruitment` and write its derivatives by theta into `gradient` (4,)."""
     above = intensity - theta[0]
     beyond = intensity - theta[1]
     thr = theta[3] * above
@@ -83,9 +85,11 @@ def _evaluate_all(
 ) -> None:
     """Write rho (n,) and its derivatives (n, 4) at intensities (n,)."""
     origin = np.empty(len(theta))
-    offset = bends_with_gradient(0.0, theta, origin)
+    offset = arctan_recruitment_with_gradient(0.0, theta, origin)
     for index in range(len(intensity)):
-        rho[index] = bends_with_gradient(intensity[index], theta, gradient[index]) - offset
+        rho[index] = (
+            arctan_recruitment_with_gradient(intensity[index], theta, gradient[index]) - offset
+        )
         for place in range(len(theta)):
             gradient[index, place] -= origin[place]
 

@@ -10,25 +10,19 @@ from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import FACTORISATION_FAILED
 from rpms_ros.identification.faults import FaultCounter
-from rpms_ros.identification.projection.cells import COUNT
-from rpms_ros.identification.projection.cells import HEAD
-from rpms_ros.identification.projection.cells import SIZE
-from rpms_ros.identification.projection.cells import empty_cells
-from rpms_ros.identification.projection.fit import FAILURES
+from rpms_ros.identification.projection.block_statistics import COUNT
+from rpms_ros.identification.projection.block_statistics import empty_blocks
+from rpms_ros.identification.projection.data_intake import fresh_intake
+from rpms_ros.identification.projection.data_intake import take
+from rpms_ros.identification.projection.estimate_builder import Counters
+from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
 from rpms_ros.identification.projection.fit import empty_fit
-from rpms_ros.identification.projection.intake import ERROR_ENERGY
-from rpms_ros.identification.projection.intake import FORCE_ENERGY
-from rpms_ros.identification.projection.intake import FRESH
-from rpms_ros.identification.projection.intake import LEARNT
-from rpms_ros.identification.projection.intake import fresh_intake
-from rpms_ros.identification.projection.intake import take
-from rpms_ros.identification.projection.normal_equations import Baseline
-from rpms_ros.identification.projection.normal_equations import pass_arrays
-from rpms_ros.identification.projection.pending import PendingPulses
+from rpms_ros.identification.projection.problem import BaselineKnots
+from rpms_ros.identification.projection.problem import Problem
+from rpms_ros.identification.projection.problem import pass_arrays
+from rpms_ros.identification.projection.pulse_delay_line import PulseDelayLine
 from rpms_ros.identification.projection.residuals import residual_sums
 from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.identification.projection.snapshot import Counters
-from rpms_ros.identification.projection.snapshot import Snapshots
 from rpms_ros.identification.projection.uncertainty import residual_spread
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.pulses import BoolArray
@@ -37,7 +31,7 @@ from rpms_ros.pulses import IntArray
 
 
 class ProjectionEstimator:
-    """Intake of samples and pulses into cells; when to fit is left to the classes below.
+    """Intake of samples and pulses into blocks; when to fit is left to the classes below.
 
     Parameters
     ----------
@@ -46,7 +40,7 @@ class ProjectionEstimator:
     rate_hz : float
         Rate for which the recruitment curve is stated [Hz].
     capacity : int
-        Number of cells there is room for.
+        Number of blocks there is room for.
     knots : int
         Number of the baseline's knots.
 
@@ -72,18 +66,20 @@ class ProjectionEstimator:
         self.rate_hz = rate_hz
         basis = self.settings.basis
         self._rate = 2.0 / basis.time_constant
-        self._kick = basis.kick
-        self._cells = empty_cells(capacity, basis.functions)
-        self._first = 0
-        self._known = self.settings.known()
+        self._problem = Problem(
+            blocks=empty_blocks(capacity, basis.functions),
+            first=0,
+            input_gain=basis.input_gain,
+            baseline=BaselineKnots(knots, 0, 1),
+            prior=self.settings.as_prior(),
+            work=pass_arrays(basis.functions),
+        )
         start = np.array(self.settings.start)
         self._fit = empty_fit(start, basis.functions, knots)
         self._trial = empty_fit(start, basis.functions, knots)
-        self._work = pass_arrays(basis.functions)
         self._intake = fresh_intake(basis.functions)
-        self._baseline = Baseline(knots, 0, 1)
-        self._pending = PendingPulses(basis.latency, self.settings.by_rate, rate_hz)
-        self._snapshots = Snapshots(self.name, basis, rate_hz, self.settings.confidence)
+        self._delay_line = PulseDelayLine(basis.latency, self.settings.by_rate, rate_hz)
+        self._builder = EstimateBuilder(self.name, basis, rate_hz, self.settings.confidence)
         self._faults = FaultCounter()
         self._pulses = 0
         self._intensity_range = (np.inf, -np.inf)
@@ -107,7 +103,7 @@ class ProjectionEstimator:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
         if not len(onset_ns):
             return
-        self._pending.add(onset_ns, intensity)
+        self._delay_line.add(onset_ns, intensity)
         self._pulses += len(onset_ns)
         low, high = self._intensity_range
         # Recruitment at intensity 0 is 0 whatever the parameters: it shows no point of the curve.
@@ -118,19 +114,19 @@ class ProjectionEstimator:
         )
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act: the clock has jumped and they lie nowhere."""
-        self._pending.forget()
-        self._intake.scalars[FRESH] = 1.0
-        self._intake.scalars[ERROR_ENERGY] = 0.0
-        self._intake.scalars[FORCE_ENERGY] = 0.0
-        # The slope of the baseline says nothing of another time; where it led to does.
+        """Drop the pulses that still act: the clock has jumped, their time is not known."""
+        self._delay_line.forget()
+        self._intake.fresh[0] = 1.0
+        self._intake.error_energy[0] = 0.0
+        self._intake.force_energy[0] = 0.0
+        # The baseline goes on at its last level: its slope holds for the old time line only.
         self._fit.levels[:] = self._fit.levels[-1:]
 
     def _take(
         self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray, prediction: FloatArray
     ) -> None:
-        """Put samples (samples,) into cells; write their prediction."""
-        pending = self._pending
+        """Put samples (samples,) into blocks; write their prediction."""
+        pending = self._delay_line
         begun = take(
             stamp_ns,
             force,
@@ -138,29 +134,32 @@ class ProjectionEstimator:
             pending.begin_ns,
             pending.intensity,
             pending.weight,
-            self._cells,
+            self._problem,
             self._intake,
             self._fit,
-            self._baseline,
             self._rate,
-            self._kick,
             prediction,
         )
         pending.drop(begun)
 
-    def _snapshot(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+    def _build(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the estimate of the fit as it stands."""
         low, high = self._intensity_range
-        scalars = self._intake.scalars
-        energy = float(scalars[FORCE_ENERGY])
+        intake = self._intake
+        energy = float(intake.force_energy[0])
         counters = Counters(
-            samples=int(scalars[LEARNT]),
+            samples=int(intake.learnt[0]),
             pulses=self._pulses,
             intensity_span=high - low,
-            output_error=float(np.sqrt(scalars[ERROR_ENERGY] / energy)) if energy > 0.0 else 0.0,
+            output_error=float(np.sqrt(intake.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
-        return self._snapshots.make(
-            stamp_ns, self._fit, self._known, self._spread(), counters, self._with_own(faults)
+        return self._builder.make(
+            stamp_ns,
+            self._fit,
+            self._problem.prior,
+            self._spread(),
+            counters,
+            self._with_own(faults),
         )
 
     def _with_own(self, faults: Mapping[str, int]) -> dict[str, int]:
@@ -168,28 +167,17 @@ class ProjectionEstimator:
         own = FaultCounter()
         for name, count in (*faults.items(), *self._faults.counts().items()):
             own.add(name, count)
-        own.add(FACTORISATION_FAILED, int(self._fit.scalars[FAILURES]))
+        own.add(FACTORISATION_FAILED, int(self._fit.failures[0]))
         return own.counts()
 
     def _spread(self) -> FloatArray:
         """Return how much sums of neighbouring residuals vary (lengths,) [N^2]."""
-        cells = self._cells
-        head, size = int(cells.place[HEAD]), int(cells.place[SIZE])
-        count = size - self._first
+        blocks, first = self._problem.blocks, self._problem.first
+        head, size = int(blocks.head[0]), int(blocks.size[0])
+        count = size - first
         if count <= 0:
             return np.zeros(1)
         sums = np.zeros(count)
-        residual_sums(
-            cells,
-            self._first,
-            size,
-            self._fit.theta,
-            self._fit.linear,
-            self._fit.levels,
-            self._kick,
-            self._baseline,
-            self._work,
-            sums,
-        )
-        order = (head + np.arange(self._first, size)) % len(cells.start_ns)
-        return residual_spread(cells.start_ns[order], cells.moments[order, COUNT], sums)
+        residual_sums(self._problem, size, self._fit, sums)
+        order = (head + np.arange(first, size)) % len(blocks.start_ns)
+        return residual_spread(blocks.start_ns[order], blocks.moments[order, COUNT], sums)

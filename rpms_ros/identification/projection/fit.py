@@ -1,4 +1,4 @@
-"""State of a fit, what is known besides the cells, and the linear unknowns (Eq. 22)."""
+"""State of a fit, what is known besides the blocks, and the linear unknowns (Eq. 22)."""
 
 import math
 from typing import NamedTuple
@@ -6,18 +6,15 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from rpms_ros.identification.projection.cells import Cells
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
-from rpms_ros.identification.projection.normal_equations import Baseline
-from rpms_ros.identification.projection.normal_equations import Pass
 from rpms_ros.identification.projection.normal_equations import linear_pass
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Prior
+from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import FloatArray
 
-# Places in `Fit.scalars`
-COST, SAMPLES, ENERGY, SQUARES, VARIANCE, DAMPING, MOVED, FAILURES = range(8)
 # The model's error is taken to be at least this share of the force's mean square [1], with the
-# weight of this many samples: a fit to a handful of samples must not believe itself.
+# weight of this many samples: the residuals of a few samples say little of the variance.
 _MODEL_ERROR = 1e-4
 _MODEL_ERROR_SAMPLES = 200.0
 LEAST_ENERGY = 1e-18
@@ -35,11 +32,19 @@ class Fit(NamedTuple):
     levels : ndarray (knots,)
         b [N].
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
-        Sums from the cells, lower triangle.
+        Sums from the blocks, lower triangle.
     complete : ndarray (unknowns, unknowns)
         The newest matrix that had the rows of theta too.
-    scalars : ndarray (8,)
-        See the indices above; FAILURES counts matrices that could not be factorised.
+    cost, squares : ndarray (1,)
+        Cost with what is known besides the blocks, and sum of squared residuals alone [N^2].
+    samples, energy : ndarray (1,)
+        Number of samples in the blocks, and sum of the squared force [N^2].
+    variance : ndarray (1,)
+        Variance of the residuals, by which what is weakly known is weighted [N^2].
+    damping, moved : ndarray (1,)
+        Of the next step, and largest change of the last one.
+    failures : ndarray (1,)
+        How many matrices could not be factorised.
     """
 
     theta: FloatArray
@@ -48,43 +53,19 @@ class Fit(NamedTuple):
     matrix: FloatArray
     right: FloatArray
     complete: FloatArray
-    scalars: FloatArray
-
-
-class Known(NamedTuple):
-    """What is known besides the cells.
-
-    Attributes
-    ----------
-    mean, deviation : ndarray (4,)
-        Weak physiological prior of theta, alpha as logarithms.
-    lower, upper : ndarray (4,)
-        Bounds of theta.
-    separation : float
-        u_sat is at least this far above u_thr.
-    information : ndarray (4 + functions, 4 + functions)
-        Of the cells that have left, about [theta, w] with alpha as logarithms.
-    pull : ndarray (4 + functions,)
-        Minus the gradient of their cost at `reference`.
-    reference : ndarray (4 + functions,)
-        Where that cost is expanded.
-    """
-
-    mean: FloatArray
-    deviation: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    separation: float
-    information: FloatArray
-    pull: FloatArray
-    reference: FloatArray
+    cost: FloatArray
+    squares: FloatArray
+    samples: FloatArray
+    energy: FloatArray
+    variance: FloatArray
+    damping: FloatArray
+    moved: FloatArray
+    failures: FloatArray
 
 
 def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
     """Return a fit that has seen nothing."""
     unknowns = PARAMETERS + functions + knots
-    scalars = np.zeros(8)
-    scalars[DAMPING] = 1e-3
     return Fit(
         theta=theta.copy(),
         linear=np.zeros(functions),
@@ -92,7 +73,14 @@ def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
         matrix=np.zeros((unknowns, unknowns)),
         right=np.zeros(unknowns),
         complete=np.zeros((unknowns, unknowns)),
-        scalars=scalars,
+        cost=np.zeros(1),
+        squares=np.zeros(1),
+        samples=np.zeros(1),
+        energy=np.zeros(1),
+        variance=np.zeros(1),
+        damping=np.full(1, 1e-3),
+        moved=np.zeros(1),
+        failures=np.zeros(1),
     )
 
 
@@ -108,32 +96,32 @@ def coordinate(theta: FloatArray, place: int) -> float:
 @numba.njit(cache=True)
 def weak_ridge(fit: Fit) -> float:
     """Return a ridge that keeps w and b solvable and is too weak to be seen otherwise."""
-    power = fit.scalars[ENERGY] / max(fit.scalars[SAMPLES], 1.0) + LEAST_ENERGY
+    power = fit.energy[0] / max(fit.samples[0], 1.0) + LEAST_ENERGY
     # The variance is above the power only where it is remembered from before a gap.
-    value: float = 1e-2 * fit.scalars[VARIANCE] / max(power, fit.scalars[VARIANCE])
+    value: float = 1e-2 * fit.variance[0] / max(power, fit.variance[0])
     return value
 
 
 @numba.njit(cache=True)
-def away_from_reference(fit: Fit, known: Known) -> FloatArray:
-    """Return [theta, w] less where the cost of the left cells is expanded."""
-    away = np.empty(len(known.reference))
+def away_from_reference(fit: Fit, prior: Prior) -> FloatArray:
+    """Return [theta, w] less where the cost of the left blocks is expanded."""
+    away = np.empty(len(prior.reference))
     for place in range(PARAMETERS):
         away[place] = coordinate(fit.theta, place)
     away[PARAMETERS:] = fit.linear
-    away -= known.reference
+    away -= prior.reference
     return away
 
 
 @numba.njit(cache=True)
-def remembers(known: Known) -> bool:
-    """Return whether cells that have left say anything."""
-    found: bool = known.information[PARAMETERS, PARAMETERS] > 0.0
+def remembers(prior: Prior) -> bool:
+    """Return whether blocks that have left say anything."""
+    found: bool = prior.information[PARAMETERS, PARAMETERS] > 0.0
     return found
 
 
 @numba.njit(cache=True)
-def linear_matrix(fit: Fit, known: Known) -> FloatArray:
+def linear_matrix(fit: Fit, prior: Prior) -> FloatArray:
     """Return the lower triangle of the matrix of w and b, what is known included."""
     functions = len(fit.linear)
     count = functions + len(fit.levels)
@@ -143,28 +131,28 @@ def linear_matrix(fit: Fit, known: Known) -> FloatArray:
         for column in range(row + 1):
             matrix[row, column] = fit.matrix[PARAMETERS + row, PARAMETERS + column]
             if row < functions:
-                matrix[row, column] += known.information[PARAMETERS + row, PARAMETERS + column]
+                matrix[row, column] += prior.information[PARAMETERS + row, PARAMETERS + column]
         matrix[row, row] += ridge
     return matrix
 
 
 @numba.njit(cache=True)
-def _known_cost(fit: Fit, known: Known) -> float:
-    """Return the cost of the left cells, of the ridge and of the prior at the fit's point."""
+def _known_cost(fit: Fit, prior: Prior) -> float:
+    """Return the cost of the left blocks, of the ridge and of the prior at the fit's point."""
     cost = 0.0
-    away = away_from_reference(fit, known)
+    away = away_from_reference(fit, prior)
     for row in range(len(away)):
-        cost -= 2.0 * known.pull[row] * away[row]
+        cost -= 2.0 * prior.information_vector[row] * away[row]
         for column in range(len(away)):
-            cost += away[row] * known.information[row, column] * away[column]
+            cost += away[row] * prior.information[row, column] * away[column]
     ridge = weak_ridge(fit)
     for value in fit.linear:
         cost += ridge * value * value
     for value in fit.levels:
         cost += ridge * value * value
     for place in range(PARAMETERS):
-        strange = (coordinate(fit.theta, place) - known.mean[place]) / known.deviation[place]
-        cost += fit.scalars[VARIANCE] * strange * strange
+        distance = (coordinate(fit.theta, place) - prior.mean[place]) / prior.deviation[place]
+        cost += fit.variance[0] * distance * distance
     return cost
 
 
@@ -172,7 +160,7 @@ def _known_cost(fit: Fit, known: Known) -> float:
 def _squares(fit: Fit) -> float:
     """Return the sum of squared residuals at the fit's w and b."""
     linear = np.concatenate((fit.linear, fit.levels))
-    total = fit.scalars[ENERGY]
+    total = fit.energy[0]
     for row in range(len(linear)):
         at = PARAMETERS + row
         inner = 0.5 * fit.matrix[at, at] * linear[row]
@@ -184,67 +172,50 @@ def _squares(fit: Fit) -> float:
 
 
 @numba.njit(cache=True)
-def _solve_linear(fit: Fit, known: Known) -> None:
+def _solve_linear(fit: Fit, prior: Prior) -> None:
     """Solve for w and b at ``fit.theta``; they stay, and it is counted, if that fails."""
     functions = len(fit.linear)
-    matrix = linear_matrix(fit, known)
+    matrix = linear_matrix(fit, prior)
     right = fit.right[PARAMETERS:].copy()
     before = fit.linear.copy()
     fit.linear[:] = 0.0
-    away = away_from_reference(fit, known)
+    away = away_from_reference(fit, prior)
     fit.linear[:] = before
     for row in range(functions):
         at = PARAMETERS + row
-        right[row] += known.pull[at]
+        right[row] += prior.information_vector[at]
         for other in range(len(away)):
-            right[row] -= known.information[at, other] * away[other]
+            right[row] -= prior.information[at, other] * away[other]
     if not solve_positive(matrix, right):
-        fit.scalars[FAILURES] += 1.0
+        fit.failures[0] += 1.0
         return
     fit.linear[:] = right[:functions]
     fit.levels[:] = right[functions:]
 
 
 @numba.njit(cache=True)
-def fit_linear(
-    cells: Cells,
-    first: int,
-    kick: float,
-    baseline: Baseline,
-    known: Known,
-    work: Pass,
-    fit: Fit,
-    refresh: bool,
-) -> None:
+def fit_linear(problem: Problem, fit: Fit, refresh: bool) -> None:
     """Solve the linear unknowns at ``fit.theta``; with `refresh`, the variance anew before.
 
     The variance scales what is weakly known; it stays while two parameter sets are compared.
     """
+    prior = problem.prior
     samples, energy = linear_pass(
-        cells,
-        first,
-        cells.place[1],
-        fit.theta,
-        kick,
-        baseline,
-        work,
-        fit.matrix,
-        fit.right,
+        problem, problem.blocks.size[0], fit.theta, fit.matrix, fit.right
     )
-    scalars = fit.scalars
-    scalars[SAMPLES] = samples
-    scalars[ENERGY] = energy
+    fit.samples[0] = samples
+    fit.energy[0] = energy
     power = energy / max(samples, 1.0) + LEAST_ENERGY
-    if refresh and scalars[VARIANCE] == 0.0:
-        scalars[VARIANCE] = 0.01 * power
-    _solve_linear(fit, known)
+    if refresh and fit.variance[0] == 0.0:
+        fit.variance[0] = 0.01 * power
+    _solve_linear(fit, prior)
     squares = _squares(fit)
-    scalars[SQUARES] = max(squares, 0.0)
-    if refresh and remembers(known) and samples < _MODEL_ERROR_SAMPLES:
+    fit.squares[0] = max(squares, 0.0)
+    if refresh and remembers(prior) and samples < _MODEL_ERROR_SAMPLES:
         # After a gap a few samples say less of the variance than what was known before it.
-        kept = (_MODEL_ERROR_SAMPLES - samples) * scalars[VARIANCE]
-        scalars[VARIANCE] = (scalars[SQUARES] + kept) / _MODEL_ERROR_SAMPLES
+        kept = (_MODEL_ERROR_SAMPLES - samples) * fit.variance[0]
+        fit.variance[0] = (fit.squares[0] + kept) / _MODEL_ERROR_SAMPLES
     elif refresh:
         doubt = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
-        scalars[VARIANCE] = (scalars[SQUARES] + doubt) / (samples + _MODEL_ERROR_SAMPLES)
-    scalars[COST] = squares + _known_cost(fit, known)
+        fit.variance[0] = (fit.squares[0] + doubt) / (samples + _MODEL_ERROR_SAMPLES)
+    fit.cost[0] = squares + _known_cost(fit, prior)

@@ -1,98 +1,43 @@
-r"""Normal equations of a parameter set from the cells, in the order of time.
+r"""Normal equations of a parameter set from the blocks, in the order of time.
 
 The unknowns are ``[theta (4), w (n), b (m)]``: the recruitment's parameters (the two alpha as
 logarithms), the coefficients of the Laguerre functions and the baseline's values at its knots.
-Two passes over the cells fill one symmetric matrix and one right-hand side:
+Two passes over the blocks fill one symmetric matrix and one right-hand side:
 
 * `linear_pass`: ``Phi^T Phi`` and ``Phi^T y`` of the linear unknowns.  With X the lower
-  triangular Toeplitz matrix of the states, a cell adds ``X S X^T`` and ``X s_y``.
-* `gradient_pass`: the columns ``psi_j = d(Phi w)/d theta_j`` against all others.  A cell adds
+  triangular Toeplitz matrix of the states, a block adds ``X S X^T`` and ``X s_y``.
+* `gradient_pass`: the columns ``psi_j = d(Phi w)/d theta_j`` against all others.  A block adds
   ``X S v_j`` and ``v_j^T S v_i`` with ``v_j`` the correlation of w with the states' derivatives.
 
-About 300 multiplications a cell and pass with six functions: a 20 s horizon at 20 Hz costs as
+About 300 multiplications a block and pass with six functions: a 20 s horizon at 20 Hz costs as
 much as two thousand samples of a loop over samples.
 """
 
-from typing import NamedTuple
-
 import numba
-import numpy as np
 
-from rpms_ros.identification.projection.cells import COUNT
-from rpms_ros.identification.projection.cells import FORCE
-from rpms_ros.identification.projection.cells import FORCE_SQUARED
-from rpms_ros.identification.projection.cells import FORCE_TIME
-from rpms_ros.identification.projection.cells import HEAD
-from rpms_ros.identification.projection.cells import RESPONSE_FORCE
-from rpms_ros.identification.projection.cells import RESPONSE_ONE
-from rpms_ros.identification.projection.cells import RESPONSE_TIME
-from rpms_ros.identification.projection.cells import TIME
-from rpms_ros.identification.projection.cells import TIME_SQUARED
-from rpms_ros.identification.projection.cells import Cells
-from rpms_ros.muscle.identified_form import bends
-from rpms_ros.muscle.identified_form import bends_with_gradient
+from rpms_ros.identification.projection.block_statistics import COUNT
+from rpms_ros.identification.projection.block_statistics import FORCE
+from rpms_ros.identification.projection.block_statistics import FORCE_SQUARED
+from rpms_ros.identification.projection.block_statistics import FORCE_TIME
+from rpms_ros.identification.projection.block_statistics import RESPONSE_FORCE
+from rpms_ros.identification.projection.block_statistics import RESPONSE_ONE
+from rpms_ros.identification.projection.block_statistics import RESPONSE_TIME
+from rpms_ros.identification.projection.block_statistics import TIME
+from rpms_ros.identification.projection.block_statistics import TIME_SQUARED
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import BaselineKnots
+from rpms_ros.identification.projection.problem import Pass
+from rpms_ros.identification.projection.problem import Problem
+from rpms_ros.muscle.identified_form import arctan_recruitment
+from rpms_ros.muscle.identified_form import arctan_recruitment_with_gradient
 from rpms_ros.pulses import FloatArray
 
-PARAMETERS = 4
 # A prediction follows the baseline's slope this far beyond its knots [ns].
 _EXTRAPOLATION_NS = 250_000_000
 
 
-class Baseline(NamedTuple):
-    """Piecewise linear baseline: its knots' values are linear unknowns.
-
-    Attributes
-    ----------
-    knots : int
-        0: none; 1: an offset; more: linear between knots.
-    origin_ns, spacing_ns : int
-        First knot and distance of knots [ns].
-    """
-
-    knots: int
-    origin_ns: int
-    spacing_ns: int
-
-
-class Pass(NamedTuple):
-    """Arrays of the passes, allocated once.
-
-    Attributes
-    ----------
-    state : ndarray (1 + 4, functions)
-        States, and their derivatives by theta.
-    correlated : ndarray (1 + 4, functions)
-        Correlation of w with each row of `state`.
-    projected : ndarray (4, functions)
-        S v_j.
-    product : ndarray (functions, functions)
-        X S.
-    slope, origin_slope : ndarray (4,)
-        Derivatives of the recruitment.
-    """
-
-    state: FloatArray
-    correlated: FloatArray
-    projected: FloatArray
-    product: FloatArray
-    slope: FloatArray
-    origin_slope: FloatArray
-
-
-def pass_arrays(functions: int) -> Pass:
-    """Return arrays for so many functions."""
-    return Pass(
-        state=np.zeros((1 + PARAMETERS, functions)),
-        correlated=np.zeros((1 + PARAMETERS, functions)),
-        projected=np.zeros((PARAMETERS, functions)),
-        product=np.zeros((functions, functions)),
-        slope=np.zeros(PARAMETERS),
-        origin_slope=np.zeros(PARAMETERS),
-    )
-
-
 @numba.njit(cache=True)
-def move_state(generator: FloatArray, state: FloatArray) -> None:
+def advance_state(generator: FloatArray, state: FloatArray) -> None:
     """Multiply a state (functions,) by the Toeplitz matrix of a generator, in place."""
     for function in range(len(state) - 1, -1, -1):
         total = 0.0
@@ -113,7 +58,7 @@ def correlate(linear: FloatArray, state: FloatArray, values: FloatArray) -> None
 
 
 @numba.njit(cache=True)
-def knot_of(start_ns: int, baseline: Baseline) -> tuple[int, float]:
+def knot_of(start_ns: int, baseline: BaselineKnots) -> tuple[int, float]:
     """Return the knot before a time and the position between it and the next one, 0..1."""
     if baseline.knots < 2:
         return 0, 0.0
@@ -123,7 +68,7 @@ def knot_of(start_ns: int, baseline: Baseline) -> tuple[int, float]:
 
 
 @numba.njit(cache=True)
-def within_knots(position: float, baseline: Baseline) -> float:
+def within_knots(position: float, baseline: BaselineKnots) -> float:
     """Return a position no further than `_EXTRAPOLATION_NS` outside of the knots' interval.
 
     A slope says nothing of a time that lies beyond a gap or a jump of the clock.
@@ -135,8 +80,8 @@ def within_knots(position: float, baseline: Baseline) -> float:
 
 
 @numba.njit(cache=True)
-def hat(offset: int, position: float, baseline: Baseline) -> tuple[float, float]:
-    """Return value at a cell's start and slope [1/s] of knot `knot_of() + offset`."""
+def hat(offset: int, position: float, baseline: BaselineKnots) -> tuple[float, float]:
+    """Return value at a block's start and slope [1/s] of knot `knot_of() + offset`."""
     if baseline.knots < 2:
         return 1.0, 0.0
     steepness = 1e9 / baseline.spacing_ns
@@ -181,7 +126,7 @@ def _add_baseline_terms(
     response: FloatArray,
     moments: FloatArray,
     state: FloatArray,
-    baseline: Baseline,
+    baseline: BaselineKnots,
     matrix: FloatArray,
     right: FloatArray,
 ) -> None:
@@ -210,22 +155,14 @@ def _add_baseline_terms(
 
 @numba.njit(cache=True)
 def linear_pass(
-    cells: Cells,
-    first: int,
-    last: int,
-    theta: FloatArray,
-    kick: float,
-    baseline: Baseline,
-    work: Pass,
-    matrix: FloatArray,
-    right: FloatArray,
+    problem: Problem, last: int, theta: FloatArray, matrix: FloatArray, right: FloatArray
 ) -> tuple[float, float]:
-    """Fill the linear part of the normal equations from cells first..last-1 of the ring.
+    """Fill the linear part of the normal equations from blocks first..last-1 of the ring.
 
     Parameters
     ----------
     first, last : int
-        Cells before `first` only lead the state up to it.
+        BlockStatistics before `first` only lead the state up to it.
     theta : ndarray (4,)
         u_thr, u_sat, alpha_sat, alpha_thr.
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
@@ -236,44 +173,49 @@ def linear_pass(
     tuple of float
         Number of samples and sum of y^2.
     """
+    blocks, first, baseline, work = problem.blocks, problem.first, problem.baseline, problem.work
+    input_gain = problem.input_gain
     matrix[:] = 0.0
     right[:] = 0.0
     state = work.state[0]
     state[:] = 0.0
-    origin = bends(0.0, theta)
+    origin = arctan_recruitment(0.0, theta)
     samples = 0.0
     energy = 0.0
     for index in range(last):
-        here = (cells.place[HEAD] + index) % len(cells.start_ns)
-        move_state(cells.move[here], state)
-        if cells.intensity[here] != 0.0:
-            state += kick * cells.weight[here] * (bends(cells.intensity[here], theta) - origin)
-        moments = cells.moments[here]
+        here = (blocks.head[0] + index) % len(blocks.start_ns)
+        advance_state(blocks.transition[here], state)
+        if blocks.intensity[here] != 0.0:
+            state += (
+                input_gain
+                * blocks.weight[here]
+                * (arctan_recruitment(blocks.intensity[here], theta) - origin)
+            )
+        moments = blocks.moments[here]
         if index < first or moments[COUNT] == 0.0:
             continue
         samples += moments[COUNT]
         energy += moments[FORCE_SQUARED]
-        response = cells.response[here]
-        _add_state_terms(cells.gram[here], response, state, work.product, matrix, right)
+        response = blocks.response[here]
+        _add_state_terms(blocks.gram[here], response, state, work.product, matrix, right)
         if baseline.knots:
             _add_baseline_terms(
-                cells.start_ns[here], response, moments, state, baseline, matrix, right
+                blocks.start_ns[here], response, moments, state, baseline, matrix, right
             )
     return samples, energy
 
 
 @numba.njit(cache=True)
-def _move_gradient(
-    cells: Cells, here: int, theta: FloatArray, origin: float, kick: float, work: Pass
-) -> None:
-    """Move states and derivatives (by log alpha) on to a cell, its pulse included."""
+def _advance_gradient(problem: Problem, here: int, theta: FloatArray, origin: float) -> None:
+    """Move states and derivatives (by log alpha) on to a block, its pulse included."""
+    blocks, work = problem.blocks, problem.work
     for row in range(1 + PARAMETERS):
-        move_state(cells.move[here], work.state[row])
-    intensity = cells.intensity[here]
+        advance_state(blocks.transition[here], work.state[row])
+    intensity = blocks.intensity[here]
     if intensity == 0.0:
         return
-    rho = bends_with_gradient(intensity, theta, work.slope) - origin
-    push = kick * cells.weight[here]
+    rho = arctan_recruitment_with_gradient(intensity, theta, work.slope) - origin
+    push = problem.input_gain * blocks.weight[here]
     work.state[0] += push * rho
     for place in range(PARAMETERS):
         scale = theta[place] if place >= 2 else 1.0
@@ -323,14 +265,10 @@ def _add_gradient_terms(
 
 @numba.njit(cache=True)
 def gradient_pass(
-    cells: Cells,
-    first: int,
+    problem: Problem,
     last: int,
     theta: FloatArray,
     linear: FloatArray,
-    kick: float,
-    baseline: Baseline,
-    work: Pass,
     matrix: FloatArray,
     right: FloatArray,
 ) -> None:
@@ -338,19 +276,20 @@ def gradient_pass(
 
     `linear` (functions,) are the coefficients w at which the derivatives are taken.
     """
+    blocks, first, baseline, work = problem.blocks, problem.first, problem.baseline, problem.work
     count = len(linear)
     work.state[:] = 0.0
-    origin = bends_with_gradient(0.0, theta, work.origin_slope)
+    origin = arctan_recruitment_with_gradient(0.0, theta, work.origin_slope)
     for index in range(last):
-        here = (cells.place[HEAD] + index) % len(cells.start_ns)
-        _move_gradient(cells, here, theta, origin, kick, work)
-        if index < first or cells.moments[here, COUNT] == 0.0:
+        here = (blocks.head[0] + index) % len(blocks.start_ns)
+        _advance_gradient(problem, here, theta, origin)
+        if index < first or blocks.moments[here, COUNT] == 0.0:
             continue
-        response = cells.response[here]
-        _add_gradient_terms(cells.gram[here], response, linear, work, matrix, right)
+        response = blocks.response[here]
+        _add_gradient_terms(blocks.gram[here], response, linear, work, matrix, right)
         if not baseline.knots:
             continue
-        knot, position = knot_of(cells.start_ns[here], baseline)
+        knot, position = knot_of(blocks.start_ns[here], baseline)
         for offset in range(min(baseline.knots, 2)):
             value, slope = hat(offset, position, baseline)
             row = PARAMETERS + count + knot + offset

@@ -8,8 +8,8 @@ import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.fit import Known
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.settings import SIMULATION_START
 from rpms_ros.identification.settings import RecruitmentBounds
 from rpms_ros.muscle.identified_form import RecruitmentParameters
@@ -49,21 +49,21 @@ class RecruitmentPrior:
             if not (math.isfinite(value) and value > 0):
                 raise IdentificationError(f'expected a deviation of {name} above 0, got {value}')
 
-    def known(
+    def as_prior(
         self, bounds: RecruitmentBounds, alpha_thr: tuple[float, float], functions: int
-    ) -> Known:
+    ) -> Prior:
         """Return this prior and the bounds as the steps want them."""
         joint = PARAMETERS + functions
         centre = np.array(self.centre)
         low, high = zip(bounds.u_thr, bounds.u_sat, bounds.alpha_sat, alpha_thr, strict=True)
-        return Known(
+        return Prior(
             mean=np.concatenate((centre[:2], np.log(centre[2:]))),
             deviation=np.array([self.u_thr, self.u_sat, self.alpha_sat, self.alpha_thr]),
             lower=np.array(low, dtype=np.float64),
             upper=np.array(high, dtype=np.float64),
             separation=bounds.separation,
             information=np.zeros((joint, joint)),
-            pull=np.zeros(joint),
+            information_vector=np.zeros(joint),
             reference=np.zeros(joint),
         )
 
@@ -98,7 +98,7 @@ class ProjectionSettings:
     steps : int
         Horizon: Gauss-Newton steps a period.
     forgetting : float
-        Horizon: share of what left cells said that is forgotten a period, where it is replaced.
+        Horizon: share of what left blocks said that is forgotten a period, where it is replaced.
     confidence : float
         Level of the intervals.
     """
@@ -142,6 +142,6 @@ class ProjectionSettings:
         alpha_thr = self.start.alpha_thr
         return [np.array([*start, alpha_thr]) for start in (tuple(self.start[:3]), *_CORNERS)]
 
-    def known(self) -> Known:
+    def as_prior(self) -> Prior:
         """Return what is known before any data."""
-        return self.prior.known(self.bounds, self.alpha_thr, self.basis.functions)
+        return self.prior.as_prior(self.bounds, self.alpha_thr, self.basis.functions)

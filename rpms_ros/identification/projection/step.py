@@ -1,7 +1,7 @@
 r"""Steps of variable projection: the linear unknowns by Cholesky, the others by Gauss-Newton.
 
 For given theta the linear unknowns ``l = [w, b]`` follow from ``(M + C)_ll l = r`` (Eq. 22), where
-M, r come from the cells and C holds what is known besides them: a ridge, and what cells that
+M, r come from the blocks and C holds what is known besides them: a ridge, and what blocks that
 have left the horizon had said.  Putting l back leaves a cost of theta alone, whose Gauss-Newton
 matrix in Kaufman's form is the Schur complement
 
@@ -15,7 +15,7 @@ is exact either way.
 
 Normal equations are formed, not a QR factorisation: the Laguerre functions are orthonormal and
 their regressors stay below a condition number of 1e4 (1e8 squared), so eight digits are left, and
-a sum over cells can be kept, added to and taken apart, which rows of a QR cannot.
+a sum over blocks can be kept, added to and taken apart, which rows of a QR cannot.
 """
 
 import math
@@ -23,25 +23,16 @@ import math
 import numba
 import numpy as np
 
-from rpms_ros.identification.projection.cells import Cells
-from rpms_ros.identification.projection.fit import COST
-from rpms_ros.identification.projection.fit import DAMPING
-from rpms_ros.identification.projection.fit import ENERGY
-from rpms_ros.identification.projection.fit import FAILURES
 from rpms_ros.identification.projection.fit import LEAST_ENERGY
-from rpms_ros.identification.projection.fit import MOVED
-from rpms_ros.identification.projection.fit import SAMPLES
-from rpms_ros.identification.projection.fit import VARIANCE
 from rpms_ros.identification.projection.fit import Fit
-from rpms_ros.identification.projection.fit import Known
 from rpms_ros.identification.projection.fit import away_from_reference
 from rpms_ros.identification.projection.fit import coordinate
 from rpms_ros.identification.projection.fit import fit_linear
 from rpms_ros.identification.projection.fit import linear_matrix
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
-from rpms_ros.identification.projection.normal_equations import Baseline
-from rpms_ros.identification.projection.normal_equations import Pass
 from rpms_ros.identification.projection.normal_equations import gradient_pass
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Prior
+from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -53,36 +44,36 @@ _ROUNDING = 1e-13
 
 
 @numba.njit(cache=True)
-def theta_gradient(fit: Fit, known: Known, gradient: FloatArray) -> None:
+def theta_gradient(fit: Fit, prior: Prior, gradient: FloatArray) -> None:
     """Write minus half the gradient of the cost by theta (4,)."""
     functions = len(fit.linear)
-    away = away_from_reference(fit, known)
+    away = away_from_reference(fit, prior)
     for place in range(PARAMETERS):
-        total = fit.right[place] + known.pull[place]
+        total = fit.right[place] + prior.information_vector[place]
         for row in range(functions):
             total -= fit.matrix[PARAMETERS + row, place] * fit.linear[row]
         for row in range(len(fit.levels)):
             total -= fit.matrix[PARAMETERS + functions + row, place] * fit.levels[row]
         for other in range(len(away)):
-            total -= known.information[place, other] * away[other]
-        strange = coordinate(fit.theta, place) - known.mean[place]
-        gradient[place] = total - fit.scalars[VARIANCE] * strange / known.deviation[place] ** 2
+            total -= prior.information[place, other] * away[other]
+        distance = coordinate(fit.theta, place) - prior.mean[place]
+        gradient[place] = total - fit.variance[0] * distance / prior.deviation[place] ** 2
 
 
 @numba.njit(cache=True)
-def _reduced_hessian(fit: Fit, known: Known, hessian: FloatArray) -> bool:
+def _reduced_hessian(fit: Fit, prior: Prior, hessian: FloatArray) -> bool:
     """Write the Schur complement of theta (4, 4); return whether the rest is positive."""
     functions = len(fit.linear)
     columns = fit.matrix[PARAMETERS:, :PARAMETERS].T.copy()
-    columns[:, :functions] += known.information[:PARAMETERS, PARAMETERS:]
+    columns[:, :functions] += prior.information[:PARAMETERS, PARAMETERS:]
     for place in range(PARAMETERS):
         solved = columns[place].copy()
-        if not solve_positive(linear_matrix(fit, known), solved):
+        if not solve_positive(linear_matrix(fit, prior), solved):
             return False
         for other in range(place, PARAMETERS):
-            entry = fit.matrix[other, place] + known.information[other, place]
+            entry = fit.matrix[other, place] + prior.information[other, place]
             if other == place:
-                entry += fit.scalars[VARIANCE] / known.deviation[place] ** 2
+                entry += fit.variance[0] / prior.deviation[place] ** 2
             for row in range(len(solved)):
                 entry -= columns[other, row] * solved[row]
             hessian[other, place] = entry
@@ -118,18 +109,18 @@ def _damped_step(
 
 
 @numba.njit(cache=True)
-def _part(known: Known, candidate: FloatArray) -> None:
+def _part(prior: Prior, candidate: FloatArray) -> None:
     """Keep u_sat above u_thr, about where both would be."""
-    lacking = known.separation - (candidate[1] - candidate[0])
+    lacking = prior.separation - (candidate[1] - candidate[0])
     if lacking > 0.0:
-        candidate[0] = max(candidate[0] - 0.5 * lacking, known.lower[0])
-        candidate[1] = candidate[0] + known.separation
+        candidate[0] = max(candidate[0] - 0.5 * lacking, prior.lower[0])
+        candidate[1] = candidate[0] + prior.separation
 
 
 @numba.njit(cache=True)
 def _bounded_step(
     theta: FloatArray,
-    known: Known,
+    prior: Prior,
     hessian: FloatArray,
     gradient: FloatArray,
     damping: float,
@@ -144,8 +135,8 @@ def _bounded_step(
         left = False
         for place in range(PARAMETERS):
             here = coordinate(theta, place)
-            low = coordinate(known.lower, place) - here
-            high = coordinate(known.upper, place) - here
+            low = coordinate(prior.lower, place) - here
+            high = coordinate(prior.upper, place) - here
             if not held[place] and not low <= step[place] <= high:
                 step[place] = low if step[place] < low else high
                 held[place] = True
@@ -155,8 +146,8 @@ def _bounded_step(
     for place in range(PARAMETERS):
         value = coordinate(theta, place) + step[place]
         candidate[place] = math.exp(value) if place >= 2 else value
-        candidate[place] = min(max(candidate[place], known.lower[place]), known.upper[place])
-    _part(known, candidate)
+        candidate[place] = min(max(candidate[place], prior.lower[place]), prior.upper[place])
+    _part(prior, candidate)
     return True
 
 
@@ -179,52 +170,31 @@ def _promise(
 @numba.njit(cache=True)
 def _accept(fit: Fit, trial: Fit, size: float, good: bool) -> None:
     """Go where the trial is."""
-    damping = fit.scalars[DAMPING]
-    failures = fit.scalars[FAILURES]
+    damping = fit.damping[0]
     fit.theta[:] = trial.theta
     fit.linear[:] = trial.linear
     fit.levels[:] = trial.levels
     fit.matrix[:] = trial.matrix
     fit.right[:] = trial.right
-    fit.scalars[:] = trial.scalars
-    fit.scalars[DAMPING] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
-    fit.scalars[MOVED] = size
-    fit.scalars[FAILURES] = failures
+    fit.cost[0] = trial.cost[0]
+    fit.squares[0] = trial.squares[0]
+    fit.samples[0] = trial.samples[0]
+    fit.energy[0] = trial.energy[0]
+    fit.variance[0] = trial.variance[0]
+    fit.damping[0] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
+    fit.moved[0] = size
 
 
 @numba.njit(cache=True)
-def complete(
-    cells: Cells, first: int, kick: float, baseline: Baseline, work: Pass, fit: Fit
-) -> None:
+def complete(problem: Problem, fit: Fit) -> None:
     """Make matrix and right-hand side complete at parameters whose linear part is solved."""
-    gradient_pass(
-        cells,
-        first,
-        cells.place[1],
-        fit.theta,
-        fit.linear,
-        kick,
-        baseline,
-        work,
-        fit.matrix,
-        fit.right,
-    )
+    gradient_pass(problem, problem.blocks.size[0], fit.theta, fit.linear, fit.matrix, fit.right)
     fit.complete[:] = fit.matrix
 
 
 @numba.njit(cache=True)
 def improve(
-    cells: Cells,
-    first: int,
-    kick: float,
-    baseline: Baseline,
-    known: Known,
-    work: Pass,
-    fit: Fit,
-    trial: Fit,
-    steps: int,
-    tolerance: float,
-    ready: bool,
+    problem: Problem, fit: Fit, trial: Fit, steps: int, tolerance: float, ready: bool
 ) -> None:
     """Take up to so many Levenberg-Marquardt steps from `fit`, whose linear part is solved.
 
@@ -233,46 +203,44 @@ def improve(
     Ends early when the reduction that a step promises falls below `tolerance` times the cost.
     `trial` is scratch of the same shape; `ready` says that the equations are complete already.
     """
+    prior = problem.prior
     hessian = np.zeros((PARAMETERS, PARAMETERS))
     gradient = np.zeros(PARAMETERS)
-    scalars = fit.scalars
     fresh = False
-    if scalars[SAMPLES] == 0.0:
+    if fit.samples[0] == 0.0:
         return
     for _ in range(steps):
         if not fresh:
             if not ready:
-                complete(cells, first, kick, baseline, work, fit)
+                complete(problem, fit)
             ready = False
-            theta_gradient(fit, known, gradient)
-            if not _reduced_hessian(fit, known, hessian):
-                scalars[FAILURES] += 1.0
+            theta_gradient(fit, prior, gradient)
+            if not _reduced_hessian(fit, prior, hessian):
+                fit.failures[0] += 1.0
                 return
             fresh = True
-        damping = scalars[DAMPING]
-        if not _bounded_step(fit.theta, known, hessian, gradient, damping, trial.theta):
-            scalars[FAILURES] += 1.0
-            scalars[DAMPING] = min(max(10.0 * damping, 1e-6), MOST_DAMPING)
+        damping = fit.damping[0]
+        if not _bounded_step(fit.theta, prior, hessian, gradient, damping, trial.theta):
+            fit.failures[0] += 1.0
+            fit.damping[0] = min(max(10.0 * damping, 1e-6), MOST_DAMPING)
             continue
         promised, size = _promise(fit, trial.theta, hessian, gradient)
-        trial.scalars[VARIANCE] = scalars[VARIANCE]
-        trial.scalars[FAILURES] = 0.0
-        fit_linear(cells, first, kick, baseline, known, work, trial, False)
-        scalars[FAILURES] += trial.scalars[FAILURES]
-        actual = scalars[COST] - trial.scalars[COST]
-        if actual >= -_ROUNDING * scalars[ENERGY]:
+        trial.variance[0] = fit.variance[0]
+        trial.failures[0] = 0.0
+        fit_linear(problem, trial, False)
+        fit.failures[0] += trial.failures[0]
+        actual = fit.cost[0] - trial.cost[0]
+        if actual >= -_ROUNDING * fit.energy[0]:
             _accept(fit, trial, size, actual > 0.5 * promised)
             fresh = False
         else:
-            scalars[DAMPING] = min(max(10.0 * scalars[DAMPING], 1e-6), MOST_DAMPING)
-        if promised <= tolerance * (scalars[COST] + LEAST_ENERGY):
+            fit.damping[0] = min(max(10.0 * fit.damping[0], 1e-6), MOST_DAMPING)
+        if promised <= tolerance * (fit.cost[0] + LEAST_ENERGY):
             break
 
 
 @numba.njit(cache=True)
-def complete_equations(
-    cells: Cells, first: int, kick: float, baseline: Baseline, known: Known, work: Pass, fit: Fit
-) -> None:
+def complete_equations(problem: Problem, fit: Fit) -> None:
     """Make matrix and right-hand side of `fit` complete at its parameters, theta included."""
-    fit_linear(cells, first, kick, baseline, known, work, fit, False)
-    complete(cells, first, kick, baseline, work, fit)
+    fit_linear(problem, fit, False)
+    complete(problem, fit)

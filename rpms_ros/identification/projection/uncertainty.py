@@ -3,7 +3,7 @@ r"""How sure an estimate is: covariance of [theta, w], and what follows from it.
 The covariance is ``s^2 (M + C)^-1`` with M the Gauss-Newton matrix of the joint problem and C
 what is known besides.  ``s^2`` is the variance of the residuals, times the factor by which sums
 of neighbouring residuals vary more than white ones would: drift, an artifact or a misfit of the
-basis make residuals hang together, and then many samples say less than their number.
+basis correlate neighbouring residuals, and then a sample tells less than an independent one.
 """
 
 from dataclasses import dataclass
@@ -11,30 +11,28 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from rpms_ros.identification.projection.fit import SAMPLES
-from rpms_ros.identification.projection.fit import VARIANCE
 from rpms_ros.identification.projection.fit import Fit
-from rpms_ros.identification.projection.fit import Known
 from rpms_ros.identification.projection.fit import weak_ridge
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 _ROUNDING = 1e-12
-# Lengths over which residuals are summed to see whether they hang together [ns].
+# Lengths over which residuals are summed to see whether they are correlated [ns].
 _BLOCK_NS = (100_000_000, 500_000_000, 2_000_000_000)
 
 
 def residual_spread(start_ns: IntArray, count: FloatArray, sums: FloatArray) -> FloatArray:
     """Return, for some lengths, the mean of (sum of residuals)^2 / samples in blocks [N^2].
 
-    For white residuals each is their variance; where they hang together it is larger, by the
+    For white residuals each is their variance; where they are correlated it is larger, by the
     factor by which a naive covariance is too small.
 
     Parameters
     ----------
-    start_ns, count, sums : ndarray (cells,)
-        Begin, number of samples and sum of the residuals of consecutive cells.
+    start_ns, count, sums : ndarray (blocks,)
+        Begin, number of samples and sum of the residuals of consecutive blocks.
     """
     spread = np.zeros(len(_BLOCK_NS))
     for place, length in enumerate(_BLOCK_NS):
@@ -96,13 +94,13 @@ class Uncertainty:
 
 
 def uncertainty(
-    fit: Fit, known: Known, spread: FloatArray, confidence: float
+    fit: Fit, prior: Prior, spread: FloatArray, confidence: float
 ) -> Uncertainty | None:
     """Return the uncertainty of a fit whose equations are complete.
 
     Parameters
     ----------
-    fit, known : Fit, Known
+    fit, prior : Fit, Prior
         State of the estimator.
     spread : ndarray (lengths,)
         See `residual_spread` [N^2].
@@ -114,15 +112,15 @@ def uncertainty(
     Uncertainty or None
         None while there is no sample.
     """
-    if not fit.scalars[SAMPLES] > 0.0:
+    if not fit.samples[0] > 0.0:
         return None
-    joint = len(known.reference)
+    joint = len(prior.reference)
     lower = np.tril(fit.complete)
     matrix = lower + lower.T - np.diag(np.diag(lower))
-    matrix[:joint, :joint] += known.information
-    variance = float(fit.scalars[VARIANCE])
-    prior = np.arange(PARAMETERS)
-    matrix[prior, prior] += variance / known.deviation**2
+    matrix[:joint, :joint] += prior.information
+    variance = float(fit.variance[0])
+    theta = np.arange(PARAMETERS)
+    matrix[theta, theta] += variance / prior.deviation**2
     linear = np.arange(PARAMETERS, len(matrix))
     matrix[linear, linear] += weak_ridge(fit)
     scale = np.sqrt(np.diag(matrix))
@@ -132,14 +130,14 @@ def uncertainty(
     inverse = 0.5 * (inverse + inverse.T) * variance
     inverse[PARAMETERS:] *= np.sqrt(together)
     inverse[:, PARAMETERS:] *= np.sqrt(together)
-    inverse = _inflate_parameters(inverse, known, together)
+    inverse = _inflate_parameters(inverse, prior, together)
     return Uncertainty(inverse[:joint, :joint], fit.theta.copy(), confidence)
 
 
-def _inflate_parameters(covariance: FloatArray, known: Known, factor: float) -> FloatArray:
+def _inflate_parameters(covariance: FloatArray, prior: Prior, factor: float) -> FloatArray:
     """Inflate theta, but no deviation beyond that of the prior, which does not depend on data."""
     deviation = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 0.0))
-    most = np.maximum(known.deviation / np.maximum(deviation, 1e-300), 1.0)
+    most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
     scale = np.ones(len(covariance))
     scale[:PARAMETERS] = np.minimum(np.sqrt(factor), most)
     result: FloatArray = covariance * np.outer(scale, scale)

@@ -3,7 +3,7 @@
 Each of these mutants makes a test of this file fail (tried by hand):
 
 * forgetting turned off (``share = 0`` in `forget`);
-* the gradient of the remembered cost set to zero (nothing added to `pull`);
+* the gradient of the remembered cost set to zero (nothing added to `information_vector`);
 * its decay left out (only the information is forgotten);
 * memory and horizon never compared, or compared without the horizon's part of the statistic;
 * no process noise along the difference (``share = 0`` in `yield_to_horizon`);
@@ -21,12 +21,11 @@ from rpms_ros.identification import horizon
 from rpms_ros.identification.estimate import CONVERGED
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.arrival import absorb
-from rpms_ros.identification.projection.arrival import disagreement_limit
-from rpms_ros.identification.projection.arrival import forget
-from rpms_ros.identification.projection.cells import SIZE
-from rpms_ros.identification.projection.fit import VARIANCE
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
+from rpms_ros.identification.projection.arrival_cost import disagreement_limit
+from rpms_ros.identification.projection.arrival_cost import forget
+from rpms_ros.identification.projection.arrival_cost import marginalize
+from rpms_ros.identification.projection.fit import fit_linear
+from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.muscle import RecruitmentParameters
 from rpms_ros.muscle import identified_recruitment
@@ -94,21 +93,11 @@ def absorbed_fixture(record):
     settings = replace(SETTINGS, by_rate=None, step_period=100.0, baseline=False)
     estimator = HorizonEstimator(settings)
     take.feed(estimator)
-    fit, known = estimator._fit, estimator._known
+    fit = estimator._fit
     fit.theta[:] = [0.45, 0.95, 4.5, 5.5]
-    estimator._solve(fit, known, refresh=True)
+    fit_linear(estimator._problem, fit, True)
     fit.linear[0] *= 1.02
-    absorb(
-        estimator._cells,
-        0,
-        int(estimator._cells.place[SIZE]),
-        estimator._kick,
-        estimator._baseline,
-        known,
-        estimator._work,
-        fit,
-        estimator._trial,
-    )
+    marginalize(estimator._problem, int(estimator._problem.blocks.size[0]), fit, estimator._trial)
     return take, estimator
 
 
@@ -124,9 +113,9 @@ def squares(take, theta, linear):
 
 def test_the_remembered_cost_has_the_slope_of_the_samples(absorbed):
     take, estimator = absorbed
-    fit, known = estimator._fit, estimator._known
+    fit, prior = estimator._fit, estimator._problem.prior
     found = []
-    for place in range(len(known.pull)):
+    for place in range(len(prior.information_vector)):
         costs = []
         for step in (1e-4, -1e-4):
             theta, linear = fit.theta.copy(), fit.linear.copy()
@@ -139,26 +128,26 @@ def test_the_remembered_cost_has_the_slope_of_the_samples(absorbed):
             costs.append(squares(take, theta, linear))
         found.append((costs[0] - costs[1]) / 2e-4)
     # Central differences of step 1e-4: 1e-8 of the third derivative, a few 1e-5 of the slope here
-    expected = -2 * known.pull
+    expected = -2 * prior.information_vector
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
 def test_forgetting_moves_no_optimum(absorbed):
     """Less is known afterwards, about the same parameters."""
     _, estimator = absorbed
-    known, fit = estimator._known, estimator._fit
-    fit.scalars[VARIANCE] = 0.01
+    prior, fit = estimator._problem.prior, estimator._fit
+    fit.variance[0] = 0.01
     # The horizon knows half of what is remembered, and the first Laguerre function twice as well.
-    fit.complete[:] = 0.5 * np.tril(known.information)
-    fit.complete[4, 4] += known.information[4, 4]
-    before = np.linalg.solve(known.information, known.pull)
-    sizes = np.linalg.eigvalsh(known.information)
+    fit.complete[:] = 0.5 * np.tril(prior.information)
+    fit.complete[4, 4] += prior.information[4, 4]
+    before = np.linalg.solve(prior.information, prior.information_vector)
+    sizes = np.linalg.eigvalsh(prior.information)
     for _ in range(10):
-        forget(known, fit, 0.1)
-    after = np.linalg.solve(known.information, known.pull)
+        forget(prior, fit, 0.1)
+    after = np.linalg.solve(prior.information, prior.information_vector)
     # Condition number 1e5 of a matrix known to 1e-12
     np.testing.assert_allclose(after, before, atol=1e-6 * np.abs(before).max())
-    assert (np.linalg.eigvalsh(known.information) < 0.9 * sizes).all()
+    assert (np.linalg.eigvalsh(prior.information) < 0.9 * sizes).all()
 
 
 def test_what_is_remembered_weighs_little_beside_a_full_horizon(record):
@@ -166,7 +155,7 @@ def test_what_is_remembered_weighs_little_beside_a_full_horizon(record):
     estimator = HorizonEstimator(SETTINGS)
     take.feed(estimator)
     functions = slice(PARAMETERS, PARAMETERS + 7)
-    remembered = np.trace(estimator._known.information[functions, functions])
+    remembered = np.trace(estimator._problem.prior.information[functions, functions])
     held = np.trace(estimator._fit.complete[functions, functions])
     # A step forgets 2 % of what is replaced while 1/400 to 1/200 of the horizon leaves: a share
     # of an eighth to a third stays.  Without forgetting it would be twice the horizon.

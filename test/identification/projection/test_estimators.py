@@ -8,7 +8,6 @@ from rpms_ros.identification.batch import BatchEstimator
 from rpms_ros.identification.estimate import CONVERGED
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.cells import SIZE
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import RecruitmentParameters
@@ -128,8 +127,8 @@ def test_memory_is_flat(record):
     take = record(45.0)
     estimator = HorizonEstimator(ProjectionSettings(basis=SETTINGS.basis, horizon=2.0))
     take.feed(estimator, 1000)
-    assert int(estimator._cells.place[SIZE]) < 70
-    assert len(estimator._pending.begin_ns) == 0
+    assert int(estimator._problem.blocks.size[0]) < 70
+    assert len(estimator._delay_line.begin_ns) == 0
 
 
 def test_follows_a_clock_that_jumps_back(record):

@@ -1,14 +1,13 @@
-"""The sums a cell give the same normal equations as a loop over samples, derivatives included."""
+"""The sums a block give the same normal equations as a loop over samples, derivatives included."""
 
 import numpy as np
 import pytest
 
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.cells import SIZE
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
 from rpms_ros.identification.projection.normal_equations import gradient_pass
 from rpms_ros.identification.projection.normal_equations import linear_pass
+from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.muscle import RecruitmentParameters
 from rpms_ros.muscle import identified_recruitment
@@ -45,11 +44,9 @@ def prepared_fixture(record):
 def equations(estimator, theta, linear):
     """Return matrix and right-hand side at theta, the derivatives taken at `linear`."""
     fit = estimator._fit
-    cells, work = estimator._cells, estimator._work
-    last = int(cells.place[SIZE])
-    baseline = estimator._baseline
-    linear_pass(cells, 0, last, theta, BASIS.kick, baseline, work, fit.matrix, fit.right)
-    gradient_pass(cells, 0, last, theta, linear, BASIS.kick, baseline, work, fit.matrix, fit.right)
+    last = int(estimator._problem.blocks.size[0])
+    linear_pass(estimator._problem, last, theta, fit.matrix, fit.right)
+    gradient_pass(estimator._problem, last, theta, linear, fit.matrix, fit.right)
     lower = np.tril(fit.matrix)
     return lower + np.tril(lower, -1).T, fit.right.copy()
 
@@ -82,9 +79,8 @@ def test_equal_those_of_a_loop_over_samples(prepared):
 
 def test_offset_and_slope_are_sums_over_samples(prepared):
     take, estimator = prepared
-    estimator._baseline = estimator._baseline._replace(
-        origin_ns=0, spacing_ns=int(take.stamp_ns[-1])
-    )
+    baseline = estimator._problem.baseline._replace(origin_ns=0, spacing_ns=int(take.stamp_ns[-1]))
+    estimator._problem = estimator._problem._replace(baseline=baseline)
     matrix, right = equations(estimator, THETA, np.zeros(BASIS.functions))
     ahead = take.stamp_ns / take.stamp_ns[-1]
     hats = np.column_stack((1.0 - ahead, ahead))

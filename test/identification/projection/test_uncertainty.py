@@ -10,7 +10,7 @@ from rpms_ros.identification.estimate import NOT_INFORMED
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.projection.excitation import excitation
+from rpms_ros.identification.projection.identifiability import identifiability
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import simulation_subject
@@ -51,9 +51,9 @@ def test_excitation_flags_follow_their_rules():
     prior = np.full(4, 0.2)
     deviation = np.array([0.19, 0.1, 0.001, 0.001])
     flags = [NOT_INFORMED, INFORMED, CONVERGED, CONVERGED]
-    np.testing.assert_array_equal(excitation(deviation, prior, 0.0), flags)
+    np.testing.assert_array_equal(identifiability(deviation, prior, 0.0), flags)
     np.testing.assert_array_equal(
-        excitation(np.full(4, 0.001), prior, 0.05), [INFORMED, INFORMED, CONVERGED, CONVERGED]
+        identifiability(np.full(4, 0.001), prior, 0.05), [INFORMED, INFORMED, CONVERGED, CONVERGED]
     )
 
 

@@ -1,6 +1,6 @@
-r"""What is kept of cells that leave the horizon: a quadratic cost about [theta, w].
+r"""What is kept of blocks that leave the horizon: a quadratic cost about [theta, w].
 
-``(z - z_0)^T L (z - z_0) / 2 - p^T (z - z_0)``: a leaving cell adds its Gauss-Newton matrix to L
+``(z - z_0)^T L (z - z_0) / 2 - p^T (z - z_0)``: a leaving block adds its Gauss-Newton matrix to L
 and its gradient to p, both at the parameters as they stand.
 
 Old knowledge must give way to new, but only where there is new.  With M = L + (information of
@@ -24,7 +24,7 @@ added along the difference ``L^{-1} v``, as much as brings T down to one,
 
 .. math:: L \leftarrow L - (1 - 1/T)\, v v^T / (v^T L^{-1} v),
 
-and all that the horizon replaces is forgotten at once: cells that left since the muscle changed
+and all that the horizon replaces is forgotten at once: blocks that left since the muscle changed
 were linearised at parameters between the old and the new ones.
 """
 
@@ -32,19 +32,15 @@ import numba
 import numpy as np
 from scipy.special import chdtri
 
-from rpms_ros.identification.projection.cells import Cells
-from rpms_ros.identification.projection.fit import FAILURES
-from rpms_ros.identification.projection.fit import VARIANCE
 from rpms_ros.identification.projection.fit import Fit
-from rpms_ros.identification.projection.fit import Known
 from rpms_ros.identification.projection.fit import away_from_reference
 from rpms_ros.identification.projection.fit import coordinate
 from rpms_ros.identification.projection.fit import weak_ridge
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
-from rpms_ros.identification.projection.normal_equations import Baseline
-from rpms_ros.identification.projection.normal_equations import Pass
 from rpms_ros.identification.projection.normal_equations import gradient_pass
 from rpms_ros.identification.projection.normal_equations import linear_pass
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Prior
+from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.small_matrix import dot
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import FloatArray
@@ -59,45 +55,25 @@ def disagreement_limit(unknowns: int) -> float:
 
 
 @numba.njit(cache=True)
-def _recentre(known: Known, fit: Fit) -> None:
+def _recentre(prior: Prior, fit: Fit) -> None:
     """Expand the cost about the parameters as they stand."""
-    for place in range(len(known.reference)):
+    for place in range(len(prior.reference)):
         here = (
             coordinate(fit.theta, place) if place < PARAMETERS else fit.linear[place - PARAMETERS]
         )
-        step = here - known.reference[place]
-        for row in range(len(known.reference)):
-            known.pull[row] -= known.information[row, place] * step
-        known.reference[place] = here
+        step = here - prior.reference[place]
+        for row in range(len(prior.reference)):
+            prior.information_vector[row] -= prior.information[row, place] * step
+        prior.reference[place] = here
 
 
 @numba.njit(cache=True)
-def absorb(
-    cells: Cells,
-    first: int,
-    last: int,
-    kick: float,
-    baseline: Baseline,
-    known: Known,
-    work: Pass,
-    fit: Fit,
-    scratch: Fit,
-) -> None:
-    """Add what cells first..last-1 say at the parameters of `fit` to what is known."""
-    _recentre(known, fit)
-    linear_pass(cells, first, last, fit.theta, kick, baseline, work, scratch.matrix, scratch.right)
-    gradient_pass(
-        cells,
-        first,
-        last,
-        fit.theta,
-        fit.linear,
-        kick,
-        baseline,
-        work,
-        scratch.matrix,
-        scratch.right,
-    )
+def marginalize(problem: Problem, last: int, fit: Fit, scratch: Fit) -> None:
+    """Add what the problem's blocks before `last` say at the parameters of `fit` to its prior."""
+    prior = problem.prior
+    _recentre(prior, fit)
+    linear_pass(problem, last, fit.theta, scratch.matrix, scratch.right)
+    gradient_pass(problem, last, fit.theta, fit.linear, scratch.matrix, scratch.right)
     functions = len(fit.linear)
     matrix = scratch.matrix
     for row in range(PARAMETERS + functions):
@@ -108,45 +84,47 @@ def absorb(
             total -= entry * fit.linear[function]
         for knot in range(len(fit.levels)):
             total -= matrix[PARAMETERS + functions + knot, row] * fit.levels[knot]
-        known.pull[row] += total
+        prior.information_vector[row] += total
         for column in range(row + 1):
-            known.information[row, column] += matrix[row, column]
+            prior.information[row, column] += matrix[row, column]
             if column < row:
-                known.information[column, row] += matrix[row, column]
+                prior.information[column, row] += matrix[row, column]
 
 
 @numba.njit(cache=True)
-def _total(known: Known, fit: Fit) -> FloatArray:
+def _total(prior: Prior, fit: Fit) -> FloatArray:
     """Return the lower triangle of M, kept positive by a trace of its size."""
-    count = len(known.reference)
-    total = fit.complete[:count, :count] + known.information
+    count = len(prior.reference)
+    total = fit.complete[:count, :count] + prior.information
     size = 0.0
     for row in range(count):
         size = max(size, total[row, row])
     for row in range(count):
-        total[row, row] += 1e-12 * size + fit.scalars[VARIANCE]
+        total[row, row] += 1e-12 * size + fit.variance[0]
     return total
 
 
 @numba.njit(cache=True)
-def forget(known: Known, fit: Fit, share: float) -> None:
-    """Forget `share` of what is known besides the cells, where the cells replace it."""
-    count = len(known.reference)
-    information = known.information
+def forget(prior: Prior, fit: Fit, share: float) -> None:
+    """Forget `share` of what is known besides the blocks, where the blocks replace it."""
+    count = len(prior.reference)
+    information = prior.information
     kept = np.empty((count, count))
     for column in range(count):
         solved = information[column].copy()
-        if not solve_positive(_total(known, fit), solved):
-            fit.scalars[FAILURES] += 1.0
+        if not solve_positive(_total(prior, fit), solved):
+            fit.failures[0] += 1.0
             return
         for row in range(count):
             kept[row, column] = dot(information[row], solved)
-    solved = known.pull.copy()
-    if not solve_positive(_total(known, fit), solved):
-        fit.scalars[FAILURES] += 1.0
+    solved = prior.information_vector.copy()
+    if not solve_positive(_total(prior, fit), solved):
+        fit.failures[0] += 1.0
         return
     for row in range(count):
-        known.pull[row] += share * (dot(information[row], solved) - known.pull[row])
+        prior.information_vector[row] += share * (
+            dot(information[row], solved) - prior.information_vector[row]
+        )
     for row in range(count):
         for column in range(row + 1):
             value = 0.5 * (kept[row, column] + kept[column, row])
@@ -156,42 +134,42 @@ def forget(known: Known, fit: Fit, share: float) -> None:
 
 
 @numba.njit(cache=True)
-def _weakly_known(known: Known, fit: Fit, matrix: FloatArray) -> None:
+def _add_prior(prior: Prior, fit: Fit, matrix: FloatArray) -> None:
     """Add what is known without any data to the diagonal of an information matrix."""
     ridge = weak_ridge(fit)
     for row in range(len(matrix)):
         if row < PARAMETERS:
-            matrix[row, row] += fit.scalars[VARIANCE] / known.deviation[row] ** 2
+            matrix[row, row] += fit.variance[0] / prior.deviation[row] ** 2
         else:
             matrix[row, row] += ridge
 
 
 @numba.njit(cache=True)
-def _slope_at_optimum(known: Known, fit: Fit, gradient: FloatArray) -> FloatArray:
+def _slope_at_optimum(prior: Prior, fit: Fit, gradient: FloatArray) -> FloatArray:
     """Return minus the gradient of the remembered cost where both costs together are least."""
-    count = len(known.reference)
+    count = len(prior.reference)
     both = fit.complete.copy()
-    _weakly_known(known, fit, both)
-    both[:count, :count] += known.information
+    _add_prior(prior, fit, both)
+    both[:count, :count] += prior.information
     step = np.zeros(len(both))
     # The linear unknowns are solved: the joint cost has a slope by theta only.
     step[:PARAMETERS] = gradient
     if not solve_positive(both, step):
-        fit.scalars[FAILURES] += 1.0
-    away = away_from_reference(fit, known) + step[:count]
-    slope = known.pull.copy()
+        fit.failures[0] += 1.0
+    away = away_from_reference(fit, prior) + step[:count]
+    slope = prior.information_vector.copy()
     for row in range(count):
-        slope[row] -= dot(known.information[row], away)
+        slope[row] -= dot(prior.information[row], away)
     return slope
 
 
 @numba.njit(cache=True)
-def yield_to_horizon(known: Known, fit: Fit, gradient: FloatArray, limit: float) -> float:
+def yield_to_horizon(prior: Prior, fit: Fit, gradient: FloatArray, limit: float) -> float:
     """Give way where what is remembered contradicts the horizon; return the statistic T.
 
     Parameters
     ----------
-    known : Known
+    prior : Prior
         What is remembered, changed if T is above the limit.
     fit : Fit
         Its equations are complete, its linear unknowns solved.
@@ -200,31 +178,31 @@ def yield_to_horizon(known: Known, fit: Fit, gradient: FloatArray, limit: float)
     limit : float
         See `disagreement_limit`.
     """
-    count = len(known.reference)
-    slope = _slope_at_optimum(known, fit, gradient)
+    count = len(prior.reference)
+    slope = _slope_at_optimum(prior, fit, gradient)
     own = fit.complete.copy()
-    _weakly_known(known, fit, own)
+    _add_prior(prior, fit, own)
     by_horizon = np.zeros(len(own))
     by_horizon[:count] = slope
-    memory = known.information.copy()
-    _weakly_known(known, fit, memory)
+    memory = prior.information.copy()
+    _add_prior(prior, fit, memory)
     difference = slope.copy()
     if not (solve_positive(own, by_horizon) and solve_positive(memory, difference)):
-        fit.scalars[FAILURES] += 1.0
+        fit.failures[0] += 1.0
         return 0.0
     statistic: float = dot(slope, by_horizon[:count]) + dot(slope, difference)
-    statistic /= fit.scalars[VARIANCE]
+    statistic /= fit.variance[0]
     if not statistic > limit:
         return statistic
-    _recentre(known, fit)
+    _recentre(prior, fit)
     held = np.empty(count)
     for row in range(count):
-        held[row] = dot(known.information[row], difference)
+        held[row] = dot(prior.information[row], difference)
     share = (1.0 - 1.0 / statistic) / dot(difference, held)
-    along = share * dot(difference, known.pull)
+    along = share * dot(difference, prior.information_vector)
     for row in range(count):
-        known.pull[row] -= held[row] * along
+        prior.information_vector[row] -= held[row] * along
         for column in range(count):
-            known.information[row, column] -= share * held[row] * held[column]
-    forget(known, fit, 1.0)
+            prior.information[row, column] -= share * held[row] * held[column]
+    forget(prior, fit, 1.0)
     return statistic

@@ -11,7 +11,7 @@ from rpms_ros.pulses import IntArray
 _REFRACTORY_NS = 1_000_000
 
 
-class PendingPulses:
+class PulseDelayLine:
     """Pulses that have not begun to act, with what their repetition rate makes of them.
 
     Parameters

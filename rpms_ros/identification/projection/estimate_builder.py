@@ -13,12 +13,10 @@ from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.physiology import MISFIT
 from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.physiology import TwitchReader
-from rpms_ros.identification.projection.excitation import excitation
-from rpms_ros.identification.projection.fit import DAMPING
-from rpms_ros.identification.projection.fit import MOVED
 from rpms_ros.identification.projection.fit import Fit
-from rpms_ros.identification.projection.fit import Known
-from rpms_ros.identification.projection.normal_equations import PARAMETERS
+from rpms_ros.identification.projection.identifiability import identifiability
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.projection.uncertainty import Uncertainty
 from rpms_ros.identification.projection.uncertainty import uncertainty
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES
@@ -50,7 +48,7 @@ class Counters:
     output_error: float
 
 
-class Snapshots:
+class EstimateBuilder:
     """Makes estimates of one estimator.
 
     Parameters
@@ -78,13 +76,13 @@ class Snapshots:
         self,
         stamp_ns: int,
         fit: Fit,
-        known: Known,
+        prior: Prior,
         spread: FloatArray,
         counters: Counters,
         faults: Mapping[str, int],
     ) -> Estimate:
         """Return the estimate of a fit whose equations are complete."""
-        sure = uncertainty(fit, known, spread, self._confidence)
+        sure = uncertainty(fit, prior, spread, self._confidence)
         count = len(fit.linear)
         names = tuple(f'basis_{index + 1}' for index in range(count))
         levels = tuple(f'baseline_{index + 1}' for index in range(len(fit.levels)))
@@ -93,8 +91,8 @@ class Snapshots:
             fields |= {
                 'confidence': self._confidence,
                 'nonlinear_covariance': sure.parameter_covariance,
-                'nonlinear_excitation': excitation(
-                    sure.deviations, known.deviation, float(fit.scalars[MOVED])
+                'nonlinear_excitation': identifiability(
+                    sure.deviations, prior.deviation, float(fit.moved[0])
                 ),
                 'condition_number': _condition(fit),
             }
@@ -113,7 +111,7 @@ class Snapshots:
             output_error=counters.output_error,
             samples=counters.samples,
             pulses=counters.pulses,
-            damping=float(fit.scalars[DAMPING]),
+            damping=float(fit.damping[0]),
             faults=dict(faults),
             **fields,
         )

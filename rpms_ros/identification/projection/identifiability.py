@@ -19,7 +19,7 @@ SETTLED: FloatArray = np.array([0.01, 0.01, 0.15, 0.15])
 SETTLED.flags.writeable = False
 
 
-def excitation(deviation: FloatArray, prior: FloatArray, moved: float) -> IntArray:
+def identifiability(deviation: FloatArray, prior: FloatArray, moved: float) -> IntArray:
     """Return a flag a parameter (4,).
 
     Parameters
