@@ -17,8 +17,8 @@ from rpms_ros.identification.analysis.field_fit import fit_field
 from rpms_ros.identification.analysis.muscle_analysis import MuscleAnalysis
 from rpms_ros.identification.analysis.responses import Cutter
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.segmentation import Group
 from rpms_ros.identification.analysis.segmentation import Kind
+from rpms_ros.identification.analysis.segmentation import PulseGroup
 from rpms_ros.identification.analysis.segmentation import groups_of
 from rpms_ros.identification.analysis.segmentation import in_order
 from rpms_ros.identification.analysis.settings import AnalysisSettings
@@ -296,10 +296,10 @@ def _chosen(pulses: PulseTrain, mask: BoolArray) -> PulseTrain:
     )
 
 
-def _shortened(group: Group) -> Group:
+def _shortened(group: PulseGroup) -> PulseGroup:
     """Return at most the first pulses of a group: a long train repeats itself."""
     last = min(group.last, group.first + MOST_PULSES)
-    return Group(group.kind, group.first, last, group.start_ns, group.end_ns, group.levels)
+    return PulseGroup(group.kind, group.first, last, group.start_ns, group.end_ns, group.levels)
 
 
 def _share_left(response: Response) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from rpms_ros.identification.analysis.artifact import Artifacts
 from rpms_ros.identification.analysis.artifact import near_pulses
 from rpms_ros.identification.analysis.cleaning import CleanTrace
-from rpms_ros.identification.analysis.segmentation import Group
+from rpms_ros.identification.analysis.segmentation import PulseGroup
 from rpms_ros.identification.analysis.settings import AnalysisSettings
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
@@ -85,7 +85,7 @@ class Cutter:
         shift = round(artifacts.clock_offset * NANOSECONDS_PER_SECOND)
         self.onset_ns = pulses.onset_ns + shift
 
-    def cut(self, group: Group) -> Response | str:
+    def cut(self, group: PulseGroup) -> Response | str:
         """Return the response to a group of pulses, or why it does not qualify."""
         settings, trace = self._settings, self._trace
         start = int(self.onset_ns[group.first])

@@ -49,7 +49,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Group:
+class PulseGroup:
     """Pulses without a rest between them.
 
     Attributes
@@ -83,7 +83,7 @@ def in_order(pulses: PulseTrain) -> PulseTrain:
     return PulseTrain(onset, pulses.intensity[first], pulses.sequence[first], pulses.width[first])
 
 
-def groups_of(pulses: PulseTrain, rest: float) -> tuple[Group, ...]:
+def groups_of(pulses: PulseTrain, rest: float) -> tuple[PulseGroup, ...]:
     """Return the groups of pulses that a rest separates.
 
     Parameters
@@ -100,11 +100,11 @@ def groups_of(pulses: PulseTrain, rest: float) -> tuple[Group, ...]:
     return tuple(_group(pulses, int(first), int(last)) for first, last in pairwise(edges))
 
 
-def _group(pulses: PulseTrain, first: int, last: int) -> Group:
+def _group(pulses: PulseTrain, first: int, last: int) -> PulseGroup:
     levels = _levels(pulses, first, last)
     start_ns, end_ns = int(pulses.onset_ns[first]), int(pulses.onset_ns[last - 1])
     kind = _kind(levels, last - first)
-    return Group(kind, first, last, start_ns, end_ns, levels)
+    return PulseGroup(kind, first, last, start_ns, end_ns, levels)
 
 
 def _kind(levels: tuple[Level, ...], count: int) -> Kind:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpms_ros.identification.analysis.cleaning import CleanTrace
-from rpms_ros.identification.analysis.segmentation import Group
 from rpms_ros.identification.analysis.segmentation import Level
+from rpms_ros.identification.analysis.segmentation import PulseGroup
 from rpms_ros.identification.analysis.settings import AnalysisSettings
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -66,7 +66,7 @@ class Baseline:
 
 
 def resting_force(
-    trace: CleanTrace, groups: tuple[Group, ...], onset_ns: IntArray
+    trace: CleanTrace, groups: tuple[PulseGroup, ...], onset_ns: IntArray
 ) -> Baseline | None:
     """Return the baseline before each group and at the end; None without any rest."""
     span = round(REST_SPAN * NANOSECONDS_PER_SECOND)
