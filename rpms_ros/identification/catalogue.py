@@ -22,7 +22,7 @@ from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.settings import settings_by_name
 
 GROUP = 'rpms_ros.estimators'
-_PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'update')
+_PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line', 'update')
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,7 @@ ESTIMATORS: Mapping[str, EstimatorBuilder] = MappingProxyType(
 def estimator_names() -> tuple[str, ...]:
     """Return the names of all estimators that are installed, those of this package first."""
     return (*ESTIMATORS, *sorted(set(_registered()) - set(ESTIMATORS)))
+
 
 OFF_LINE = ('batch',)
 """Estimators for which an estimate costs more the longer the session."""

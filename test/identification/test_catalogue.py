@@ -23,6 +23,7 @@ class MeanForce:
 
     name = 'mean_force'
     memory = 0.5
+    on_line = True
 
     def __init__(self, options):
         self.options = options

@@ -130,6 +130,8 @@ class Expected(NamedTuple):
         Least share of the curve inside its 95 % interval; 0 where the model does not hold.
     settled : bool
         Whether all parameters may be flagged as converged.
+    may : set of str
+        What may be counted as well, by how well the estimator predicts.
     """
 
     make: Callable[[], Recording]
@@ -137,12 +139,14 @@ class Expected(NamedTuple):
     error: float = np.inf
     coverage: float = 0.0
     settled: bool = False
+    may: frozenset[str] | set[str] = frozenset()
 
 
+CLIPPED = frozenset({'force_clipped', 'force_frozen', 'samples_excluded'})
 # Coverage is that of one session: the points of a curve lie inside or outside together.
 SCENARIOS = {
     'steady': Expected(steady, frozenset(), 0.005, 0.5, True),
-    'step of gain': Expected(step_of_gain, frozenset(), np.inf, 0.0, True),
+    'step of gain': Expected(step_of_gain, frozenset(), np.inf, 0.0, True, {'force_unexplained'}),
     'fatigue': Expected(fatigue, frozenset(), 0.08, 0.0, True),
     'silence': Expected(silence, frozenset(), 0.01, 0.5, True),
     'gap': Expected(gap, frozenset({'force_gap', 'samples_excluded'}), 0.01, 0.5, True),
@@ -150,8 +154,8 @@ SCENARIOS = {
         clock_jump, frozenset({'clock_jump', 'samples_excluded'}), 0.01, 0.5, True
     ),
     'constant intensity': Expected(constant_intensity),
-    'saturated sensor': Expected(saturated_sensor),
-    'no force': Expected(no_force),
+    'saturated sensor': Expected(saturated_sensor, CLIPPED, 0.01, 0.5, True, {'force_artifact'}),
+    'no force': Expected(no_force, frozenset({'force_constant'})),
 }
 # What only the horizon can do: the batch and the recursion describe one muscle.
 HORIZON = {
@@ -179,7 +183,7 @@ def test_scenario(name, scenario):
         value = getattr(estimate, field.name)
         if isinstance(value, np.ndarray | float):
             assert np.isfinite(value).all(), field.name
-    assert set(estimate.faults) == expected.faults
+    assert expected.faults <= set(estimate.faults) <= expected.faults | expected.may
     assert estimate.curve_known == (scenario != 'constant intensity')
     # No prediction runs away: forces peak below 10 N.
     assert np.abs(session.prediction[2000:]).max() < 20.0

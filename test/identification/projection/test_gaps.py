@@ -10,7 +10,7 @@ from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.fit import fit_linear
 from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.identification.stream import IdentificationStream
+from rpms_ros.identification.session import identify
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
@@ -18,21 +18,12 @@ SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
 SECOND_NS = 1_000_000_000
 
 
-def streamed(estimator, take, kept):
-    """Run a stream over the samples that are kept; return the estimates and the trace."""
-    trace = []
-    stream = IdentificationStream(estimator, None, lambda *block: trace.append(block))
+def session_of(estimator, take, kept):
+    """Return the session of an estimator over the samples that are kept."""
     count = len(take.onset_ns)
     order = np.arange(count, dtype=np.int64)
-    stream.add_pulses(PulseTrain(take.onset_ns, take.intensity, order, np.zeros(count)))
-    stamps, forces = take.stamp_ns[kept], take.force[kept]
-    estimates = []
-    for start in range(0, len(stamps), 500):
-        part = slice(start, start + 500)
-        stream.add_forces(ForceTrace(stamps[part], forces[part]))
-        estimates += stream.advance()
-    estimates += stream.finish()
-    return estimates, [np.concatenate(column) for column in zip(*trace, strict=True)]
+    pulses = PulseTrain(take.onset_ns, take.intensity, order, np.zeros(count))
+    return identify(estimator, pulses, ForceTrace(take.stamp_ns[kept], take.force[kept]))
 
 
 @pytest.mark.parametrize('after', [0.7, 1.5, 4.0])
@@ -40,8 +31,7 @@ def test_pulses_through_an_outage_of_the_force_destroy_nothing(after, record):
     """150 s at 20 Hz without force are more pulses than the horizon has room for."""
     take = record(12.0 + 150.0 + after, noise=0.005)
     kept = (take.stamp_ns < 12 * SECOND_NS) | (take.stamp_ns >= 162 * SECOND_NS)
-    estimates, _ = streamed(HorizonEstimator(SETTINGS), take, kept)
-    estimate = estimates[-1]
+    estimate = session_of(HorizonEstimator(SETTINGS), take, kept).last
     assert estimate.confidence == 0.95
     assert take.curve_error(estimate) < 0.01
     half = (estimate.curve_upper - estimate.curve_force).max() / take.curve.max()
@@ -76,10 +66,10 @@ def test_the_prediction_after_a_gap_stays_near_the_force(kind, gap, record):
     take.force[:10_000] += 0.2 * 1e-9 * take.stamp_ns[:10_000]
     take.force[10_000:] += 2.0
     kept = (take.stamp_ns < 10 * SECOND_NS) | (take.stamp_ns >= (10 + gap) * SECOND_NS)
-    _, (stamp, force, prediction, _) = streamed(kind(SETTINGS), take, kept)
-    later = stamp >= (10 + gap) * SECOND_NS + 700_000_000
+    session = session_of(kind(SETTINGS), take, kept)
+    later = session.stamp_ns >= (10 + gap) * SECOND_NS + 700_000_000
     # Noise of 0.5 % and the drift that the batch did not see since its last fit
-    assert np.abs(prediction - force)[later].max() < 2.0
+    assert np.abs(session.prediction - session.force)[later].max() < 2.0
 
 
 @pytest.mark.parametrize('kind', [BatchEstimator, HorizonEstimator])
