@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.laguerre import transition_generator
-from rpms_ros.identification.projection.normal_equations import move_state
+from rpms_ros.identification.projection.normal_equations import advance_state
 from rpms_ros.muscle import twitch
 
 
@@ -37,7 +37,7 @@ def test_states_move_as_the_functions_do(first, second, time_constant):
     state = basis.evaluate(first)[0]
     generator = np.empty(7)
     transition_generator(2.0 / time_constant * second, generator)
-    move_state(generator, state)
+    advance_state(generator, state)
     # Polynomials of order 6 in up to 2 * 0.6 / 0.015 = 80, damped: a few digits are lost.
     np.testing.assert_allclose(state, basis.evaluate(first + second)[0], atol=1e-9)
 
