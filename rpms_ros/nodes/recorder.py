@@ -1,18 +1,22 @@
 """Node that records topics as they come: raw bytes, nothing deserialised.
 
 What has come is handed to the operating system every `flush_period`: a recorder that is killed
-leaves all but the last of it readable.
+leaves all but the last of it readable.  The topics of this package are heard from the start; the
+type of any other is learnt from whoever publishes it.
 """
 
+import json
 import time
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
@@ -26,17 +30,27 @@ from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import parameter
+from rpms_ros.nodes.recorded_types import definition_of
+from rpms_ros.nodes.recorded_types import message_class
+from rpms_ros.nodes.recorded_types import offered_qos
+from rpms_ros.nodes.recorded_types import subscription_qos
+from rpms_ros.nodes.recorded_types import type_name_of
 from rpms_ros.nodes.runner import run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
+from rpms_ros.recording.checksums import read_key
+from rpms_ros.recording.verifying import PUBLISHERS_KEY
 
-_TOPICS = {
-    topics.PULSES: (Pulse, messages.PULSE, qos.PULSES),
-    topics.PULSES_COMMANDED: (Pulse, messages.PULSE, qos.PULSES),
-    topics.FORCE: (WrenchStamped, messages.WRENCH_STAMPED, qos.FORCE),
-    topics.ESTIMATE: (MuscleEstimate, messages.MUSCLE_ESTIMATE, qos.ESTIMATE),
-    topics.DRIVER_STATUS: (DriverStatus, 'rpms_msgs/msg/DriverStatus', qos.STATUS),
+_TOPICS: dict[str, tuple[Any, QoSProfile]] = {
+    topics.PULSES: (Pulse, qos.PULSES),
+    topics.PULSES_COMMANDED: (Pulse, qos.PULSES),
+    topics.FORCE: (WrenchStamped, qos.FORCE),
+    topics.ESTIMATE: (MuscleEstimate, qos.ESTIMATE),
+    topics.DRIVER_STATUS: (DriverStatus, qos.STATUS),
 }
+# How often the types of other topics are looked for [s].
+_LOOK_PERIOD = 0.2
+_MOST_NAMES = 100
 
 
 @dataclass(frozen=True)
@@ -44,15 +58,20 @@ class RecorderParameters(NodeParameters):
     """Parameters of the recorder."""
 
     path: str = parameter(
-        '', 'Folder of the recording, which must not exist yet; empty makes a name of the time.'
+        '',
+        'Folder of the recording, which must not exist yet; empty makes a name of time and '
+        'namespace.',
     )
     storage: str = parameter('mcap', 'Format of the file.', choices=('mcap', 'sqlite3'))
     compression: str = parameter('', 'Of mcap.', choices=('', 'lz4', 'zstd'))
     topics: tuple[str, ...] = parameter(
-        (topics.PULSES, topics.FORCE, topics.ESTIMATE), 'Topics.', choices=tuple(_TOPICS)
+        tuple(_TOPICS), 'Topics of any type; those that nobody publishes stay empty.'
     )
     best_effort_force: bool = parameter(
         False, 'Hear a force sensor that publishes best effort; samples may then be lost.'
+    )
+    key_file: str = parameter(
+        '', 'File with the key that signs the recording; empty leaves it unsigned.'
     )
     flush_period: float = parameter(
         0.5, 'Time between two writes to the file.', unit='s', minimum=0.01, maximum=60.0
@@ -68,7 +87,7 @@ class TopicCount:
     messages : int
         Number of them.
     first_ns, last_ns : int
-        Stamps of the first and the newest [ns].
+        Stamps of the first and the newest, times of reception where there are none [ns].
     """
 
     messages: int = 0
@@ -93,41 +112,102 @@ class TopicCount:
 class Recorder(Node):
     """Recorder of a session; keyword arguments go to `rclpy.node.Node`."""
 
-    settings_type = RecorderParameters
-
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', **options)
         self.settings = declare_parameters(self, RecorderParameters)
-        path = self.settings.path or datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S')
         try:
-            self._writer = RecordingWriter(path, self.settings.storage, self.settings.compression)
+            self._writer = self._opened()
         except RecordingError as error:
             raise NodeError(str(error)) from error
         self._closed = False
         self.counts = {name: TopicCount() for name in self.settings.topics}
+        self._publisher_counts: dict[str, int] = {}
+        self._unknown: list[str] = []
         for name in self.settings.topics:
-            self._subscribe(name)
+            if name in _TOPICS:
+                self._subscribe(name, *_TOPICS[name])
+            else:
+                self._unknown.append(name)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.flush_period, self._flush, clock=steady)
+        if self._unknown:
+            self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
 
-    def _subscribe(self, name: str) -> None:
-        kind, type_name, profile = _TOPICS[name]
+    @property
+    def path(self) -> Path:
+        """Folder of the recording."""
+        return self._writer.path
+
+    def _opened(self) -> RecordingWriter:
+        """Return the writer; of recorders that make the same name, each takes another one."""
+        settings = self.settings
+        key = read_key(Path(settings.key_file)) if settings.key_file else None
+        options: dict[str, Any] = {'storage': settings.storage, 'key': key}
+        options['compression'] = settings.compression
+        if settings.path:
+            return RecordingWriter(settings.path, **options)
+        now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S')
+        base = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
+        for number in range(1, _MOST_NAMES):
+            name = base if number == 1 else f'{base}_{number}'
+            try:
+                return RecordingWriter(name, **options)
+            except RecordingError:
+                # Another recorder may have made the folder since it was looked for.
+                if not Path(name).exists():
+                    raise
+        raise RecordingError(f'expected a name for the recording, got {base} taken')
+
+    def _look(self) -> None:
+        """Subscribe to topics whose type is known by now."""
+        types = dict(self.get_topic_names_and_types()) if self._unknown else {}
+        for name in list(self._unknown):
+            found = types.get(self.resolve_topic_name(name), [])
+            infos = self.get_publishers_info_by_topic(name) if found else []
+            if not infos:
+                continue
+            self._unknown.remove(name)
+            try:
+                kind = message_class(found[0])
+                definition_of(found[0])
+            except RecordingError as error:
+                logger_of(self).error(f'{name} is not recorded: {error}')
+                continue
+            self._subscribe(name, kind, subscription_qos(infos))
+
+    def _subscribe(self, name: str, kind: Any, profile: QoSProfile) -> None:
         if name == topics.FORCE and self.settings.best_effort_force:
             profile = qos.FORCE_BEST_EFFORT
-        topic = self._writer.add_topic(self.resolve_topic_name(name), type_name)
+        topic: int | None = None
         count = self.counts[name]
+        stamped = 'header' in list(kind.get_fields_and_field_types())[:1]
+        self._publisher_counts[name] = 0
 
         def take(data: bytes) -> None:
+            nonlocal topic
             if self._closed:
                 return
-            count.take(messages.stamp_of_bytes(data))
-            self._writer.append(topic, time.time_ns(), data)
+            now_ns = time.time_ns()
+            if topic is None:
+                # By now it is known how it is published.
+                topic = self._add_topic(name, kind)
+            count.take(messages.stamp_of_bytes(data) if stamped else now_ns)
+            self._writer.append(topic, now_ns, data)
 
         self.create_subscription(kind, name, take, profile, raw=True)
+
+    def _add_topic(self, name: str, kind: Any) -> int:
+        type_name = type_name_of(kind)
+        profiles = offered_qos(self.get_publishers_info_by_topic(name))
+        return self._writer.add_topic(
+            self.resolve_topic_name(name), type_name, profiles, definition_of(type_name)
+        )
 
     def _flush(self) -> None:
         if self._closed:
             return
+        for name, most in self._publisher_counts.items():
+            self._publisher_counts[name] = max(most, self.count_publishers(name))
         try:
             self._writer.flush()
         except RecordingError as error:
@@ -138,6 +218,12 @@ class Recorder(Node):
         if self._closed:
             return
         self._closed = True
+        counts = {
+            self.resolve_topic_name(name): count
+            for name, count in self._publisher_counts.items()
+            if count
+        }
+        self._writer.custom[PUBLISHERS_KEY] = json.dumps(counts)
         try:
             self._writer.close()
         except RecordingError as error:

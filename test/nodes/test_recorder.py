@@ -1,5 +1,6 @@
 """The recorder on real rclpy: every byte that was published, readable even after a kill."""
 
+import json
 import os
 import signal
 import subprocess
@@ -11,16 +12,26 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from rosbags.interfaces import QosDurability
+from rosbags.interfaces import QosReliability
+from rosbags.rosbag2 import Reader
+from std_msgs.msg import String
 
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
+from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.recorded_types import _installed_text
+from rpms_ros.nodes.recorded_types import definition_of
+from rpms_ros.nodes.recorded_types import message_class
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.recorder import TopicCount
 from rpms_ros.pulses import Pulse
+from rpms_ros.recording import read_facts
 from rpms_ros.recording import read_recording
+from rpms_ros.recording.definitions import described_type
 
 MILLISECOND = 1_000_000
 SAMPLES = 2000
@@ -105,9 +116,50 @@ def test_a_folder_that_exists_is_not_overwritten(graph, tmp_path: Path) -> None:
         graph.add(Recorder, path=str(tmp_path))
 
 
-def test_an_unknown_topic_is_refused(graph, tmp_path: Path) -> None:
-    with pytest.raises(NodeError, match=r"topics: expected one of pulses, .* got 'emg'"):
-        graph.add(Recorder, path=str(tmp_path / 'session'), topics=['emg'])
+def test_recorders_of_one_second_take_different_names(
+    graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    recorders = [
+        graph.add(lambda **options: Recorder(namespace='leg/left', **options)) for _ in range(3)
+    ]
+    names = {recorder.path.name for recorder in recorders}
+    assert len(names) == 3
+    assert all('_leg_left' in name for name in names)
+
+
+def test_any_topic_is_recorded_as_rosbag2_does(graph, tmp_path: Path) -> None:
+    path = tmp_path / 'session'
+    node = graph.add(lambda **options: Node('source', **options))
+    recorder = graph.add(Recorder, path=str(path), topics=['pulses', 'note', 'nobody'])
+    pulses = [node.create_publisher(PulseMessage, 'pulses', qos.PULSES) for _ in range(2)]
+    notes = node.create_publisher(String, 'note', qos.STATUS)
+    notes.publish(String(data='before anybody listens'))
+    graph.wait_for(lambda: recorder.counts['note'].messages == 1)
+    graph.wait_for(lambda: recorder.count_publishers('pulses') == 2)
+    graph.wait_for(lambda: pulses[0].get_subscription_count() == 1)
+    pulses[0].publish(messages.pulse_message(Pulse(10**18, 0.5), MESSAGE_TYPES))
+    graph.wait_for(lambda: recorder.counts['pulses'].messages == 1)
+    graph.wait_for(lambda: recorder._publisher_counts['pulses'] == 2)
+    recorder.close()
+    with Reader(path) as reader:
+        found = {each.topic: each for each in reader.connections}
+    assert set(found) == {'/pulses', '/note'}
+    assert found['/note'].msgtype == 'std_msgs/msg/String'
+    assert found['/note'].digest == definition_of('std_msgs/msg/String')[1]
+    (profile,) = found['/note'].ext.offered_qos_profiles
+    assert profile.durability is QosDurability.TRANSIENT_LOCAL
+    assert profile.reliability is QosReliability.RELIABLE
+    assert len(found['/pulses'].ext.offered_qos_profiles) == 2
+    facts = read_facts(path)
+    assert facts.faults == {}
+    assert json.loads(facts.custom['publishers']) == {'/pulses': 2, '/note': 1}
+
+
+def test_a_type_is_described_by_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('AMENT_PREFIX_PATH', os.environ.get('AMENT_PREFIX_PATH', sys.prefix))
+    type_name = 'rpms_msgs/msg/Pulse'
+    assert described_type(type_name, _installed_text)[1] == definition_of(type_name)[1]
 
 
 def test_missing_samples_are_seen_by_the_stamps() -> None:
@@ -116,3 +168,8 @@ def test_missing_samples_are_seen_by_the_stamps() -> None:
         count.take(10**18 + index * MILLISECOND)
     assert count.missing(1000.0) == 2
     assert TopicCount().missing(1000.0) == 0
+
+
+def test_a_type_that_is_not_installed_is_named() -> None:
+    with pytest.raises(RecordingError, match='expected an installed lab_msgs/msg/Jaw, got No mod'):
+        message_class('lab_msgs/msg/Jaw')

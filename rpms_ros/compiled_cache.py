@@ -1,0 +1,64 @@
+"""Where compiled functions are kept: one folder for each state of the sources.
+
+numba looks whether the file of a compiled function has changed, not the files of what that
+function calls: after an edit of those it would run the old mathematics.  So what was compiled from
+other sources is not looked at.
+"""
+
+import hashlib
+import os
+import shutil
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+_PREFIX = 'rpms_ros-'
+_VARIABLE = 'NUMBA_CACHE_DIR'
+# A state of the sources that was worked on lately is worth its compiled functions.
+_MOST_STATES = 4
+
+
+def key_of(package: Path) -> str:
+    """Return a name for the state of all sources of a package that hold compiled functions."""
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob('*.py')):
+        content = path.read_bytes()
+        if b'njit' in content:
+            digest.update(f'{path.relative_to(package)} {len(content)} '.encode())
+            digest.update(content)
+    return _PREFIX + digest.hexdigest()[:16]
+
+
+def use_cache_of(package: Path) -> None:
+    """Let numba keep what it compiles in a folder of these sources.
+
+    Below ``NUMBA_CACHE_DIR`` if it is set, else in the ``__pycache__`` of the package, else in
+    the user's cache.  Where nothing can be written, numba does as it always does.
+    """
+    key = key_of(package)
+    given = os.environ.get(_VARIABLE)
+    if given and Path(given).name == key:
+        return
+    own = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'rpms_ros')
+    for base in [Path(given)] if given else [package / '__pycache__', own]:
+        folder = base / key
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK):
+                _use(folder)
+                _forget_old_states(base)
+                return
+
+
+def _use(folder: Path) -> None:
+    folder.touch()
+    os.environ[_VARIABLE] = str(folder)
+    if 'numba' in sys.modules:
+        # It has read its environment already.
+        sys.modules['numba'].config.CACHE_DIR = str(folder)
+
+
+def _forget_old_states(base: Path) -> None:
+    states = sorted(base.glob(f'{_PREFIX}*'), key=lambda path: path.stat().st_mtime)
+    for state in states[:-_MOST_STATES]:
+        shutil.rmtree(state, ignore_errors=True)

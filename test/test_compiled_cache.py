@@ -1,0 +1,64 @@
+"""Compiled functions of other sources are not used: an edit of what they call counts."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from rpms_ros.compiled_cache import key_of
+
+CALLED = 'from numba import njit\n\n@njit(cache=True)\ndef called(x):\n    return x + {}\n'
+CALLER = """from numba import njit
+
+from mathematics.called import called
+
+@njit(cache=True)
+def caller(x):
+    return 10 * called(x)
+"""
+SCRIPT = """
+import sys
+from pathlib import Path
+from rpms_ros import compiled_cache
+compiled_cache.use_cache_of(Path(sys.argv[1]))
+from mathematics.caller import caller
+print(caller(1), sum(caller.stats.cache_hits.values()))
+"""
+
+
+def result(package: Path) -> list[int]:
+    """Return what the compiled function says, and how often it came out of the cache."""
+    environment = {**os.environ, 'PYTHONPATH': str(package.parent)}
+    environment['NUMBA_CACHE_DIR'] = str(package.parent / 'cache')
+    done = subprocess.run(
+        [sys.executable, '-c', SCRIPT, str(package)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    return [int(word) for word in done.stdout.split()]
+
+
+def test_old_mathematics_do_not_survive_an_edit(tmp_path: Path) -> None:
+    package = tmp_path / 'mathematics'
+    package.mkdir()
+    (package / '__init__.py').write_text('')
+    (package / 'caller.py').write_text(CALLER)
+    (package / 'called.py').write_text(CALLED.format(1))
+    assert result(package) == [20, 0]
+    assert result(package) == [20, 1]
+    (package / 'called.py').write_text(CALLED.format(2))
+    assert result(package) == [30, 0]
+    assert result(package) == [30, 1]
+
+
+def test_the_key_is_that_of_compiled_sources_only(tmp_path: Path) -> None:
+    (tmp_path / 'plain.py').write_text('x = 1\n')
+    (tmp_path / 'called.py').write_text(CALLED.format(1))
+    key = key_of(tmp_path)
+    (tmp_path / 'plain.py').write_text('x = 2\n')
+    assert key_of(tmp_path) == key
+    (tmp_path / 'called.py').write_text(CALLED.format(2))
+    assert key_of(tmp_path) != key
