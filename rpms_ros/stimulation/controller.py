@@ -91,8 +91,12 @@ class StimulationController(DeviceOwner):
         super().__init__(device, settings, specification.limits, coil, clock)
         self.specification = specification
         self.ledger = MemoryLedger() if ledger is None else ledger
+        # two books: what may have been given, written before each trigger, and what was given as
+        # far as the device tells; a pulse has to pass both
         self.limiter = PulseLimiter(specification.limits)
-        self.limiter.book_history(self.ledger.history(clock()))
+        self.confirmed = PulseLimiter(specification.limits)
+        for books in (self.limiter, self.confirmed):
+            books.book_history(self.ledger.history(clock()))
         self.lateness = Lateness()
         self.on_fired: Callable[[Fired], None] = _nobody
         self.commanded = 0
@@ -121,7 +125,7 @@ class StimulationController(DeviceOwner):
                 f'got {maximum_intensity:g}'
             )
         self.limits = dataclasses.replace(self.limits, maximum_intensity=maximum_intensity)
-        self.limiter.limits = self.limits
+        self.limiter.limits = self.confirmed.limits = self.limits
 
     def check_start(self, schedule: Schedule) -> None:
         """Raise what `start` would raise."""
@@ -291,7 +295,9 @@ class StimulationController(DeviceOwner):
         if onset_ns - run.due_ns > nanoseconds(self.settings.lateness_limit_s):
             self._drop(run)
             return False
-        refusal = self.limiter.refusal(onset_ns, run.intensity, run.schedule.width_s)
+        both = self.limiter, self.confirmed
+        refusals = [books.refusal(onset_ns, run.intensity, run.schedule.width_s) for books in both]
+        refusal = refusals[0] or refusals[1]
         if refusal is not None and refusal.limit not in TIMING_LIMITS:
             self.count(refusal.limit)
             self.cancel(f'{refusal.limit}: {refusal.reason}', 'limit')
@@ -299,7 +305,8 @@ class StimulationController(DeviceOwner):
         held_by = self.interlocks.held_by(now)
         if refusal is not None:
             # the pulse before was late: this one waits for its interval, if it then is not late
-            self._hold_ns = self.limiter.earliest_ns(run.intensity) - self._trigger_ns
+            earliest = max(books.earliest_ns(run.intensity) for books in both)
+            self._hold_ns = earliest - self._trigger_ns
         elif held_by is not None or not self._reservations_hold(run):
             self._hold_ns, self._held_by = now + AGAIN_NS, held_by or 'ledger'
         else:
@@ -360,6 +367,7 @@ class StimulationController(DeviceOwner):
             return
         run.delivered += 1
         self.limiter.correct(delivery.time_ns)
+        self.confirmed.book(delivery.time_ns, fired.intensity)
         self.lateness.add(delivery.time_ns - fired.due_ns)
         tolerance = self.settings.intensity_tolerance
         wrong = intensity_fault(delivery.intensity, fired.intensity, tolerance)
@@ -386,13 +394,20 @@ class StimulationController(DeviceOwner):
         """Return the plan as the device can give it, or raise what stands against it."""
         after(self.state, Command.START)
         self._refuse_if_open()
-        books, coil, since_ns = self._order(
-            lambda: (self.limiter.copied(), copy(self.coil), self._active_ns),
+        books, confirmed, coil, since_ns = self._order(
+            lambda: (
+                self.limiter.copied(),
+                self.confirmed.copied(),
+                copy(self.coil),
+                self._active_ns,
+            ),
             self.settings.stuck_limit_s,
         )
         plan = quantized_plan(schedule, books, self.device)
         refuse_over_dose(plan, self.limits, self.ledger)
         refuse_undeliverable(plan, schedule.width_s, books, coil, start_ns, since_ns)
+        if confirmed.last_ns != books.last_ns:
+            refuse_undeliverable(plan, schedule.width_s, confirmed, coil, start_ns, since_ns)
         return plan
 
 
