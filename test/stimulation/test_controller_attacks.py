@@ -331,6 +331,70 @@ def test_pulse_is_late_or_dropped_when_the_line_was_busy(virtual):
     assert driver.controller.lateness.max_s <= 0.01
 
 
+@pytest.mark.parametrize('stall_ms', [9, 11])
+def test_stall_between_the_check_and_the_trigger_leaves_no_late_pulse(running, stall_ms):
+    """The machine stands still when the pulse has passed every check."""
+    driver = running
+    booked = driver.controller._booked
+
+    def stalls(run):
+        pulse = booked(run)
+        driver.clock.now += stall_ms * MILLISECOND
+        return pulse
+
+    driver.controller._booked = stalls
+    driver.advance(0.05)
+    driver.controller._booked = booked
+    driver.advance(4.6)
+    late = stall_ms > 10
+    assert driver.controller.dropped == late
+    assert driver.controller.run.delivered == 100 - late
+    # it was sent, or certainly not: the sequence goes on
+    assert [pulse.sequence for pulse in driver.fired] == list(range(100 - late))
+    assert driver.controller.lateness.max_s <= 0.01
+
+
+def test_stop_between_the_check_and_the_trigger_leaves_no_pulse(running):
+    driver = running
+    booked = driver.controller._booked
+
+    def stopped(run):
+        pulse = booked(run)
+        driver.controller.stop('test', 'a test')
+        return pulse
+
+    driver.controller._booked = stopped
+    before = len(driver.fired)
+    driver.device.calls.clear()
+    driver.advance(1.0)
+    assert len(driver.fired) == before
+    assert 'fire' not in driver.device.calls
+    assert not driver.device.armed
+    assert driver.controller.state is State.DISARMED
+
+
+def test_a_pulse_has_to_pass_with_and_without_one_that_was_never_given(virtual):
+    """Asked for, not given: the step counts from the one before it as well."""
+    limits = Limits(maximum_intensity_step=0.4, minimum_pause_s=0.5)
+    driver = virtual(limits).armed()
+    steps = tuple(Constant(20.0, 0.05, intensity=value) for value in (0.3, 0.6, 0.9))
+    driver.controller.start(Schedule(steps))
+    driver.advance(0.06)
+    driver.clock.now = driver.controller.due_ns()
+    booked = driver.controller._booked
+
+    def stalls(run):
+        driver.controller._booked = booked
+        pulse = booked(run)
+        driver.clock.now += 11 * MILLISECOND
+        return pulse
+
+    driver.controller._booked = stalls
+    driver.advance(0.5)
+    assert [value for _, value in driver.device.commands] == [0.3]
+    assert driver.controller.run.ended.startswith('maximum_intensity_step: expected a step')
+
+
 def test_no_pulse_is_late_at_the_wire_times_of_9600_baud(virtual):
     driver = virtual(wire=WIRE, steps=100).armed()
     run = driver.controller.start(constant(0.3, 20.0, 50.0))

@@ -1,0 +1,188 @@
+"""The controller and the dose ledger: no pulse that is not reserved, and books that outlive it."""
+
+from contextlib import suppress
+
+import pytest
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation import constant
+from rpms_ros.stimulation.clocks import Clocks
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.dose import BookedPulse
+from rpms_ros.stimulation.dose import DoseLimits
+from rpms_ros.stimulation.dose import LedgerError
+from rpms_ros.stimulation.dose_ledger import DoseLedger
+from rpms_ros.stimulation.dose_ledger import MemoryLedger
+from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.settings import DriverSettings
+from rpms_ros.stimulation.states import State
+
+SECOND = 1_000_000_000
+TRAIN = constant(0.5, 5.0, 20.0)
+
+
+class FailingLedger(MemoryLedger):
+    """Fails, or takes its time, when it is told to."""
+
+    broken = False
+    slow = False
+    past = ()
+
+    def __init__(self, dose=None):
+        super().__init__(dose)
+        self.reserved = []
+
+    def history(self, now_monotonic_ns):
+        return tuple(
+            pulse._replace(time_ns=now_monotonic_ns + pulse.time_ns) for pulse in self.past
+        )
+
+    def reserve(self, pulses):
+        if self.broken:
+            raise LedgerError('expected a disk, got none')
+        self.reserved.extend(pulses)
+        return super().reserve(pulses)
+
+
+def test_pulses_are_reserved_ahead_and_given_back_after_the_end(virtual):
+    ledger = FailingLedger()
+    driver = virtual(ledger=ledger).armed()
+    run = driver.controller.start(TRAIN)
+    # a second ahead
+    assert len(ledger.reserved) == 21
+    for _ in range(30):
+        driver.advance(0.1)
+        assert len(ledger.reserved) - len(driver.device.commands) >= 10
+    driver.controller.cancel()
+    driver.advance(0.1)
+    given = len(driver.device.commands)
+    assert ledger.totals().pulses == given
+    assert [pulse.time_ns for pulse in ledger.reserved[:given]] == [
+        run.onset_ns(index) for index in range(given)
+    ]
+
+
+def test_pulse_that_is_not_reserved_is_not_fired(virtual):
+    driver = virtual().armed()
+    run = driver.controller.start(TRAIN)
+    # the ledger's thread has stopped writing
+    driver.controller.reserve = lambda: None
+    driver.advance(2.0)
+    assert len(driver.device.commands) == 21
+    assert driver.controller.fault_counts()['ledger'] == run.dropped > 10
+
+
+def test_ledger_that_cannot_be_written_is_a_fault(virtual):
+    ledger = FailingLedger()
+    driver = virtual(ledger=ledger).armed()
+    ledger.broken = True
+    with pytest.raises(LedgerError, match='expected a disk, got none'):
+        driver.controller.start(TRAIN)
+    assert driver.controller.state is State.ARMED
+    assert driver.device.commands == []
+    ledger.broken = False
+    driver.controller.start(TRAIN)
+    driver.advance(0.2)
+    ledger.broken = True
+    driver.advance(3.0)
+    assert driver.controller.state is State.FAULT
+    assert driver.controller.reason == 'expected a disk, got none'
+    assert not driver.device.armed
+    # what was reserved before
+    assert len(driver.device.commands) <= 21
+
+
+def test_schedule_over_the_dose_is_refused_before_its_first_pulse(virtual):
+    ledger = MemoryLedger(DoseLimits(pulses=99, energy_j=1e6, window_h=24.0))
+    driver = virtual(ledger=ledger).armed()
+    with pytest.raises(Refused, match='expected at most 99 pulses in 24 h, got 100') as caught:
+        driver.controller.start(TRAIN)
+    assert caught.value.limit == 'dose_pulses'
+    driver.controller.start(constant(0.5, 4.95, 20.0))
+    driver.advance(6.0)
+    assert len(driver.device.commands) == 99
+    assert ledger.totals().pulses == 99
+
+
+def test_dose_that_somebody_else_uses_up_ends_the_run(virtual):
+    ledger = MemoryLedger(DoseLimits(pulses=120, energy_j=1e6, window_h=24.0))
+    driver = virtual(ledger=ledger).armed()
+    run = driver.controller.start(TRAIN)
+    driver.advance(0.2)
+    ledger.account.add([BookedPulse(0, 1.0, 0.0)] * 60, reserved=False)
+    driver.advance(5.0)
+    assert (run.cause, driver.controller.state) == ('limit', State.DISARMED)
+    assert 'dose_pulses: expected at most 120 pulses' in run.ended
+    assert len(driver.device.commands) <= 60
+
+
+def test_rest_power_and_session_survive_a_restart(virtual):
+    limits = Limits(
+        pulse_energy_j=100.0, continuous_power_w=100.0, energy_window_s=10.0, session_pulses=110
+    )
+    ledger = FailingLedger()
+    # 30 pulses of 25 J in 1.5 s, until half a second ago
+    ledger.past = [BookedPulse(-(i + 10) * SECOND // 20, 0.5, 25.0) for i in reversed(range(30))]
+    driver = virtual(limits, ledger=ledger).armed()
+    assert driver.controller.limiter.session_pulses == 30
+    with pytest.raises(Refused, match=r'wait: expected a wait of 6 s after a train of 30 pulses'):
+        driver.controller.start(constant(0.1, 1.0, 20.0))
+    with pytest.raises(Refused, match='expected at most 80 more pulses in this session, got 100'):
+        driver.controller.start(TRAIN)
+    driver.advance(5.6)
+    driver.controller.start(constant(0.1, 1.0, 20.0))
+
+
+def test_a_real_device_needs_a_ledger():
+    class Real(SimulatedDevice):
+        real = True
+
+    specification = load_device_specification('rapid2-240v')
+    with pytest.raises(StimulationError, match='expected a dose ledger for a real device'):
+        StimulationController(Real(), specification, DriverSettings())
+
+
+def test_three_processes_on_one_ledger_keep_the_limit(virtual, tmp_path):
+    """What earlier processes had reserved counts, although they never said that it was over."""
+    limits = Limits(pulse_energy_j=100.0, continuous_power_w=10.0, energy_window_s=60.0)
+    given, refused, began_ns = 0, [], 0
+    for _ in range(3):
+        # the machine's clock goes on, that of the process begins anew
+        clock = [SECOND]
+        clocks = Clocks(
+            lambda now=clock: now[-1], lambda now=clock, began=began_ns: began + now[-1]
+        )
+        with DoseLedger(tmp_path, 'device', 'patient', clocks=clocks) as ledger:
+            driver = virtual(limits, ledger=ledger).armed()
+            driver.clock.meanwhile.append(lambda now=clock, own=driver.clock: now.append(own.now))
+            # not given back: as if the process had been killed
+            ledger.settle = list
+            try:
+                # 25 J each
+                driver.controller.start(constant(0.5, 0.5, 20.0))
+            except Refused as error:
+                refused.append(error.limit)
+            driver.advance(0.3)
+            given += len(driver.device.commands)
+            began_ns += driver.clock.now
+    # 600 J in a minute, of which 10 pulses were reserved; 6 of them were given
+    assert given == 6
+    assert refused == ['wait', 'wait']
+
+
+def test_processes_that_are_killed_never_exceed_the_dose(virtual, tmp_path):
+    dose = DoseLimits(pulses=60, energy_j=1e6, window_h=24.0)
+    given = 0
+    for number in range(20):
+        clocks = Clocks(lambda: SECOND, lambda at=number: (at + 1) * 100 * SECOND)
+        with DoseLedger(tmp_path, 'device', 'patient', dose, clocks) as ledger:
+            driver = virtual(ledger=ledger).armed()
+            ledger.settle = list
+            with suppress(Refused):
+                driver.controller.start(constant(0.5, 0.25, 20.0))
+            driver.advance(0.05 * (number % 5) + 0.06)
+            given += len(driver.device.commands)
+    assert 30 <= given <= 60
