@@ -25,7 +25,7 @@ def test_text(rpms: Rpms, short_session: Path) -> None:
         '20.0',
         'Hz',
     ]
-    assert '  schedule: paper-random' in lines
+    assert '  schedule: uniform_random' in lines
     assert max(map(len, lines)) <= 100
 
 
