@@ -13,6 +13,7 @@ from array import array
 from collections.abc import Callable
 from collections.abc import Mapping
 from typing import Any
+from typing import get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -37,14 +38,21 @@ WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
 PULSE = 'rpms_msgs/msg/Pulse'
 MUSCLE_ESTIMATE = 'rpms_msgs/msg/MuscleEstimate'
 
-# Fields of MuscleEstimate that are called the same and hold the same as in Estimate.
-_NUMBERS = ('repetition_rate', 'confidence', 'output_error', 'damping', 'condition_number')
-_COUNTS = ('samples', 'pulses')
-_NAMES = ('nonlinear_names', 'linear_names', 'physiology_names')
-_CURVES = tuple(f'curve_{part}' for part in ('intensity', 'force', 'lower', 'upper'))
-_RESPONSES = tuple(f'response_{part}' for part in ('time', 'force', 'lower', 'upper'))
-_PHYSIOLOGY = ('physiology', 'physiology_lower', 'physiology_upper')
-_ARRAYS = ('nonlinear', 'linear', *_CURVES, *_RESPONSES, *_PHYSIOLOGY)
+
+def _fields_of(kind: Any, *apart: str) -> tuple[str, ...]:
+    """Return the fields of an estimate of one type, but for those that are converted apart."""
+    hints = get_type_hints(Estimate)
+    return tuple(name for name, hint in hints.items() if hint == kind and name not in apart)
+
+
+# Fields of MuscleEstimate are called as those of Estimate: a new one of these types needs no line.
+_NUMBERS = _fields_of(float)
+_COUNTS = _fields_of(int, 'stamp_ns')
+_NAMES = _fields_of(tuple[str, ...])
+_ARRAYS = _fields_of(FloatArray, 'nonlinear_covariance')
+_CURVES = tuple(name for name in _ARRAYS if name.startswith('curve_'))
+_RESPONSES = tuple(name for name in _ARRAYS if name.startswith('response_'))
+_PHYSIOLOGY = tuple(name for name in _ARRAYS if name.startswith('physiology'))
 
 
 def axis_of(text: str, sign: int = 1) -> Axis:

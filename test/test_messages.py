@@ -1,7 +1,10 @@
 """Messages to domain values and back, with the classes of rclpy and of rosbags."""
 
 import math
+import re
 from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -189,3 +192,11 @@ def test_a_pulse_of_an_older_definition_has_nothing_unverified() -> None:
         header=SimpleNamespace(stamp=stamp), sequence=2, intensity=0.5, width=1e-4
     )
     assert messages.pulse_of(old) == Pulse(1, 0.5, 2, 1e-4, 0)
+
+
+def test_every_field_of_an_estimate_is_one_of_its_message() -> None:
+    definition = Path(__file__).parents[1] / 'msg_defs' / 'msg' / 'MuscleEstimate.msg'
+    in_message = set(re.findall(r'^[\w/\[\]]+ (\w+)(?: |$)', definition.read_text(), re.MULTILINE))
+    in_estimate = {field.name for field in fields(Estimate)}
+    apart = {'stamp_ns', 'faults'}, {'header', 'fault_names', 'fault_counts'}
+    assert in_estimate - apart[0] == in_message - apart[1]

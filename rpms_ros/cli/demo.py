@@ -8,6 +8,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
 from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
@@ -15,15 +17,14 @@ if TYPE_CHECKING:
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
     from rpms_ros.nodes.simulation_launcher import SimulationSettings
 
-DESCRIPTION = """\
+_DESCRIPTION = """\
 Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
 process of its own, on this machine and in a DDS domain of their own.  The muscle is stimulated
 at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  In the end what was
 identified is held against what is true of the muscle, and the recording is identified once more
 off line: the estimates must be the same in every bit.
 """
-EPILOG = """\
-examples:
+_EXAMPLES = """\
   rpms demo --duration 30 --schedule sinusoid
   rpms demo --subject rpms --noise 0.05 --estimator horizon
 
@@ -36,59 +37,40 @@ _TTY_PERIOD, _PLAIN_PERIOD = 0.2, 5.0
 
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
     """Add the command to the command line."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         'demo',
-        help='simulated muscle, driver and identifier live, with a report',
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        run,
+        'simulated muscle, driver and identifier live, with a report',
+        _DESCRIPTION,
+        _EXAMPLES,
     )
-    parser.add_argument(
-        '--duration', type=float, default=45.0, metavar='S', help='stimulation [s] (default: 45)'
-    )
-    parser.add_argument(
-        '--schedule',
-        choices=('uniform_random', 'sinusoid', 'staircase'),
-        default='uniform_random',
-        help='how the intensity goes (default: uniform_random)',
-    )
-    parser.add_argument(
+    add_option(parser, '--duration S', 45.0, 'stimulation [s]')
+    schedules = ('uniform_random', 'sinusoid', 'staircase')
+    add_option(parser, '--schedule', 'uniform_random', 'course of intensity', choices=schedules)
+    add_option(
+        parser,
         '--subject',
+        'simulation',
+        'the muscle: of the simulated identification, average magnetic, average electrical or '
+        'random',
         choices=('simulation', 'rpms', 'fes', 'random'),
-        default='simulation',
-        help='the muscle: of the simulated identification, average magnetic, average electrical '
-        'or random (default: simulation)',
     )
-    parser.add_argument(
-        '--noise',
-        type=float,
-        default=0.0,
-        metavar='N',
-        help='standard deviation of the noise of the sensor [N] (default: 0)',
-    )
-    parser.add_argument(
-        '--seed', type=int, default=1, metavar='K', help='of pulses, noise and random subject'
-    )
-    parser.add_argument(
+    add_option(parser, '--noise N', 0.0, 'standard deviation of the noise of the sensor [N]')
+    add_option(parser, '--seed K', 1, 'of pulses, noise and random subject')
+    add_option(
+        parser,
         '--estimator',
+        'recursive',
+        "the paper's recursion, or exact variable projection over a moving horizon, for noisy "
+        'data with a latency',
         choices=('recursive', 'horizon'),
-        default='recursive',
-        help="the paper's recursion, or exact variable projection over a moving horizon, which "
-        'bears noise and latency (default: recursive)',
     )
-    parser.add_argument(
-        '--preset',
-        choices=('table_4', 'table_5'),
-        default='table_4',
-        help='design parameters of the estimator (default: table_4)',
-    )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='new folder for recording and figure (default: out/demo_<time>)',
-    )
-    parser.set_defaults(run=run)
+    presets = ('table_4', 'table_5')
+    text = 'design parameters of the estimator'
+    add_option(parser, '--preset', 'table_4', text, choices=presets)
+    text = 'new folder for recording and figure; out/demo_<time> if not given'
+    add_option(parser, '--out DIR', None, text, type=Path)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -106,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     print(f'three nodes, one recording, in {folder}')
     with SimulationLauncher(folder, settings) as launcher:
-        _watch(launcher, subject, arguments.duration)
+        _watch(launcher, subject, arguments.duration, arguments.quiet)
         launcher.stop()
     return _report(launcher, subject, settings)
 
@@ -136,7 +118,9 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
     )
 
 
-def _watch(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) -> None:
+def _watch(
+    launcher: 'SimulationLauncher', subject: 'Subject', duration: float, quiet: bool
+) -> None:
     """Show progress until the schedule has run.
 
     It ends with the last pulse: an estimator that forgets would only forget from there on.
@@ -153,7 +137,7 @@ def _watch(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) 
             raise NodeError(f'expected the driver to run within {STARTUP_LIMIT:.0f} s')
         if elapsed > STARTUP_LIMIT + 2 * duration:
             raise NodeError(f'expected the schedule to end after {duration:g} s')
-        if elapsed - shown >= period:
+        if elapsed - shown >= period and not quiet:
             shown = elapsed
             _show(launcher, subject, duration)
     _show(launcher, subject, duration)

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros.cli.options import COMPILING
+from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
@@ -47,7 +49,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         _DESCRIPTION,
         _EXAMPLES,
     )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
+    add_bag(parser)
     parser.add_argument(
         '--json', action='store_true', help='one JSON object on stdout and nothing else there'
     )
@@ -59,30 +61,18 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     """Add what says how a recording is identified."""
     group = parser.add_argument_group('estimator')
-    group.add_argument(
-        '--estimator',
-        default='recursive',
-        metavar='NAME',
-        help='algorithm: recursive (default, of the paper), horizon (the last 20 s, as on line) '
-        'or batch (everything at once); the last two say how sure they are',
+    add_option(
+        group,
+        '--estimator NAME',
+        'recursive',
+        'algorithm: recursive (of the paper), horizon (the last 20 s, as on line) or batch '
+        '(everything at once); the last two state intervals',
     )
-    group.add_argument(
-        '--preset',
-        choices=('table_4', 'table_5'),
-        default='table_4',
-        help='design parameters: Table 4 for slow muscles, Table 5 for experiments '
-        '(default: table_4)',
-    )
-    group.add_argument(
-        '--rate-hz',
-        type=float,
-        default=20.0,
-        metavar='HZ',
-        help='repetition rate for which the recruitment curve is stated [Hz] (default: 20)',
-    )
-    group.add_argument(
-        '--seed', type=int, default=0, help="of the estimator's random start (default: 0)"
-    )
+    text = 'design parameters: Table 4 for slow muscles, Table 5 for experiments'
+    add_option(group, '--preset', 'table_4', text, choices=('table_4', 'table_5'))
+    text = 'repetition rate for which the recruitment curve is stated [Hz]'
+    add_option(group, '--rate-hz HZ', 20.0, text)
+    add_option(group, '--seed', 0, "of the estimator's random start")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer
 from typing import TYPE_CHECKING
+from typing import Any
 
 from rpms_ros.report.text import collapsed
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from rpms_ros.recording import Recording
     from rpms_ros.recording import Topics
 
-Subparsers = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 COMPILING = 'compiling for this machine, once; this takes about half a minute'
 # Bars appear only for what takes longer [s].
 _BAR_DELAY = 1.0
@@ -43,22 +43,35 @@ def add_command(
     return parser
 
 
+def add_option(
+    group: 'argparse._ActionsContainer', option: str, default: Any, text: str, **more: Any
+) -> None:
+    """Add an option, ``--name METAVAR``, of the type of its default, which ends its help."""
+    name, _, metavar = option.partition(' ')
+    if metavar:
+        more['metavar'] = metavar
+    shown = f'{default:g}' if isinstance(default, float) else default
+    text += '' if default in (None, '') else f' (default: {shown})'
+    more.setdefault('type', str if default is None else type(default))
+    group.add_argument(name, default=default, help=text, **more)
+
+
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the recording that a command reads."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
+
+
 def add_topic_options(parser: argparse.ArgumentParser) -> None:
     """Add the names of the topics."""
     group = parser.add_argument_group('where the data are')
-    group.add_argument(
-        '--pulses-topic',
-        default='pulses',
-        metavar='NAME',
-        help='topic of delivered pulses, rpms_msgs/Pulse (default: pulses; without a leading '
-        'slash it is found below a namespace too)',
+    add_option(
+        group,
+        '--pulses-topic NAME',
+        'pulses',
+        'topic of delivered pulses, rpms_msgs/Pulse; without a leading slash also in a namespace',
     )
-    group.add_argument(
-        '--force-topic',
-        default='force',
-        metavar='NAME',
-        help='topic of the force: WrenchStamped, Wrench or Float64 (default: force)',
-    )
+    text = 'topic of the force: WrenchStamped, Wrench or Float64'
+    add_option(group, '--force-topic NAME', 'force', text)
 
 
 def topics_of(arguments: argparse.Namespace) -> 'Topics':

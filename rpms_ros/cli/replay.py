@@ -9,11 +9,14 @@ from typing import Any
 import yaml
 
 from rpms_ros.cli.identify import add_estimator_options
+from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
 from rpms_ros.errors import NodeError
+from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
     from rpms_ros.nodes.replay import Replay
@@ -43,20 +46,11 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         _DESCRIPTION,
         _EXAMPLES,
     )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
-    parser.add_argument(
-        '--factor',
-        type=float,
-        default=0.0,
-        metavar='F',
-        help='seconds of the recording a second (default: 0, as fast as the node keeps up)',
-    )
-    parser.add_argument(
-        '--parameters',
-        type=Path,
-        metavar='FILE',
-        help='parameter file of the identifier; goes before the options of the estimator',
-    )
+    add_bag(parser)
+    text = 'seconds of the recording per second; 0 is as fast as the node keeps up'
+    add_option(parser, '--factor F', 0.0, text)
+    text = 'parameter file of the identifier; goes before the options of the estimator'
+    add_option(parser, '--parameters FILE', None, text, type=Path)
     parser.add_argument('--json', action='store_true', help='one JSON object on stdout')
     add_reading_options(parser)
     add_estimator_options(parser)
@@ -128,17 +122,12 @@ def as_document(
         'elapsed_s': done.elapsed_s,
         'factor': done.factor,
         'off_line': _agreement(off_line),
-        'recorded': None if recorded is None else _agreement(recorded),
+        'recorded': recorded and _agreement(recorded),
     }
 
 
 def _agreement(agreement: 'Agreement') -> dict[str, Any]:
-    return {
-        'exact': agreement.exact,
-        'compared': agreement.compared,
-        'missing': agreement.missing,
-        'differing': dict(agreement.differing),
-    }
+    return {'exact': agreement.exact, **plain(agreement)}
 
 
 def _as_text(document: dict[str, Any]) -> str:

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 from rpms_ros.cli.identify import add_estimator_options
 from rpms_ros.cli.options import COMPILING
+from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
@@ -36,31 +38,18 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     parser = add_command(
         subparsers, 'report', run, 'a recording as one page', _DESCRIPTION, _EXAMPLES
     )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=Path('report.html'),
-        metavar='FILE',
-        help='page to write (default: report.html)',
-    )
-    parser.add_argument(
-        '--files', type=Path, metavar='DIR', help='folder for the figures and report.json'
-    )
+    add_bag(parser)
+    add_option(parser, '--out FILE', Path('report.html'), 'page to write', type=Path)
+    text = 'folder for the figures and report.json'
+    add_option(parser, '--files DIR', None, text, type=Path)
     parser.add_argument(
         '--json', action='store_true', help='also print what the page holds as one JSON object'
     )
-    parser.add_argument('--title', help='headline (default: name of the recording)')
-    parser.add_argument(
-        '--held-out',
-        type=float,
-        default=0.2,
-        metavar='SHARE',
-        help='share of the time at the end that is predicted, not learnt from (default: 0.2)',
-    )
-    parser.add_argument(
-        '--device', metavar='NAME', help='stimulator, by name or YAML file, for energy in J'
-    )
+    add_option(parser, '--title TEXT', None, 'headline; the name of the recording if not given')
+    text = 'share of the time at the end that is predicted, not learnt from'
+    add_option(parser, '--held-out SHARE', 0.2, text)
+    text = 'stimulator, by name or YAML file, for energy in J'
+    add_option(parser, '--device NAME', None, text)
     parser.add_argument(
         '--state',
         action='append',

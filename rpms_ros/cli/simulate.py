@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import progress
 from rpms_ros.errors import RecordingError
 from rpms_ros.errors import StimulationError
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Simulates a session, faster than it would take: a schedule of pulses, a muscle and a force sensor.
-The recording is like one of a laboratory; what is true of the muscle is noted in it (rpms info).
+The recording is like one from a lab; its notes hold the true parameters of the muscle.
 """
 _EXAMPLES = """\
   rpms simulate --out session                               the paper's simulated identification
@@ -56,48 +57,23 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         subparsers, 'simulate', run, 'a recording of a simulated session', _DESCRIPTION, _EXAMPLES
     )
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
-    parser.add_argument(
-        '--storage', choices=('mcap', 'sqlite3'), default='mcap', help='default: mcap'
-    )
-    parser.add_argument(
-        '--compression', choices=('', 'lz4', 'zstd'), default='', help='of mcap (default: none)'
-    )
-    _add_stimulation(parser.add_argument_group('stimulation'))
-    _add_muscle(parser.add_argument_group('muscle and force sensor'))
-
-
-def _add_stimulation(group: 'argparse._ArgumentGroup') -> None:
-    group.add_argument(
-        '--schedule',
-        default='uniform_random',
-        metavar='NAME|FILE',
-        help=f'{", ".join(_SCHEDULES)}, or a YAML file (default: uniform_random)',
-    )
-    group.add_argument(
-        '--duration', type=float, default=90.0, metavar='S', help='length [s] (default: 90)'
-    )
-    group.add_argument(
-        '--pulse-rate', type=float, default=20.0, metavar='HZ', help='[Hz] (default: 20)'
-    )
-    group.add_argument(
-        '--intensity',
-        type=float,
-        default=1.0,
-        metavar='SHARE',
-        help='of the constant schedule, share of the maximum (default: 1)',
-    )
-    group.add_argument(
-        '--seed', type=int, default=1, help='of pulses, noise and random subject (default: 1)'
-    )
-
-
-def _add_muscle(group: 'argparse._ArgumentGroup') -> None:
-    group.add_argument(
+    add_option(parser, '--storage', 'mcap', 'format', choices=('mcap', 'sqlite3'))
+    add_option(parser, '--compression', '', 'of mcap', choices=('', 'lz4', 'zstd'))
+    group = parser.add_argument_group('stimulation')
+    add_option(group, '--schedule NAME|FILE', 'uniform_random', f'{", ".join(_SCHEDULES)}, or a YAML file')
+    add_option(group, '--duration S', 90.0, 'length [s]')
+    add_option(group, '--pulse-rate HZ', 20.0, '[Hz]')
+    text = 'of the constant schedule, share of the maximum'
+    add_option(group, '--intensity SHARE', 1.0, text)
+    add_option(group, '--seed', 1, 'of pulses, noise and random subject')
+    group = parser.add_argument_group('muscle and force sensor')
+    add_option(
+        group,
         '--subject',
+        'simulation',
+        'muscle of the simulated identification (Table 4), average magnetic or electrical '
+        '(Tables 1 to 3), or random',
         choices=_SUBJECTS,
-        default='simulation',
-        help='muscle of the simulated identification (Table 4), average magnetic or electrical '
-        '(Tables 1 to 3), or random (default: simulation)',
     )
     group.add_argument(
         '--own-rates',
@@ -105,13 +81,9 @@ def _add_muscle(group: 'argparse._ArgumentGroup') -> None:
         help='weight each pulse by its own repetition rate; default for a schedule file, while '
         'the others take --pulse-rate for all',
     )
-    group.add_argument(
-        '--rate', type=float, default=1000.0, metavar='HZ', help='of the force (default: 1000)'
-    )
+    add_option(group, '--rate HZ', 1000.0, 'of the force')
     for name, what in _DISTURBANCES.items():
-        group.add_argument(
-            f'--{name}', type=float, default=0.0, metavar='N', help=f'{what} [N] (default: 0)'
-        )
+        add_option(group, f'--{name} N', 0.0, f'{what} [N]')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -24,6 +24,7 @@ from rpms_ros.muscle.subject import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 # A motor axon is absolutely refractory for about a millisecond: no interval counts as shorter.
 REFRACTORY_PERIOD = 1e-3
@@ -127,8 +128,8 @@ class Contraction:
             raise MuscleError(f'expected a window above 0 s, got {window}')
         self.subject = subject
         self._fixed_rate = fixed_rate_hz
-        self._window_ns = round(window * NANOSECONDS_PER_SECOND)
-        self._latency_ns = round(subject.latency * NANOSECONDS_PER_SECOND)
+        self._window_ns = nanoseconds(window)
+        self._latency_ns = nanoseconds(subject.latency)
         self._time_constant_ns = subject.time_constant * NANOSECONDS_PER_SECOND
         power = subject.order - 1
         self._peak = 1.0 if power == 0 else (math.e / power) ** power

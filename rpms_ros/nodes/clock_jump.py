@@ -2,7 +2,7 @@
 
 import time
 
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import nanoseconds
 
 LARGEST_STEP = 1.0
 
@@ -17,7 +17,7 @@ class JumpDetector:
     """
 
     def __init__(self, largest: float = LARGEST_STEP) -> None:
-        self._largest_ns = round(largest * NANOSECONDS_PER_SECOND)
+        self._largest_ns = nanoseconds(largest)
         self._last: tuple[int, int] | None = None
 
     def at(self, now_ns: int, steady_ns: int | None = None) -> bool:

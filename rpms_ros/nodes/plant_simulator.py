@@ -27,6 +27,7 @@ from rpms_ros.nodes.plant_parameters import build_plant
 from rpms_ros.nodes.runner import run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import nanoseconds
 
 _FASTEST_TICK = 1000.0
 # Samples a tick, so that pulses get their turn while the node catches up.
@@ -52,7 +53,7 @@ class PlantSimulator(Node):
             else None
         )
         self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
-        self._delay_ns = round(self.settings.publication_delay * NANOSECONDS_PER_SECOND)
+        self._delay_ns = nanoseconds(self.settings.publication_delay)
         self._jump = JumpDetector()
         self._origin_ns = self.get_clock().now().nanoseconds
         self._steady_origin_ns = time.monotonic_ns()

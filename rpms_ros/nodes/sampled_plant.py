@@ -13,6 +13,7 @@ from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 
 # Names of what can be wrong with a pulse.
 INTENSITY = 'pulse_intensity_out_of_range'
@@ -66,7 +67,7 @@ class SampledPlant:
         if fault is None:
             self._contraction.add_pulses(pulse.onset_ns, pulse.intensity)
             self._recent.append(pulse)
-            latency_ns = round(self._contraction.subject.latency * NANOSECONDS_PER_SECOND)
+            latency_ns = nanoseconds(self._contraction.subject.latency)
             if self._produced and pulse.onset_ns + latency_ns < self.newest_ns:
                 fault = LATE
         if fault is not None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
@@ -214,3 +215,19 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
             main([*command, '--help'])
         assert done.value.code == 0
         assert f'rpms {command[0] if command else "demo"} ' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('estimator', ['recursive', 'batch'])
+def test_the_json_is_what_the_schema_says(
+    as_json: AsJson, short_session: Path, estimator: str
+) -> None:
+    schema = json.loads((Path(__file__).parents[2] / 'docs' / 'identify.schema.json').read_text())
+    document = as_json('identify', short_session, '--json', '--estimator', estimator)
+    jsonschema.validate(document, schema)
+    # it says something: nothing may be missing, nothing may be added
+    for name in schema['required']:
+        rest = {key: value for key, value in document.items() if key != name}
+        with pytest.raises(jsonschema.ValidationError, match='is a required property'):
+            jsonschema.validate(rest, schema)
+    with pytest.raises(jsonschema.ValidationError, match='Additional properties'):
+        jsonschema.validate({**document, 'colour': 'red'}, schema)

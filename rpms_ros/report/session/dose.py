@@ -7,6 +7,7 @@ import numpy as np
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.report.schedule_figure import window_power
 from rpms_ros.schema import internal
 from rpms_ros.stimulation.device_specification import DeviceSpecification
@@ -135,7 +136,7 @@ def _highest_temperature(
         return None
     coil = CoilTemperature(specification.thermal)
     celsius = [
-        coil.heat(round(time * NANOSECONDS_PER_SECOND), heat)
+        coil.heat(nanoseconds(time), heat)
         for time, heat in zip((onset - onset[:1]).tolist(), energy.tolist(), strict=True)
     ]
     return max(celsius, default=specification.thermal.ambient)
