@@ -1,4 +1,4 @@
-"""Exceptions of the package: one class a room, so that a caller can tell who refused.
+"""Exceptions of the package: one class for each part, so that a caller can tell them apart.
 
 Every message reads ``expected <condition>, got <value>`` and names the thing that was wrong.
 """

@@ -1,4 +1,4 @@
-"""Pulses and force samples as arrays: the domain values that every room speaks.
+"""Pulses and force samples as arrays: the values that the parts of the package exchange.
 
 Time is an integer number of nanoseconds since an epoch, as in ``header.stamp``: floating-point
 seconds since 1970 resolve only 0.2 us, and sums of them depend on their order.

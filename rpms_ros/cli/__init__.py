@@ -101,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f'rpms: error: {error}{hint}', file=sys.stderr)
         return FAILURE
     except BrokenPipeError:
-        # Whoever read our output has seen enough; nothing may be flushed into it any more.
+        # The reader has closed our output: nothing may be flushed into it any more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return SUCCESS
     except KeyboardInterrupt:

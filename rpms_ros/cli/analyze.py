@@ -1,4 +1,4 @@
-"""``rpms analyze``: latency, twitch, summation and recruitment out of recordings."""
+"""``rpms analyze``: latency, twitch, summation and recruitment from recordings."""
 
 import argparse
 import json
@@ -25,9 +25,9 @@ Session = tuple[PulseTrain, ForceTrace]
 _PAUSE_NS = 10 * NANOSECONDS_PER_SECOND
 _DESCRIPTION = """\
 Characterises a muscle: latency, twitch and its order from single pulses, summation and history
-from trains, the recruitment field from staircases. Finds out what the recording holds, does what
-can be done with it, and says what cannot and why. Several recordings are shown as tables with a
-row for each.
+from trains, the recruitment field from staircases. Sorts the pulses of a recording into these,
+analyses each kind, and reports what could not be analysed and why. Several recordings are shown as
+tables with a row for each.
 """
 _EXAMPLES = """\
   rpms protocol muscle --out muscle.yaml
@@ -46,7 +46,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         subparsers,
         'analyze',
         run,
-        'latency, twitch, summation and recruitment out of a recording',
+        'latency, twitch, summation and recruitment from a recording',
         _DESCRIPTION,
         _EXAMPLES,
     )
@@ -62,7 +62,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     parser.add_argument(
         '--unknown-intensity',
         action='store_true',
-        help='the intensities in the recording mean nothing, as after importing a gate',
+        help='ignore the intensities in the recording, as after importing a gate',
     )
     parser.add_argument(
         '--together',
@@ -73,7 +73,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Analyse the recordings; return 1 if one of them was faulty or told nothing."""
+    """Analyse the recordings; return 1 if one is faulty or nothing was found in it."""
     from rpms_ros.report.analysis_document import analysis_document
     from rpms_ros.report.analysis_text import analysis_text
 
@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _joined(sessions: Sequence[Session]) -> Session:
-    """Return sessions one after another, a pause between them, as one."""
+    """Return the sessions as one, each after the other with a pause between."""
     import numpy as np
 
     moved = []

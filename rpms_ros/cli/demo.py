@@ -1,4 +1,4 @@
-"""``rpms demo``: the whole graph on this machine, with a muscle whose truth is known."""
+"""``rpms demo``: all nodes on this machine, with a simulated muscle whose parameters are known."""
 
 import argparse
 import shutil
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
 process of its own, on this machine and in a DDS domain of their own.  The muscle is stimulated
-at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  In the end what was
-identified is held against what is true of the muscle, and the recording is identified once more
-off line: the estimates must be the same in every bit.
+at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  At the end the
+identified parameters are compared with the true ones, and the recording is identified again off
+line, which has to give the same estimates in every bit.
 """
 _EXAMPLES = """\
   rpms demo --duration 30 --schedule sinusoid
@@ -103,9 +103,9 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
             'subject': arguments.subject,
             'seed': arguments.seed,
             'noise': arguments.noise,
-            # the identified model does not know about rates: Eq. (11) at the nominal one
+            # the identified model has no repetition rate: simulate Eq. (11) at the nominal one
             'fixed_rate': RATE,
-            # late pulses of a busy machine still come before their force
+            # on a busy machine pulses arrive late, but still before their force
             'publication_delay': 0.05,
         },
         driver={
@@ -123,7 +123,7 @@ def _watch(
 ) -> None:
     """Show progress until the schedule has run.
 
-    It ends with the last pulse: an estimator that forgets would only forget from there on.
+    It ends with the last pulse: after it, an estimator that forgets would lose what it learnt.
     """
     from rpms_ros.nodes.simulation_launcher import STARTUP_LIMIT
 
@@ -149,7 +149,7 @@ def _watch(
 
 
 def _show(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) -> None:
-    """Show one line: how far, how well, what is lost."""
+    """Show one line: time left, error of the curve, parameters, lost samples and pulses."""
     from rpms_ros.report.agreement import curve_error
 
     status, estimates = launcher.monitor.status, launcher.monitor.estimates

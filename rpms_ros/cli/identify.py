@@ -1,4 +1,4 @@
-"""``rpms identify``: what a recording says about the muscle."""
+"""``rpms identify``: recruitment and dynamics of the muscle from a recording."""
 
 import argparse
 import json
@@ -45,7 +45,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         subparsers,
         'identify',
         run,
-        'what a recording says about the muscle',
+        'recruitment and dynamics of the muscle from a recording',
         _DESCRIPTION,
         _EXAMPLES,
     )
@@ -59,7 +59,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says how a recording is identified."""
+    """Add the options of the estimator."""
     group = parser.add_argument_group('estimator')
     add_option(
         group,
@@ -133,7 +133,7 @@ def as_text(document: dict[str, Any]) -> str:
         rows.append((name, f'{found["value"]:.4g}  ({interval})'))
     if 'excitation' in document:
         flags = document['excitation'].items()
-        rows.append(('the data say', ', '.join(f'{name} {flag}' for name, flag in flags)))
+        rows.append(('in the data', ', '.join(f'{name} {flag}' for name, flag in flags)))
     time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
     rows.append(('one pulse', f'peak {peak:.4g} N after {time_ms:.0f} ms'))
     rows.append(('output error', _output_error(document)))

@@ -161,7 +161,7 @@ def told_if_slow(text: str, quiet: bool) -> Iterator[None]:
 def progress(
     label: str, total: int | None, unit: str, quiet: bool
 ) -> Iterator[Callable[[int], None]]:
-    """Show a bar on stderr, if that is a terminal and it takes long; yield what moves it on."""
+    """Show a progress bar on a terminal if it takes long; yield the function that advances it."""
     from tqdm import tqdm
 
     with tqdm(

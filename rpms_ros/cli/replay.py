@@ -1,4 +1,4 @@
-"""``rpms replay``: a recording through the real nodes, and whether they say the same again."""
+"""``rpms replay``: play a recording into the identifier node and compare the estimates."""
 
 import argparse
 import json
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Plays pulses and force of a recording over DDS into the real identifier node, as fast as it keeps
-up or at a factor of the recorded speed, and compares what it says with the estimates in the
-recording, if there are any, and with `rpms identify`: they have to agree in every bit.
+up or at a factor of the recorded speed, and compares its estimates with those in the recording, if
+there are any, and with those of `rpms identify`: they have to agree in every bit.
 Needs rclpy, in a domain of its own on this machine.
 """
 _EXAMPLES = """\
@@ -42,7 +42,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         subparsers,
         'replay',
         run,
-        'a recording through the real nodes',
+        'play a recording into the identifier node and compare the estimates',
         _DESCRIPTION,
         _EXAMPLES,
     )
@@ -61,12 +61,12 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.nodes.replay import replay
     from rpms_ros.nodes.replayer import ReplaySettings
     from rpms_ros.report.agreement import compare
-    from rpms_ros.report.recorded import recorded_words
+    from rpms_ros.report.recorded import recorded_messages
 
     settings = ReplaySettings(arguments.factor)
     parameters = identifier_parameters(arguments)
     recording = read(arguments.bag, arguments)
-    recorded = recorded_words(arguments.bag).estimates
+    recorded = recorded_messages(arguments.bag).estimates
     total = len(recording.pulses) + len(recording.forces)
     with progress('replaying', total, 'messages', arguments.quiet) as advance:
         done = replay(recording, parameters, settings, advance)
@@ -114,7 +114,7 @@ def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
 def as_document(
     done: 'Replay', off_line: 'Agreement', recorded: 'Agreement | None'
 ) -> dict[str, Any]:
-    """Return what came of it as JSON takes it; times in s."""
+    """Return the result as JSON takes it; times in s."""
     return {
         'messages': done.messages,
         'estimates': len(done.estimates),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rpms_ros.stimulation import Schedule
 
 _DESCRIPTION = """\
-Simulates a session, faster than it would take: a schedule of pulses, a muscle and a force sensor.
+Simulates a session, faster than real time: a schedule of pulses, a muscle and a force sensor.
 The recording is like one from a lab; its notes hold the true parameters of the muscle.
 """
 _EXAMPLES = """\
@@ -43,7 +43,7 @@ _DISTURBANCES = {
     'drift': 'amplitude of a slow baseline',
     'artifact': 'peak of the stimulation artifact at full intensity',
 }
-# Long enough that a block is worth its overhead, short enough that a bar moves.
+# Samples per block: few enough that the progress bar moves, enough to outweigh the overhead.
 _BLOCK = 20_000
 _STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 _HIGHEST_RATE = 1e6
@@ -213,7 +213,7 @@ def _notes(
     schedule: 'Schedule',
     subject: 'Subject',
 ) -> dict[str, str]:
-    """Return what is true of the session, for metadata.yaml."""
+    """Return the true parameters of the session, for metadata.yaml."""
     return {
         'subject': json.dumps(asdict(subject)),
         'disturbances': json.dumps(

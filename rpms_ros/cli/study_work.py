@@ -1,4 +1,4 @@
-"""One row of a study a recording, worked out by local processes or a Dask cluster."""
+"""The row of each recording of a study, computed by local processes or a Dask cluster."""
 
 import json
 import os
@@ -26,7 +26,7 @@ from rpms_ros.report.result import result_of
 from rpms_ros.schema import plain
 
 Row = dict[str, Any]
-# The processes share the processors already; threads of theirs would only wait for each other.
+# There is a process for each processor already: threads in each would only compete.
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 _CURVE_SHOWN = (25, 50, 75, 100)
 _PARAMETERS = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')
@@ -66,7 +66,7 @@ def columns() -> dict[str, type]:
 
 
 def work(path: str, options: StudyOptions) -> Row:
-    """Return the row of one recording; a failure that is the recording's own is a row too."""
+    """Return the row of one recording; a recording that cannot be identified has a row too."""
     try:
         topics = Topics(options.pulses_topic, options.force_topic)
         recording = read_recording(
@@ -128,7 +128,7 @@ def _pool(count: int) -> Executor:
         return ThreadPoolExecutor(1)
     for name in _THREADS:
         os.environ.setdefault(name, '1')
-    # A fresh interpreter each: nothing of this process, threads least of all, is copied.
+    # Fresh interpreters: a fork would copy locks that threads of this process hold.
     return ProcessPoolExecutor(count, get_context('spawn'))
 
 
@@ -146,7 +146,7 @@ def _on_cluster(
     except (OSError, ValueError) as error:
         raise RecordingError(f'expected a Dask scheduler at {scheduler}, got {error}') from error
     with client:
-        # Not pure: a cluster must not answer from its memory of an earlier study.
+        # Not pure: the cluster must not return a cached result of an earlier study.
         names = [str(path.resolve()) for path in paths]
         futures = dict(
             zip(client.map(work, names, options=options, pure=False), paths, strict=True)

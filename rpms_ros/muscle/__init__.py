@@ -1,4 +1,4 @@
-"""What a stimulated muscle does: twitch, recruitment, the whole contraction, disturbances."""
+"""Model of a stimulated muscle: twitch, recruitment, contraction, disturbances of the sensor."""
 
 from rpms_ros.muscle.contraction import Contraction
 from rpms_ros.muscle.disturbance import Disturbances

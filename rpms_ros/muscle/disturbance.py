@@ -15,7 +15,7 @@ from rpms_ros.pulses import IntArray
 
 @dataclass(frozen=True)
 class Disturbances:
-    """What lies between the force of the muscle and the number that the sensor gives.
+    """Disturbances between the force of the muscle and the reading of the sensor.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Recruitment: which share of the muscle answers, by intensity and by repetition rate.
+"""Recruitment: the share of the muscle that is activated, by intensity and repetition rate.
 
 ``rho(u, f) = rho_u(u) rho_f(f)`` (Eq. 8).  Eq. (9) is printed with beta_2 inside the product
 with beta_1; only outside does Table 3 give rho_u(0) = 0 and rho_u(1) = 1.
@@ -141,8 +141,8 @@ class RateRecruitment:
 
         Eq. (11) divides rho_f by the steady mean of the train, which is proportional to f.
         Towards f = 0 that is 0/0, spoiled by the rounding of delta_2, and below the lowest
-        measured rate it is extrapolation; a twitch that stands alone long enough does not know
-        the one before it, so the weight of the lowest measured rate is kept from there down.
+        measured rate it is extrapolation; twitches that far apart do not influence each other,
+        so the weight of the lowest measured rate is kept from there down.
         Above the highest measured rate Eq. (10) is extrapolated: it levels off, so the weight
         falls with 1/f.
         """

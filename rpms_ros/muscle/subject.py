@@ -1,4 +1,4 @@
-"""Subjects: one set of numbers that says what a muscle does when it is stimulated.
+"""Subjects: the parameters of one stimulated muscle.
 
 The presets hold the averages of the paper; `random_subject` draws from its ranges, so that a
 method can be tried on people who differ as much as its subjects did.

@@ -52,7 +52,7 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class Description:
-    """What a field says of itself besides its name, type and default.
+    """Meaning, unit and bounds of a parameter.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ def parameter(default: Any, doc: str, **description: Any) -> Any:
 
 @dataclass(frozen=True)
 class NodeParameters:
-    """Base of a node's parameters: every value is held to its type and bounds."""
+    """Base of a node's parameters: the type and bounds of every value are checked."""
 
     def __post_init__(self) -> None:
         for name, description in descriptions(type(self)).items():

@@ -55,7 +55,7 @@ class PlantParameters(NodeParameters):
     )
     fixed_rate: float = parameter(
         0.0,
-        'Weigh every pulse as at this repetition rate; 0 takes the interval to the one before.',
+        'Rate by which every pulse is weighted; 0 takes the interval to the one before.',
         unit='Hz',
         minimum=0.0,
         maximum=1000.0,
@@ -85,7 +85,7 @@ class PlantParameters(NodeParameters):
     minimum_subscribers: int = parameter(
         0, 'Subscribers of the force to wait for before the first sample.', minimum=0
     )
-    publish_clock: bool = parameter(False, 'Publish /clock and live by it.')
+    publish_clock: bool = parameter(False, 'Publish /clock and stamp the samples by it.')
     real_time_factor: float = parameter(
         1.0, 'Seconds of /clock in one second.', minimum=0.01, maximum=100.0
     )
@@ -104,14 +104,14 @@ class PlantParameters(NodeParameters):
 
 
 def subject_of(settings: PlantParameters) -> Subject:
-    """Return the preset, changed where the parameters say so."""
+    """Return the preset with the changes that the parameters make."""
     if settings.subject == RANDOM:
         preset = random_subject(np.random.default_rng(settings.seed))
     else:
         preset = subject_by_name(settings.subject)
-    bends = ('threshold', 'saturation', 'threshold_slope', 'saturation_slope')
+    shape = ('threshold', 'saturation', 'threshold_slope', 'saturation_slope')
     curve = preset.recruitment
-    if changes := _given(settings, bends):
+    if changes := _given(settings, shape):
         curve = dataclasses.replace(curve, **changes).normalised()
     changes = _given(settings, ('maximum_force', 'time_constant', 'latency'))
     return dataclasses.replace(preset, recruitment=curve, **changes)

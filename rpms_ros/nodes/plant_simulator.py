@@ -1,8 +1,8 @@
-"""Node that plays the muscle and its force sensor: `pulses` in, `force` out.
+"""Node that simulates the muscle and its force sensor: `pulses` in, `force` out.
 
-Time of the samples is the node's clock, or a clock of its own that is published on /clock.  What
-wakes the node up is a steady timer: each tick publishes every sample that is due, with its own
-stamp, so a late tick delays samples but neither loses nor misdates one.
+Samples are stamped by the node's clock, or by a clock of its own that it publishes on /clock.  A
+steady timer wakes the node; each tick publishes every sample that is due, with its own stamp, so a
+late tick delays samples but neither loses one nor changes its stamp.
 """
 
 import time
@@ -30,7 +30,7 @@ from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import nanoseconds
 
 _FASTEST_TICK = 1000.0
-# Samples a tick, so that pulses get their turn while the node catches up.
+# Samples per tick, so that pulses are received while the node catches up.
 _LARGEST_BURST = 500
 
 
@@ -85,7 +85,7 @@ class PlantSimulator(Node):
             self._publish_due(now_ns - self._delay_ns)
 
     def _begin_if_needed(self, now_ns: int) -> None:
-        """Begin to sample once somebody listens, and anew when the clock has jumped."""
+        """Begin to sample once there are subscribers, and again after a jump of the clock."""
         if not self._begun:
             if self._force.get_subscription_count() >= self.settings.minimum_subscribers:
                 self.plant.begin(now_ns)
@@ -107,7 +107,7 @@ class PlantSimulator(Node):
 
 
 def _warm_up(settings: PlantParameters) -> None:
-    """Compile what will run: compiling takes seconds when it was never done on this machine."""
+    """Compile the model: on a machine where this was never done it takes seconds."""
     plant = build_plant(settings)
     plant.begin(0)
     for onset_s in (0, 1, 10):

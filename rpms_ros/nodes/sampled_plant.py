@@ -15,7 +15,7 @@ from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
-# Names of what can be wrong with a pulse.
+# Faults of a pulse.
 INTENSITY = 'pulse_intensity_out_of_range'
 WIDTH = 'pulse_width_out_of_range'
 LATE = 'pulse_late'
@@ -40,7 +40,7 @@ class SampledPlant:
     def __init__(self, contraction: Contraction, sensor: Sensor, rate: float) -> None:
         self._contraction = contraction
         self._sensor = sensor
-        # A fraction, so that the grid is exact for as long as anybody samples.
+        # A fraction keeps the sampling grid exact, however long the session is.
         self._period_ns = NANOSECONDS_PER_SECOND / Fraction(rate)
         self._first_ns = 0
         self._produced = 0
@@ -58,9 +58,9 @@ class SampledPlant:
         return self._stamp(self._produced - 1)
 
     def add(self, pulse: Pulse) -> str | None:
-        """Let a pulse act; return the name of what is wrong with it, if anything is.
+        """Add a pulse; return the name of its fault, if it has one.
 
-        A pulse that cannot be has no effect.  A late one, whose effect should have begun before
+        An invalid pulse has no effect.  A late one, whose effect should have begun before
         samples that are already out, acts on the samples still to come, exactly.
         """
         fault = _fault_of(pulse)

@@ -1,1 +1,1 @@
-"""Figures and words about a session; needs no ROS."""
+"""Figures, tables and pages about a session; needs no ROS."""

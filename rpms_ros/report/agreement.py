@@ -1,4 +1,4 @@
-"""Do two runs of an estimator agree, and how far is an estimate from the truth."""
+"""Comparison of two runs of an estimator, and of an estimate with the true muscle."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -77,7 +77,7 @@ def _same(first: Any, second: Any) -> bool:
 def curve_error(estimate: Estimate, subject: Subject) -> float:
     """Return the worst error of the recruitment curve, relative to its maximum.
 
-    Not a number if the data cannot tell the curve.
+    NaN if the data do not determine the curve.
     """
     if not estimate.curve_known:
         return float('nan')

@@ -1,4 +1,4 @@
-"""What nodes said in a recording: estimates, and the last word of a stimulator driver."""
+"""Messages of the nodes in a recording: estimates, and the totals of a stimulator driver."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ DRIVER_STATUS = 'rpms_msgs/msg/DriverStatus'
 
 
 @dataclass(frozen=True)
-class DriverWord:
+class DriverTotals:
     """Totals that a stimulator driver published, since its device was opened.
 
     Attributes
@@ -49,26 +49,26 @@ class DriverWord:
 
 
 @dataclass(frozen=True)
-class RecordedWords:
-    """What nodes said in a recording.
+class RecordedMessages:
+    """Messages of the nodes in a recording.
 
     Attributes
     ----------
     estimates : list of Estimate
         In the order of reception.
-    driver : DriverWord or None
+    driver : DriverTotals or None
         None if no status was recorded.
     unreadable : int
         Messages that could not be decoded.
     """
 
     estimates: list[Estimate]
-    driver: DriverWord | None
+    driver: DriverTotals | None
     unreadable: int
 
 
-def recorded_words(path: Path | str, progress: Progress | None = None) -> RecordedWords:
-    """Return what an identifier and a driver said in a recording.
+def recorded_messages(path: Path | str, progress: Progress | None = None) -> RecordedMessages:
+    """Return the messages of an identifier and a driver in a recording.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def recorded_words(path: Path | str, progress: Progress | None = None) -> Record
         raise RecordingError(
             f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
         )
-    return RecordedWords(estimates, _word_of(statuses), unreadable)
+    return RecordedMessages(estimates, _totals_of(statuses), unreadable)
 
 
 def _decoded(path: Path, progress: Progress | None) -> Iterator[tuple[str, str, Any]]:
@@ -111,13 +111,13 @@ def _decoded(path: Path, progress: Progress | None) -> Iterator[tuple[str, str, 
             yield channel.topic, channel.type_name, message
 
 
-def _word_of(statuses: list[Any]) -> DriverWord | None:
+def _totals_of(statuses: list[Any]) -> DriverTotals | None:
     if not statuses:
         return None
     last = statuses[-1]
     counts = (int(count) for count in last.fault_counts)
     names = [str(status.schedule) for status in statuses if status.schedule]
-    return DriverWord(
+    return DriverTotals(
         pulses_delivered=int(last.pulses_delivered),
         pulses_dropped=int(last.pulses_dropped),
         coil_energy_j=float(last.coil_energy),

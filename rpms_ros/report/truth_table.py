@@ -13,7 +13,7 @@ from rpms_ros.report.text import table
 
 
 def truth_table(session: IdentifiedSession, subject: Subject) -> str:
-    """Return a table of what is true of the muscle and what was identified.
+    """Return a table of the true and the identified parameters of the muscle.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def test_certainty_is_told_by_the_estimators_that_have_it(
 def test_certainty_is_shown_in_the_table(rpms: Rpms, short_session: Path) -> None:
     code, out, _ = rpms('identify', short_session, '--estimator', 'horizon')
     assert code == 0
-    for word in ('twitch_time_constant_s', ' to ', 'the data say', 'alpha_thr'):
+    for word in ('twitch_time_constant_s', ' to ', 'in the data', 'alpha_thr'):
         assert word in out
 
 

@@ -1,4 +1,4 @@
-"""The report of one session: what a recording says, how well, and on a page that can be sent."""
+"""The report of one session: identification, its quality, and the page that shows them."""
 
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.analysis import analyse

@@ -12,7 +12,7 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import identify
 from rpms_ros.pulses import BoolArray
 from rpms_ros.recording import Recording
-from rpms_ros.report.recorded import RecordedWords
+from rpms_ros.report.recorded import RecordedMessages
 from rpms_ros.report.result import IdentificationResult
 from rpms_ros.report.session.checklist import ChecklistItem
 from rpms_ros.report.session.checklist import checklist_of
@@ -70,8 +70,8 @@ class SessionAnalysis:
         Schedule and dose.
     load : DeviceLoad or None
         Energy on a device, if one was named.
-    words : RecordedWords
-        What nodes said in the recording.
+    recorded : RecordedMessages
+        Messages of the nodes in the recording.
     residuals : ResidualAnalysis or None
         None where they cannot be analysed.
     held_out : HeldOutFit or None
@@ -90,7 +90,7 @@ class SessionAnalysis:
     session: IdentifiedSession
     dose: Dose
     load: DeviceLoad | None
-    words: RecordedWords
+    recorded: RecordedMessages
     residuals: ResidualAnalysis | None
     held_out: HeldOutFit | None
     checklist: list[ChecklistItem]
@@ -101,7 +101,7 @@ class SessionAnalysis:
 def analyse(
     title: str,
     recording: Recording,
-    words: RecordedWords,
+    recorded: RecordedMessages,
     session: IdentifiedSession,
     result: IdentificationResult,
     build_estimator: Callable[[], Estimator],
@@ -114,7 +114,7 @@ def analyse(
     ----------
     title : str
         Name of the session.
-    recording, words : Recording, RecordedWords
+    recording, recorded : Recording, RecordedMessages
         What was recorded.
     session, result : IdentifiedSession, IdentificationResult
         What was identified, and its result.
@@ -143,8 +143,8 @@ def analyse(
     held_out = _held_out(recording, build_estimator, first_ns, progress)
     if held_out is None:
         remarks.append('no held-out fit: expected a force that changes in the held-out part')
-    if words.unreadable:
-        remarks.append(f'{words.unreadable} messages of nodes could not be decoded')
+    if recorded.unreadable:
+        remarks.append(f'{recorded.unreadable} messages of nodes could not be decoded')
     return SessionAnalysis(
         title,
         recording,
@@ -152,7 +152,7 @@ def analyse(
         session,
         dose,
         load_of(dose, settings.device) if settings.device else None,
-        words,
+        recorded,
         residuals,
         held_out,
         checklist,

@@ -38,7 +38,7 @@ def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
                 'device': analysis.load,
             },
             'schedule': dose,
-            'driver': analysis.words.driver,
+            'driver': analysis.recorded.driver,
             'session': _facts(analysis),
             'checklist': {
                 'source': SOURCE,
@@ -93,6 +93,6 @@ def _facts(analysis: SessionAnalysis) -> dict[str, Any]:
             {'name': topic.name, 'type': topic.type_name, 'messages': topic.count}
             for topic in facts.topics
         ],
-        'recorded_estimates': len(analysis.words.estimates),
+        'recorded_estimates': len(analysis.recorded.estimates),
         'notes': facts.custom,
     }

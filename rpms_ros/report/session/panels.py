@@ -43,7 +43,7 @@ def draw_recruitment(
         _band(place, intensity, last.curve_lower, last.curve_upper, last.confidence)
         place.plot(intensity, last.curve_force, color=MODELLED, label='identified')
     else:
-        _say(place, 'one intensity only:\nrecruitment and dynamics\ncannot be told apart')
+        _note(place, 'one intensity only:\nrecruitment and dynamics\ncannot be told apart')
     if dose.pulses:
         share, edges = np.histogram(dose.intensities, bins=50, range=(0.0, 1.0))
         # behind the curve, which must not be hidden
@@ -121,7 +121,7 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
 def draw_held_out(axes: list[Axes], session: IdentifiedSession, fit: HeldOutFit | None) -> None:
     """Draw measured and modelled force over the part that was held out."""
     if fit is None:
-        _say(axes[0], 'nothing could be held out')
+        _note(axes[0], 'nothing could be held out')
         return
     time = _elapsed(fit.stamp_ns, session)
     kept = time <= time[0] + _SHOWN
@@ -136,7 +136,7 @@ def draw_residuals(axes: list[Axes], found: ResidualAnalysis | None) -> None:
     cross.set_title('Pulses with residual')
     if found is None:
         for place in axes:
-            _say(place, 'too few residuals')
+            _note(place, 'too few residuals')
         return
     whiteness.plot(1e3 * found.lag_s[1:], found.autocorrelation[1:], color=MODELLED, lw=0.9)
     _limits(whiteness, found.autocorrelation_band, '95 % if white')
@@ -146,7 +146,7 @@ def draw_residuals(axes: list[Axes], found: ResidualAnalysis | None) -> None:
         cross.plot(1e3 * found.cross_lag_s, found.cross_correlation, color=MODELLED, lw=0.9)
         _limits(cross, found.cross_correlation_band, '95 % if independent')
     else:
-        _say(cross, 'no pulses in this part')
+        _note(cross, 'no pulses in this part')
     cross.set_xlabel('time after the pulse / ms')
 
 
@@ -159,7 +159,7 @@ def draw_schedule(axes: list[Axes], dose: Dose) -> None:
     axes[1].set_xlabel('time / s')
     axes[1].set_ylabel('energy / pulses\nat full intensity')
     if not len(time):
-        _say(axes[0], 'no pulses')
+        _note(axes[0], 'no pulses')
         return
     if len(time) <= _MOST_BARS:
         # one line with gaps: far less text in an SVG than a line for each pulse
@@ -212,5 +212,5 @@ def _limits(axes: Axes, band: float, label: str) -> None:
     axes.axhline(-band, color=FAINT, ls='--', lw=1.0)
 
 
-def _say(axes: Axes, text: str) -> None:
+def _note(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, ha='center', va='center', transform=axes.transAxes)

@@ -1,4 +1,4 @@
-"""What the model leaves unexplained: whether it is white, and whether it knows the input.
+"""Residual of the model: whether it is white, and whether it is correlated with the pulses.
 
 A residual (measured minus predicted) that is correlated with itself holds dynamics or drift that
 the model lacks; one that is correlated with the pulses holds muscle that the model lacks.

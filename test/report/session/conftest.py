@@ -16,7 +16,7 @@ from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
-from rpms_ros.report.recorded import recorded_words
+from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import result_of
 from rpms_ros.report.session import SessionAnalysis
 from rpms_ros.report.session import analyse
@@ -47,7 +47,7 @@ def _make_analysis(path: Path, settings: ReportSettings | None = None) -> Sessio
     return analyse(
         path.name,
         recording,
-        recorded_words(path),
+        recorded_messages(path),
         session,
         result_of(recording, session),
         RecursiveEstimator,
