@@ -161,7 +161,6 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = ''
         nonlinear_excitation=array('B', [int(item) for item in estimate.nonlinear_excitation]),
         fault_names=[str(name) for name in estimate.faults],
         fault_counts=array('Q', [int(count) for count in estimate.faults.values()]),
-        doubts=[str(name) for name in estimate.doubts],
         **fields,
     )
 
@@ -176,10 +175,11 @@ def estimate_of(message: Any) -> Estimate:
     """
     names, counts = list(message.fault_names), [int(count) for count in message.fault_counts]
     _require_lengths(message)
-    fields: dict[str, Any] = {name: float(getattr(message, name)) for name in _NUMBERS}
-    fields |= {name: int(getattr(message, name)) for name in _COUNTS}
-    fields |= {name: tuple(getattr(message, name)) for name in _NAMES}
-    fields |= {name: _array(getattr(message, name)) for name in _ARRAYS}
+    # A field that is younger than the recording is empty.
+    fields: dict[str, Any] = {name: float(getattr(message, name, 0.0)) for name in _NUMBERS}
+    fields |= {name: int(getattr(message, name, 0)) for name in _COUNTS}
+    fields |= {name: tuple(getattr(message, name, ())) for name in _NAMES}
+    fields |= {name: _array(getattr(message, name, ())) for name in _ARRAYS}
     covariance = _array(message.nonlinear_covariance)
     size = math.isqrt(len(covariance))
     return Estimate(
@@ -188,8 +188,6 @@ def estimate_of(message: Any) -> Estimate:
         nonlinear_covariance=covariance.reshape(size, size),
         nonlinear_excitation=np.array(message.nonlinear_excitation, dtype=np.int64),
         faults=dict(zip(names, counts, strict=True)),
-        # Recordings made before there were doubts have none.
-        doubts=tuple(getattr(message, 'doubts', ())),
         **fields,
     )
 

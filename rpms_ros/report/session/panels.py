@@ -114,7 +114,7 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
     time = _elapsed(session.stamp_ns, session)
     end = min(float(time[-1]), float(dose.onset_s[-1]) + 0.1) if dose.pulses else float(time[-1])
     kept = (time >= end - _SHOWN) & (time <= end)
-    axes[0].set_title(f'Force, last {_SHOWN:g} s of stimulation, predicted before it was measured')
+    axes[0].set_title(f'Force, last {_SHOWN:g} s of stimulation')
     _force_and_residual(axes, time[kept], session.force[kept], session.prediction[kept])
 
 
@@ -181,7 +181,7 @@ def _force_and_residual(
     step = max(1, len(time) // (4 * ENVELOPE_BINS))
     time, force, prediction = time[::step], force[::step], prediction[::step]
     upper.plot(time, force, color=MEASURED, lw=3.0, label='measured')
-    upper.plot(time, prediction, color=MODELLED, lw=0.9, label='modelled')
+    upper.plot(time, prediction, color=MODELLED, lw=0.9, label='modelled, predicted')
     upper.set_ylabel('force / N')
     lower.plot(time, force - prediction, color=MODELLED, lw=0.7)
     lower.axhline(0.0, color=FAINT, lw=0.6)
