@@ -60,7 +60,9 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(parser, '--storage', 'mcap', 'format', choices=('mcap', 'sqlite3'))
     add_option(parser, '--compression', '', 'of mcap', choices=('', 'lz4', 'zstd'))
     group = parser.add_argument_group('stimulation')
-    add_option(group, '--schedule NAME|FILE', 'uniform_random', f'{", ".join(_SCHEDULES)}, or a YAML file')
+    add_option(
+        group, '--schedule NAME|FILE', 'uniform_random', f'{", ".join(_SCHEDULES)}, or a YAML file'
+    )
     add_option(group, '--duration S', 90.0, 'length [s]')
     add_option(group, '--pulse-rate HZ', 20.0, '[Hz]')
     text = 'of the constant schedule, share of the maximum'
