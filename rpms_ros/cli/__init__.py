@@ -97,6 +97,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILURE
     except ModuleNotFoundError as error:
         root = (error.name or '').partition('.')[0]
+        if root == 'rpms_ros':
+            raise
         hint = f'; {_NO_ROS}' if root == 'rclpy' or root.endswith(('_msgs', '_srvs')) else ''
         print(f'rpms: error: {error}{hint}', file=sys.stderr)
         return FAILURE
