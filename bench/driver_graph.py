@@ -33,10 +33,10 @@ def load(processes):
 
 
 @contextlib.contextmanager
-def graph(nodes):
+def graph(nodes, code=''):
     """Start nodes, each a process, in a domain of their own; yield an rclpy context in it.
 
-    ``nodes`` maps a module of rpms_ros.nodes to its parameters.
+    ``nodes`` maps a module of rpms_ros.nodes to its parameters; ``code`` is run instead, if given.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     use_fast_discovery()
@@ -44,7 +44,7 @@ def graph(nodes):
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         import rclpy
 
-        started = [start(name, parameters) for name, parameters in nodes.items()]
+        started = [start(name, parameters, code) for name, parameters in nodes.items()]
         rclpy.init(args=[], domain_id=domain)
         try:
             yield

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.devices.interface import DeviceStatus
@@ -190,9 +191,11 @@ class SimulatedDevice:
         """Give one pulse, or do what the faults say."""
         del intensity, width_s
         self._require_present()
-        if latest_ns is not None and self._clock() > latest_ns:
-            raise TooLate(f'expected a trigger until {latest_ns} ns, got one at {self._clock()}')
-        self._hang(self._wire.trigger_s + self.faults.slow_s + self.faults.stuck_s)
+        began_ns = self._clock()
+        if latest_ns is not None and began_ns > latest_ns:
+            raise TooLate(f'expected a trigger until {latest_ns} ns, got one at {began_ns}')
+        takes_s = self._wire.trigger_s + self.faults.slow_s + self.faults.stuck_s
+        self._hang(takes_s)
         status = self._status()
         if not status.armed:
             return None
@@ -204,7 +207,9 @@ class SimulatedDevice:
             return None
         self._heat += self.faults.heating_per_pulse
         strength = status.intensity or 0.0
-        given = Delivery(self._clock(), strength + self.faults.extra_intensity)
+        # a real one fires by itself, whenever this thread has its next turn
+        onset_ns = began_ns + nanoseconds(takes_s)
+        given = Delivery(onset_ns, strength + self.faults.extra_intensity)
         self.fired.append(given)
         self._hang(self._wire.answer_s)
         return given
