@@ -40,6 +40,8 @@ SUFFIX = '_watch'
 """What the name of the second node adds to the driver's."""
 
 _LOOK_MS = 5
+# share of the longest silence after which no pulse comes any more
+_HOLD = 0.4
 _GRAPH_PERIOD_NS = 100_000_000
 # the state of a button stands behind four bytes of encapsulation
 _STATE_AT = 4
@@ -96,7 +98,8 @@ class DriverWatch:
         self._live = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
         self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
         self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
-        controller.interlocks.require(WATCH, timeout_s)
+        # pulses are held back before the stop is latched
+        controller.interlocks.require(WATCH, timeout_s, hold_s=_HOLD * timeout_s)
         self._thread = threading.Thread(target=self._run, name='driver_watch', daemon=True)
         self._thread.start()
 

@@ -85,6 +85,8 @@ class OperatorConsole(Node):
         If there is no terminal, or the schedule cannot be read.
     """
 
+    settings_type = ConsoleParameters
+
     def __init__(self, keyboard: Keyboard | None = None, **options: Any) -> None:
         super().__init__('operator_console', **options)
         self.settings = declare_parameters(self, ConsoleParameters)

@@ -58,6 +58,8 @@ class StopButton(Node):
         Of the terminal; the one of standard input if not given.
     """
 
+    settings_type = StopButtonParameters
+
     def __init__(self, keyboard: Keyboard | None = None, **options: Any) -> None:
         super().__init__('stop_button', **options)
         self.settings = declare_parameters(self, StopButtonParameters)

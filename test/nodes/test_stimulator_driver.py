@@ -231,6 +231,19 @@ def test_autostart_waits_for_its_listeners(graph):
     graph.wait_for(lambda: driver.controller.reason == 'completed')
 
 
+@pytest.mark.parametrize('reached', ['configured', 'armed'])
+def test_autostart_goes_on_where_somebody_has_begun_by_hand(graph, reached):
+    lab = Laboratory(graph, autostart=True, duration=0.2, rate=50.0, minimum_subscribers=2)
+    if reached == 'configured':
+        assert lab.change(Transition.TRANSITION_CONFIGURE)
+    else:
+        lab.activate()
+    second = graph.add(lambda **options: Node('second', **options))
+    second.create_subscription(Pulse, topics.PULSES, lambda _: None, qos.PULSES)
+    graph.wait_for(lambda: len(lab.pulses) == 10)
+    graph.wait_for(lambda: lab.driver.controller.reason == 'completed')
+
+
 @pytest.mark.parametrize(
     ('parameters', 'reason'),
     [

@@ -1,0 +1,81 @@
+"""The whole driver on a serial line: node, guard, and an instrument of the Rapid2 class."""
+
+import time
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.node import Node
+
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import Pulse
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.operator_client import OperatorClient
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+
+LONG = 'segments: [{kind: constant, rate_hz: 10.0, duration_s: 20.0, intensity: 0.1}]'
+
+
+@pytest.fixture
+def theatre(graph, instrument, patient_file, tmp_path):
+    """An instrument, its driver with everything that a real device needs, and an operator."""
+    fake = instrument(watchdog_s=5.0)
+    parameters = {
+        'device': 'serial',
+        'port': fake.port,
+        'device_specification': 'rapid2-240v',
+        'patient_file': str(patient_file),
+        'ledger_folder': str(tmp_path / 'ledger'),
+        'audit_log': str(tmp_path / 'audit.jsonl'),
+        # a machine under load may stall for longer than the default allows
+        'executor_timeout': 5.0,
+        'watch_timeout': 5.0,
+        'stop_button_timeout': 3.0,
+        'heartbeat_timeout': 3.0,
+        'lateness_limit': 0.1,
+    }
+    driver = graph.add(StimulatorDriver, **parameters)
+    other = graph.add(lambda **options: Node('other', **options))
+    button, ada = ButtonPublisher(other), OperatorClient(other, 'ada')
+    changes = other.create_client(ChangeState, 'stimulator_driver/change_state')
+    graph.wait_for(lambda: ada.ready and changes.service_is_ready())
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    future = changes.call_async(request)
+    graph.wait_for(future.done, timeout=30.0)
+    assert future.result().success
+    yield fake, driver, other, button, ada
+    ada.destroy()
+
+
+def test_a_press_disarms_the_instrument_and_what_came_is_told(graph, theatre):
+    fake, driver, other, button, ada = theatre
+    pulses, statuses = [], []
+    other.create_subscription(Pulse, topics.PULSES, pulses.append, qos.PULSES)
+    other.create_subscription(DriverStatus, topics.DRIVER_STATUS, statuses.append, qos.STATUS)
+    ada.enable = True
+    ada.request()
+    graph.wait_for(lambda: bool(ada.token))
+
+    def confirmed():
+        future = ada.confirm()
+        graph.wait_for(future.done, timeout=30.0)
+        return future.result().success
+
+    graph.wait_for(confirmed, timeout=30.0)
+    assert fake.armed
+    ada.start(LONG)
+    graph.wait_for(lambda: len(pulses) > 3, timeout=30.0)
+    button.set(True)
+    graph.wait_for(lambda: statuses[-1].state == DriverStatus.STOPPED)
+    graph.wait_for(lambda: not fake.armed)
+    told, end = len(fake.triggers), time.monotonic() + 0.5
+    graph.wait_for(lambda: time.monotonic() > end)
+    assert len(fake.triggers) == told == statuses[-1].dose_pulses
+    assert len(pulses) == told
+    # the published protocol has no word on whether a pulse came
+    assert all(pulse.unverified & Pulse.UNVERIFIED_DELIVERY for pulse in pulses)
+    assert {pulse.intensity for pulse in pulses} == {0.1}
+    assert statuses[-1].device == f'serial {fake.port}'
+    assert driver.controller.device.real
