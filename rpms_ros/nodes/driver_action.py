@@ -27,6 +27,8 @@ from rpms_ros.stimulation.run import Run
 from rpms_ros.stimulation.states import State
 
 CODES = RunSchedule.Result
+# every status message names all goals that are kept: a flood of them must not slow the executor
+_RESULT_TIMEOUT_S = 5
 
 
 class _DeferredServer(ActionServer):
@@ -37,7 +39,14 @@ class _DeferredServer(ActionServer):
     """
 
     def __init__(self, node: Node, **callbacks: Callable[..., Any]) -> None:
-        ActionServer.__init__(self, node, RunSchedule, topics.RUN_SCHEDULE, **callbacks)
+        ActionServer.__init__(
+            self,
+            node,
+            RunSchedule,
+            topics.RUN_SCHEDULE,
+            result_timeout=_RESULT_TIMEOUT_S,
+            **callbacks,
+        )
 
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None
