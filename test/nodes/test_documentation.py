@@ -24,8 +24,10 @@ def test_pages_files_and_schema_are_what_tools_document_writes() -> None:
     ('page', 'marker'),
     [
         ('nodes', 'parameters of identifier'),
+        ('nodes', 'parameters of operator_console'),
         ('nodes', 'parameters of plant_simulator'),
         ('nodes', 'parameters of recorder'),
+        ('nodes', 'parameters of stop_button'),
         ('nodes', 'faults'),
         ('driver', 'parameters of stimulator_driver'),
     ],
