@@ -33,13 +33,22 @@ def solve_positive(matrix: FloatArray, vector: FloatArray) -> bool:
     vector : ndarray (n,)
         Right-hand side, overwritten by the solution; zeros if the matrix is not positive.
     """
-    count = len(vector)
+    if not factorise_positive(matrix):
+        vector[:] = 0.0
+        return False
+    solve_factorised(matrix, vector)
+    return True
+
+
+@numba.njit(cache=True)
+def factorise_positive(matrix: FloatArray) -> bool:
+    """Put the Cholesky factor (n, n) in the lower triangle; return whether there is one."""
+    count = len(matrix)
     for column in range(count):
         pivot = matrix[column, column]
         for inner in range(column):
             pivot -= matrix[column, inner] * matrix[column, inner]
         if not pivot > 0.0:
-            vector[:] = 0.0
             return False
         pivot = math.sqrt(pivot)
         matrix[column, column] = pivot
@@ -48,6 +57,13 @@ def solve_positive(matrix: FloatArray, vector: FloatArray) -> bool:
             for inner in range(column):
                 total -= matrix[row, inner] * matrix[column, inner]
             matrix[row, column] = total / pivot
+    return True
+
+
+@numba.njit(cache=True)
+def solve_factorised(matrix: FloatArray, vector: FloatArray) -> None:
+    """Solve for a right-hand side (n,), in place, with the factor of `factorise_positive`."""
+    count = len(vector)
     for row in range(count):
         for inner in range(row):
             vector[row] -= matrix[row, inner] * vector[inner]
@@ -56,7 +72,6 @@ def solve_positive(matrix: FloatArray, vector: FloatArray) -> bool:
         for inner in range(row + 1, count):
             vector[row] -= matrix[inner, row] * vector[inner]
         vector[row] /= matrix[row, row]
-    return True
 
 
 @numba.njit(cache=True)

@@ -42,6 +42,8 @@ from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.small_matrix import dot
+from rpms_ros.identification.small_matrix import factorise_positive
+from rpms_ros.identification.small_matrix import solve_factorised
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import FloatArray
 
@@ -109,18 +111,18 @@ def forget(prior: Prior, fit: Fit, share: float) -> None:
     """Forget `share` of what is known besides the blocks, where the blocks replace it."""
     count = len(prior.reference)
     information = prior.information
+    total = _total(prior, fit)
+    if not factorise_positive(total):
+        fit.failures[0] += 1.0
+        return
     kept = np.empty((count, count))
     for column in range(count):
         solved = information[column].copy()
-        if not solve_positive(_total(prior, fit), solved):
-            fit.failures[0] += 1.0
-            return
+        solve_factorised(total, solved)
         for row in range(count):
             kept[row, column] = dot(information[row], solved)
     solved = prior.information_vector.copy()
-    if not solve_positive(_total(prior, fit), solved):
-        fit.failures[0] += 1.0
-        return
+    solve_factorised(total, solved)
     for row in range(count):
         prior.information_vector[row] += share * (
             dot(information[row], solved) - prior.information_vector[row]

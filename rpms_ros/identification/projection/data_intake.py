@@ -8,6 +8,7 @@ import numpy as np
 
 from rpms_ros.identification.laguerre import transition_generator
 from rpms_ros.identification.projection.block_statistics import LONGEST_BLOCK_NS
+from rpms_ros.identification.projection.block_statistics import BlockStatistics
 from rpms_ros.identification.projection.block_statistics import add_sample
 from rpms_ros.identification.projection.block_statistics import newest
 from rpms_ros.identification.projection.block_statistics import open_block
@@ -74,7 +75,8 @@ def fresh_intake(functions: int) -> Intake:
 
 @numba.njit(cache=True)
 def _begin_block(
-    problem: Problem,
+    blocks: BlockStatistics,
+    input_gain: float,
     intake: Intake,
     fit: Fit,
     start_ns: int,
@@ -82,7 +84,6 @@ def _begin_block(
     weight: float,
     rate: float,
 ) -> int:
-    blocks, input_gain = problem.blocks, problem.input_gain
     here = open_block(blocks, start_ns, intensity, weight, rate, intake.fresh[0] > 0.0)
     intake.fresh[0] = 0.0
     advance_state(blocks.transition[here], intake.state)
@@ -125,18 +126,25 @@ def take(
     `begin_ns`, `intensity`, `weight` (pulses,) are pulses that have not begun yet, latency
     included.  Writes the prediction of each sample by the parameters as they stand.
     """
-    blocks, baseline = problem.blocks, problem.baseline
+    blocks, baseline, input_gain = problem.blocks, problem.baseline, problem.input_gain
     begun = 0
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         while begun < len(begin_ns) and begin_ns[begun] < stamp:
             _begin_block(
-                problem, intake, fit, begin_ns[begun], intensity[begun], weight[begun], rate
+                blocks,
+                problem.input_gain,
+                intake,
+                fit,
+                begin_ns[begun],
+                intensity[begun],
+                weight[begun],
+                rate,
             )
             begun += 1
         none = blocks.size[0] == 0 or intake.fresh[0] > 0.0
         if none or stamp - blocks.start_ns[newest(blocks)] > LONGEST_BLOCK_NS:
-            _begin_block(problem, intake, fit, stamp, 0.0, 0.0, rate)
+            _begin_block(blocks, input_gain, intake, fit, stamp, 0.0, 0.0, rate)
         here = newest(blocks)
         tau = 1e-9 * (stamp - blocks.start_ns[here])
         transition_generator(rate * tau, intake.values)

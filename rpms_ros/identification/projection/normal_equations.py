@@ -24,6 +24,7 @@ from rpms_ros.identification.projection.block_statistics import RESPONSE_ONE
 from rpms_ros.identification.projection.block_statistics import RESPONSE_TIME
 from rpms_ros.identification.projection.block_statistics import TIME
 from rpms_ros.identification.projection.block_statistics import TIME_SQUARED
+from rpms_ros.identification.projection.block_statistics import BlockStatistics
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import BaselineKnots
 from rpms_ros.identification.projection.problem import Pass
@@ -206,16 +207,22 @@ def linear_pass(
 
 
 @numba.njit(cache=True)
-def _advance_gradient(problem: Problem, here: int, theta: FloatArray, origin: float) -> None:
+def _advance_gradient(
+    blocks: BlockStatistics,
+    here: int,
+    theta: FloatArray,
+    origin: float,
+    input_gain: float,
+    work: Pass,
+) -> None:
     """Move states and derivatives (by log alpha) on to a block, its pulse included."""
-    blocks, work = problem.blocks, problem.work
     for row in range(1 + PARAMETERS):
         advance_state(blocks.transition[here], work.state[row])
     intensity = blocks.intensity[here]
     if intensity == 0.0:
         return
     rho = arctan_recruitment_with_gradient(intensity, theta, work.slope) - origin
-    push = problem.input_gain * blocks.weight[here]
+    push = input_gain * blocks.weight[here]
     work.state[0] += push * rho
     for place in range(PARAMETERS):
         scale = theta[place] if place >= 2 else 1.0
@@ -282,7 +289,7 @@ def gradient_pass(
     origin = arctan_recruitment_with_gradient(0.0, theta, work.origin_slope)
     for index in range(last):
         here = (blocks.head[0] + index) % len(blocks.start_ns)
-        _advance_gradient(problem, here, theta, origin)
+        _advance_gradient(blocks, here, theta, origin, problem.input_gain, work)
         if index < first or blocks.moments[here, COUNT] == 0.0:
             continue
         response = blocks.response[here]

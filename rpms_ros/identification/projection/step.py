@@ -33,6 +33,8 @@ from rpms_ros.identification.projection.normal_equations import gradient_pass
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.projection.problem import Problem
+from rpms_ros.identification.small_matrix import factorise_positive
+from rpms_ros.identification.small_matrix import solve_factorised
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -66,10 +68,12 @@ def _reduced_hessian(fit: Fit, prior: Prior, hessian: FloatArray) -> bool:
     functions = len(fit.linear)
     columns = fit.matrix[PARAMETERS:, :PARAMETERS].T.copy()
     columns[:, :functions] += prior.information[:PARAMETERS, PARAMETERS:]
+    factor = linear_matrix(fit, prior)
+    if not factorise_positive(factor):
+        return False
     for place in range(PARAMETERS):
         solved = columns[place].copy()
-        if not solve_positive(linear_matrix(fit, prior), solved):
-            return False
+        solve_factorised(factor, solved)
         for other in range(place, PARAMETERS):
             entry = fit.matrix[other, place] + prior.information[other, place]
             if other == place:
