@@ -48,6 +48,9 @@ class FrozenSensor(Monitor):
         for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
             if end <= window.first or begin >= window.last:
                 continue
+            # Most values come once; the last one of the cell may come again.
+            if end - begin == 1 and end != window.last:
+                continue
             begun_ns, steep = self._beginning(window, begin)
             if steep and window.stamp_ns[end - 1] - begun_ns >= _FROZEN_NS:
                 found[max(begin - window.first, 0) : end - window.first] = True
