@@ -31,7 +31,7 @@ REFRACTORY_PERIOD = 1e-3
 
 
 @numba.njit(cache=True)
-def _move_moments(moments: FloatArray, distance: float) -> None:
+def move_moments(moments: FloatArray, distance: float) -> None:
     """Move the moments (n,) on by `distance` (in units of T_a), in place."""
     decay = math.exp(-distance)
     for j in range(len(moments) - 1, -1, -1):
@@ -55,7 +55,7 @@ def _fold(
     """Add pulses, ascending in onset, to the moments; return the new reference time."""
     for index in range(len(onset_ns)):
         if onset_ns[index] > reference_ns:
-            _move_moments(moments, (onset_ns[index] - reference_ns) / time_constant_ns)
+            move_moments(moments, (onset_ns[index] - reference_ns) / time_constant_ns)
             reference_ns = onset_ns[index]
         lag = (reference_ns - onset_ns[index]) / time_constant_ns
         term = weight[index] * math.exp(-lag)
@@ -87,9 +87,15 @@ def _read(
                 reference_ns, moments, onset_ns[first:begun], weight[first:begun], time_constant_ns
             )
         at_sample[:] = moments
-        _move_moments(at_sample, (stamp_ns[index] - reference_ns) / time_constant_ns)
+        move_moments(at_sample, (stamp_ns[index] - reference_ns) / time_constant_ns)
         result[index] = at_sample[-1]
     return result
+
+
+def twitch_peak_factor(order: int) -> float:
+    """Return c = (e / (n-1))^(n-1): the top moment times c is the force (1 for n = 1)."""
+    power = order - 1
+    return 1.0 if power == 0 else (math.e / power) ** power
 
 
 class Contraction:
@@ -131,8 +137,7 @@ class Contraction:
         self._window_ns = nanoseconds(window)
         self._latency_ns = nanoseconds(subject.latency)
         self._time_constant_ns = subject.time_constant * NANOSECONDS_PER_SECOND
-        power = subject.order - 1
-        self._peak = 1.0 if power == 0 else (math.e / power) ** power
+        self._peak = twitch_peak_factor(subject.order)
         self._moments = np.zeros(subject.order)
         self._reference_ns: int | None = None
         self._last_folded_ns: int | None = None

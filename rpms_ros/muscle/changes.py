@@ -1,0 +1,99 @@
+"""What is done to a muscle from outside, by a script: the coil moves, the gain is changed."""
+
+import bisect
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import fields
+
+import numpy as np
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.pulses import FloatArray
+
+# Two knots this far apart are a step at every sampling rate there is [s].
+_STEP_S = 1e-9
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of the muscle at a time; what is None stays as it is.
+
+    Attributes
+    ----------
+    at : float
+        When it begins, from the start of the session [s].
+    over : float
+        How long it takes, linearly [s]; 0 for at once.
+    gain : float or None
+        Factor on the steady force from then on, relative to the unchanged subject.
+    time_constant : float or None
+        T_a [s].
+    latency : float or None
+        From the pulse to the onset of its twitch [s].
+    threshold, saturation : float or None
+        u_thr and u_sat of the recruitment curve; a coil that moves changes these two.
+    """
+
+    at: float
+    over: float = 0.0
+    gain: float | None = None
+    time_constant: float | None = None
+    latency: float | None = None
+    threshold: float | None = None
+    saturation: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, low in (('at', 0.0), ('over', 0.0), ('gain', 0.0), ('latency', 0.0)):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value >= low):
+                raise MuscleError(f'expected a finite {name} of at least {low:g}, got {value}')
+        if self.time_constant is not None and not 0.0 < self.time_constant < math.inf:
+            raise MuscleError(f'expected a time_constant above 0 s, got {self.time_constant}')
+        for name in ('threshold', 'saturation'):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and -1.0 <= value <= 3.0):
+                raise MuscleError(f'expected a {name} from -1 to 3, got {value}')
+        if all(getattr(self, name) is None for name in CHANGEABLE):
+            raise MuscleError(f'expected a change of {", ".join(CHANGEABLE)}, got none')
+
+
+CHANGEABLE = tuple(field.name for field in fields(Change) if field.name not in ('at', 'over'))
+"""Names of what a `Change` can change."""
+
+
+class Timeline:
+    """Values over time: each change starts from where the one before it has come to.
+
+    Parameters
+    ----------
+    start : dict of str to float
+        Values of `CHANGEABLE` before any change.
+    changes : sequence of Change
+        In any order.
+    """
+
+    def __init__(self, start: dict[str, float], changes: Sequence[Change] = ()) -> None:
+        ordered = sorted(changes, key=lambda change: change.at)
+        self._knots = {name: _knots(name, start[name], ordered) for name in CHANGEABLE}
+
+    def __call__(self, name: str, time: FloatArray) -> FloatArray:
+        """Return the values of `name` at times from the start (...) [s], same shape."""
+        at, value = self._knots[name]
+        return np.interp(time, at, value)
+
+
+def _knots(name: str, start: float, changes: Sequence[Change]) -> tuple[FloatArray, FloatArray]:
+    """Return times and values (knots,) whose linear interpolation is what the changes say."""
+    at, value = [0.0], [start]
+    for change in changes:
+        target = getattr(change, name)
+        if target is None:
+            continue
+        # what begins before the change before it has ended takes over from there
+        begin = change.at if change.over > 0.0 else change.at - _STEP_S
+        here = float(np.interp(begin, at, value))
+        kept = bisect.bisect_left(at, begin)
+        at = [*at[:kept], begin, change.at + change.over]
+        value = [*value[:kept], here, target]
+    return np.array(at), np.array(value)

@@ -1,0 +1,360 @@
+r"""A muscle that changes while it is stimulated: fatigue, potentiation, scripted changes.
+
+A chain of n equal poles whose time constant T_a(t) changes is the fixed chain of `contraction` in
+the time ``theta(t) = int dt / T_a(t)``, so its moments stay exact.  Everything that changes is
+constant within cells of 10 ms; cells lie on multiples of 10 ms of the stamps themselves, so that
+blocks of any length give the same bits.  Per cell:
+
+- scripted values (`Timeline`) at its beginning;
+- fatigue and potentiation, moved on at its end with the force there.
+
+A pulse is weighted when it begins to act.  ``gain`` and fatigue scale the *steady force*: the
+peak of a twitch that has become slower is smaller in proportion.  A pulse that arrives after
+samples on which it should have acted acts from its own time on, as if T_a had always been what it
+is now.
+"""
+
+from dataclasses import dataclass
+from dataclasses import field
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle.changes import CHANGEABLE
+from rpms_ros.muscle.changes import Change
+from rpms_ros.muscle.changes import Timeline
+from rpms_ros.muscle.contraction import REFRACTORY_PERIOD
+from rpms_ros.muscle.contraction import move_moments
+from rpms_ros.muscle.contraction import twitch_peak_factor
+from rpms_ros.muscle.fatigue import Fatigue
+from rpms_ros.muscle.fatigue import Potentiation
+from rpms_ros.muscle.subject import Subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+CELL_NS = 10_000_000
+_CELL_S = CELL_NS / NANOSECONDS_PER_SECOND
+
+
+class MuscleState(NamedTuple):
+    """What is true of a muscle that changes, at one time.
+
+    Attributes
+    ----------
+    gain : float
+        Steady force relative to the rested, unchanged subject: script, fatigue and potentiation.
+    time_constant : float
+        T_a [s].
+    latency : float
+        [s].
+    threshold, saturation : float
+        u_thr and u_sat.
+    fatigue : float
+        Steady force relative to the rested muscle, by fatigue alone.
+    potentiation : float
+        Growth of the twitch, as a share of the rested one.
+    """
+
+    gain: float
+    time_constant: float
+    latency: float
+    threshold: float
+    saturation: float
+    fatigue: float
+    potentiation: float
+
+
+class _Rates(NamedTuple):
+    """Coefficients of one cell for `_advance`."""
+
+    keep_fatigue: float
+    loss: float
+    slowing: float
+    lowest_gain: float
+    keep_potentiation: float
+    per_pulse: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class LivingSettings:
+    """What changes in a muscle.
+
+    Attributes
+    ----------
+    fatigue : Fatigue
+        By its own force.
+    potentiation : Potentiation
+        By its own pulses.
+    changes : tuple of Change
+        By the script.
+    """
+
+    fatigue: Fatigue = field(default_factory=Fatigue)
+    potentiation: Potentiation = field(default_factory=Potentiation)
+    changes: tuple[Change, ...] = ()
+
+
+@numba.njit(cache=True)
+def _advance(
+    stamp_ns: IntArray,
+    effective_ns: IntArray,
+    weight: FloatArray,
+    share: FloatArray,
+    first_cell: int,
+    scripted: FloatArray,
+    rates: _Rates,
+    scale: float,
+    moments: FloatArray,
+    state: FloatArray,
+    reference_ns: int,
+) -> tuple[FloatArray, int, int]:
+    """Move the muscle on to the last stamp; return the force, pulses used and reference time.
+
+    `scripted` (cells, 2) holds T_a / T_a(rest) and gain of each cell; `state` (3,) fatigue gain,
+    slowing and potentiation; `weight` (pulses,) the peak of each twitch [N] at rest, `share` its
+    recruitment; `moments` are in newtons and the time theta.
+    """
+    force = np.empty(len(stamp_ns))
+    at_sample = np.empty_like(moments)
+    pulse = 0
+    for index in range(len(stamp_ns)):
+        stamp = stamp_ns[index]
+        while True:
+            cell = reference_ns // CELL_NS
+            boundary = (cell + 1) * CELL_NS
+            slow = scripted[cell - first_cell, 0] * state[1]
+            until = min(stamp, boundary)
+            if pulse < len(effective_ns) and effective_ns[pulse] <= until:
+                onset = effective_ns[pulse]
+                if onset > reference_ns:
+                    move_moments(moments, (onset - reference_ns) / (scale * slow))
+                    reference_ns = onset
+                    continue
+                lag = (reference_ns - onset) / (scale * slow)
+                gain = scripted[cell - first_cell, 1] * state[0] * (1.0 + state[2])
+                term = weight[pulse] * gain / slow * np.exp(-lag)
+                for j in range(len(moments)):
+                    moments[j] += term
+                    term *= lag
+                left = rates.largest - state[2]
+                state[2] += rates.per_pulse * share[pulse] * max(left, 0.0)
+                pulse += 1
+                continue
+            if stamp < boundary:
+                break
+            move_moments(moments, (boundary - reference_ns) / (scale * slow))
+            reference_ns = boundary
+            use = moments[-1]
+            faded = 1.0 + (state[0] - 1.0) * rates.keep_fatigue - rates.loss * use
+            state[0] = max(faded, rates.lowest_gain)
+            state[1] = 1.0 + (state[1] - 1.0) * rates.keep_fatigue + rates.slowing * use
+            state[2] *= rates.keep_potentiation
+        at_sample[:] = moments
+        move_moments(at_sample, (stamp - reference_ns) / (scale * slow))
+        force[index] = at_sample[-1]
+    return force, pulse, reference_ns
+
+
+class LivingContraction:
+    """Isometric force of a stimulated muscle that changes; read forwards in time only.
+
+    Parameters
+    ----------
+    subject : Subject
+        The muscle at rest.
+    settings : LivingSettings
+        What changes in it.
+    start_ns : int
+        Start of the session, from which scripted changes count [ns].
+    fixed_rate_hz : float or None
+        As in `Contraction`.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        settings: LivingSettings,
+        start_ns: int,
+        fixed_rate_hz: float | None = None,
+    ) -> None:
+        if fixed_rate_hz is not None and not 0.0 < fixed_rate_hz < np.inf:
+            raise MuscleError(f'expected a repetition rate above 0 Hz, got {fixed_rate_hz}')
+        self.subject = subject
+        self.settings = settings
+        self._start_ns = start_ns
+        self._fixed_rate = fixed_rate_hz
+        curve = subject.recruitment
+        start = {
+            'gain': 1.0,
+            'time_constant': subject.time_constant,
+            'latency': subject.latency,
+            'threshold': curve.threshold,
+            'saturation': curve.saturation,
+        }
+        self._timeline = Timeline(start, settings.changes)
+        self._peak = twitch_peak_factor(subject.order)
+        self._moments = np.zeros(subject.order)
+        self._state = np.array([1.0, 1.0, 0.0])
+        self._rates = self._rates_of(settings)
+        self._reference_ns: int | None = None
+        self._last_onset_ns: int | None = None
+        self._onset_ns = np.empty(0, dtype=np.int64)
+        self._intensity = np.empty(0)
+
+    def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
+        """Add pulses (pulses,) at onsets [ns] with intensities (share 0..1), in any order.
+
+        Raises
+        ------
+        MuscleError
+            If an intensity is not between 0 and 1; nothing is added then.
+        """
+        onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
+        values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
+        if onsets.shape != values.shape:
+            raise MuscleError(
+                f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
+            )
+        valid = (values >= 0.0) & (values <= 1.0)
+        if not valid.all():
+            raise MuscleError(f'expected intensities from 0 to 1, got {values[~valid][0]}')
+        merged = np.concatenate((self._onset_ns, onsets))
+        order = np.argsort(merged, kind='stable')
+        self._onset_ns = merged[order]
+        self._intensity = np.concatenate((self._intensity, values))[order]
+
+    def force(self, stamp_ns: npt.ArrayLike) -> FloatArray:
+        """Return the force [N] (samples,) at ascending times [ns] not before those read already.
+
+        Raises
+        ------
+        MuscleError
+            If a time lies before one that has been read, or the times do not ascend.
+        """
+        stamps = np.atleast_1d(np.asarray(stamp_ns, dtype=np.int64))
+        if not len(stamps):
+            return np.empty(0)
+        if (np.diff(stamps) < 0).any():
+            raise MuscleError('expected ascending times, got one that goes back')
+        effective, weight, share = self._acting()
+        if self._reference_ns is None:
+            first = min(int(stamps[0]), int(effective.min(initial=stamps[0])))
+            self._reference_ns = first // CELL_NS * CELL_NS
+        if stamps[0] < self._reference_ns:
+            raise MuscleError(
+                f'expected times from {self._reference_ns} ns on, got {stamps[0]} ns'
+            )
+        order = np.argsort(effective, kind='stable')
+        first_cell = self._reference_ns // CELL_NS
+        force, used, self._reference_ns = _advance(
+            stamps,
+            effective[order],
+            weight[order],
+            share[order],
+            first_cell,
+            self._scripted(first_cell, int(stamps[-1]) // CELL_NS + 1),
+            self._rates,
+            self.subject.time_constant * NANOSECONDS_PER_SECOND,
+            self._moments,
+            self._state,
+            self._reference_ns,
+        )
+        self._drop(order[:used])
+        return self._peak * force
+
+    def state(self, stamp_ns: int) -> MuscleState:
+        """Return what is true of the muscle at a time [ns]; fatigue is that of the last read."""
+        at = np.array((stamp_ns - self._start_ns) / NANOSECONDS_PER_SECOND)
+        script = {name: float(self._timeline(name, at)) for name in CHANGEABLE}
+        fatigue, slow, potentiation = self._state.tolist()
+        return MuscleState(
+            gain=script['gain'] * fatigue * (1.0 + potentiation),
+            time_constant=script['time_constant'] * slow,
+            latency=script['latency'],
+            threshold=script['threshold'],
+            saturation=script['saturation'],
+            fatigue=fatigue,
+            potentiation=potentiation,
+        )
+
+    def steady_force(self, stamp_ns: int, intensity: FloatArray, rate_hz: float) -> FloatArray:
+        """Return the true recruitment curve at a time: steady mean force [N] (intensities,)."""
+        state = self.state(stamp_ns)
+        curve = self._recruitment(intensity, np.array(state.threshold), np.array(state.saturation))
+        full = float(self.subject.steady_force(1.0, rate_hz) / self.subject.recruitment(1.0))
+        return state.gain * full * curve
+
+    def _rates_of(self, settings: LivingSettings) -> _Rates:
+        fatigue, potentiation = settings.fatigue, settings.potentiation
+        # the moments give the force without its peak factor
+        use = _CELL_S * self._peak / self.subject.maximum_force
+        return _Rates(
+            keep_fatigue=float(np.exp(-_CELL_S / fatigue.recovery)),
+            loss=fatigue.force_loss * use,
+            slowing=fatigue.slowing * use,
+            lowest_gain=fatigue.lowest_gain,
+            keep_potentiation=float(np.exp(-_CELL_S / potentiation.decay)),
+            per_pulse=potentiation.per_pulse,
+            largest=potentiation.largest,
+        )
+
+    def _elapsed(self, time_ns: IntArray) -> FloatArray:
+        """Return seconds from the start of the session."""
+        elapsed: FloatArray = (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
+        return elapsed
+
+    def _scripted(self, first: int, end: int) -> FloatArray:
+        """Return T_a / T_a(rest) and gain of the cells from `first` to `end` (cells, 2)."""
+        at = self._elapsed(np.arange(first, end + 1, dtype=np.int64) * CELL_NS)
+        slow = self._timeline('time_constant', at) / self.subject.time_constant
+        return np.column_stack((slow, self._timeline('gain', at)))
+
+    def _acting(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return of each waiting pulse its begin [ns], peak at rest [N] and recruitment."""
+        at = self._elapsed(self._onset_ns)
+        latency = np.rint(self._timeline('latency', at) * NANOSECONDS_PER_SECOND)
+        rate = np.zeros(len(self._onset_ns))
+        if self._fixed_rate is not None:
+            rate[:] = self._fixed_rate
+        elif len(rate):
+            before = self._onset_ns[:1] if self._last_onset_ns is None else self._last_onset_ns
+            interval = np.diff(self._onset_ns, prepend=before) / NANOSECONDS_PER_SECOND
+            rate = 1.0 / np.maximum(interval, REFRACTORY_PERIOD)
+            if self._last_onset_ns is None:
+                rate[0] = 0.0
+        share = self._recruitment(
+            self._intensity, self._timeline('threshold', at), self._timeline('saturation', at)
+        )
+        unit = self.subject.pulse_weight(1.0, rate) / float(self.subject.recruitment(1.0))
+        return self._onset_ns + latency.astype(np.int64), unit * share, share
+
+    def _recruitment(
+        self, intensity: FloatArray, threshold: FloatArray, saturation: FloatArray
+    ) -> FloatArray:
+        """Return rho_u with moved threshold and saturation, none at intensity 0, same gain."""
+        curve = self.subject.recruitment
+
+        def shape(u: FloatArray) -> FloatArray:
+            above, beyond = u - threshold, u - saturation
+            bend: FloatArray = above * np.arctan(curve.threshold_slope * above)
+            return bend - beyond * np.arctan(curve.saturation_slope * beyond)
+
+        moved = (threshold != curve.threshold) | (saturation != curve.saturation)
+        none = np.where(moved, -curve.gain * shape(np.zeros_like(intensity)), curve.offset)
+        return curve.gain * shape(intensity) + none
+
+    def _drop(self, used: IntArray) -> None:
+        """Forget pulses that have begun to act."""
+        if not len(used):
+            return
+        newest = int(self._onset_ns[used].max())
+        if self._last_onset_ns is None or newest > self._last_onset_ns:
+            self._last_onset_ns = newest
+        keep = np.ones(len(self._onset_ns), dtype=np.bool_)
+        keep[used] = False
+        self._onset_ns, self._intensity = self._onset_ns[keep], self._intensity[keep]

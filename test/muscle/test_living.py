@@ -1,0 +1,238 @@
+"""A muscle that changes: against the steady one, and against its differential equations."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import Subject
+from rpms_ros.muscle import average_subject
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle.changes import Change
+from rpms_ros.muscle.changes import Timeline
+from rpms_ros.muscle.fatigue import Fatigue
+from rpms_ros.muscle.fatigue import Potentiation
+from rpms_ros.muscle.living import LivingContraction
+from rpms_ros.muscle.living import LivingSettings
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+
+MILLISECOND = 1_000_000
+EPOCH_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
+TIRING = LivingSettings(Fatigue(force_loss=0.2, slowing=0.1, recovery=20.0))
+EVERYTHING = LivingSettings(
+    Fatigue(force_loss=0.05, slowing=0.02, recovery=10.0),
+    Potentiation(largest=0.3, per_pulse=0.05, decay=5.0),
+    (Change(0.7, 0.5, gain=0.6, latency=15e-3), Change(1.5, threshold=0.55, time_constant=0.05)),
+)
+
+
+def train(seconds: float, rate_hz: float = 20.0) -> PulseTrain:
+    intensity = np.random.default_rng(3).uniform(0.3, 1.0, round(rate_hz * seconds))
+    return PulseTrain.regular(intensity, rate_hz, EPOCH_NS)
+
+
+def grid(seconds: float) -> IntArray:
+    return EPOCH_NS + MILLISECOND * np.arange(round(1000 * seconds), dtype=np.int64)
+
+
+def living(
+    changing: LivingSettings, subject: Subject | None = None, seconds: float = 3.0
+) -> LivingContraction:
+    muscle = LivingContraction(subject or average_subject(), changing, EPOCH_NS)
+    pulses = train(seconds)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    return muscle
+
+
+def test_a_muscle_that_does_not_change_is_the_steady_one() -> None:
+    steady = Contraction(average_subject())
+    pulses = train(3.0)
+    steady.add_pulses(pulses.onset_ns, pulses.intensity)
+    # both are exact; the moments go through different steps, so only rounding is left
+    expected = steady.force(grid(3.0))
+    np.testing.assert_allclose(living(LivingSettings()).force(grid(3.0)), expected, rtol=1e-11)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.integers(0, 2500), max_size=5))
+def test_block_length_changes_no_bit(cuts: list[int]) -> None:
+    stamps = grid(2.5)
+    whole = living(EVERYTHING).force(stamps)
+    muscle = living(EVERYTHING)
+    edges = [0, *sorted(cuts), len(stamps)]
+    blocks = [muscle.force(stamps[low:high]) for low, high in pairwise(edges)]
+    np.testing.assert_array_equal(np.concatenate(blocks), whole)
+
+
+def chain(subject: Subject, pulses: PulseTrain, fatigue: Fatigue, seconds: float) -> FloatArray:
+    """Return force, fatigue and slowing at the end of a chain of three poles with fatigue."""
+    state = np.array([0.0, 0.0, 0.0, 1.0, 1.0])
+    peak = (np.e / 2) ** 2
+
+    def rates(_time: float, x: FloatArray) -> FloatArray:
+        slow = subject.time_constant * x[4]
+        use = peak * x[2] / subject.maximum_force
+        return np.array(
+            [
+                -x[0] / slow,
+                (x[0] - x[1]) / slow,
+                (2 * x[1] - x[2]) / slow,
+                -(x[3] - 1) / fatigue.recovery - fatigue.force_loss * use,
+                -(x[4] - 1) / fatigue.recovery + fatigue.slowing * use,
+            ]
+        )
+
+    time = 0.0
+    weights = subject.pulse_weight(pulses.intensity, 20.0)
+    onsets = (pulses.onset_ns - EPOCH_NS) / NANOSECONDS_PER_SECOND + subject.latency
+    for onset, weight in zip(onsets, weights, strict=True):
+        state = solve_ivp(rates, (time, onset), state, rtol=1e-9, atol=1e-12).y[:, -1]
+        state[0] += weight * state[3] / state[4]
+        time = onset
+    final: FloatArray = solve_ivp(rates, (time, seconds), state, rtol=1e-9, atol=1e-12).y[:, -1]
+    return np.array([peak * final[2], final[3], final[4]])
+
+
+def test_fatigue_follows_its_differential_equations() -> None:
+    muscle = LivingContraction(average_subject(), TIRING, EPOCH_NS, fixed_rate_hz=20.0)
+    pulses = train(4.0)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    force = muscle.force(grid(4.0) + MILLISECOND)[-1]
+    state = muscle.state(EPOCH_NS)
+    slow = state.time_constant / average_subject().time_constant
+    expected = chain(average_subject(), pulses, TIRING.fatigue, 4.0)
+    assert expected[1] < 0.75
+    assert expected[2] > 1.1
+    # fatigue moves in cells of 10 ms with the force at their end: an error of the order of the
+    # change within one cell, 0.2/s times 10 ms
+    np.testing.assert_allclose([force, state.fatigue, slow], expected, rtol=2e-3)
+
+
+def test_a_tired_muscle_recovers_with_its_time_constant() -> None:
+    muscle = living(TIRING)
+    muscle.force(grid(3.5))
+    tired = muscle.state(EPOCH_NS).fatigue
+    assert tired < 0.8
+    muscle.force(grid(23.5)[-1:])
+    left = (1 - muscle.state(EPOCH_NS).fatigue) / (1 - tired)
+    # 20 s of one recovery time constant; the last twitches still tire the muscle a little
+    assert left == pytest.approx(np.exp(-1.0), rel=0.02)
+
+
+def test_force_never_falls_below_the_lowest_gain() -> None:
+    exhausting = LivingSettings(Fatigue(force_loss=50.0, lowest_gain=0.2))
+    muscle = living(exhausting)
+    force = muscle.force(grid(3.0))
+    assert muscle.state(EPOCH_NS).fatigue == pytest.approx(0.2, abs=0.01)
+    assert (force >= 0.0).all()
+
+
+def test_slowing_keeps_the_steady_force_that_the_gain_says() -> None:
+    subject = simulation_subject()
+    changing = LivingSettings(changes=(Change(0.0, time_constant=1.5 * subject.time_constant),))
+    muscle = LivingContraction(subject, changing, EPOCH_NS, fixed_rate_hz=20.0)
+    pulses = PulseTrain.regular(np.ones(100), 20.0, EPOCH_NS)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    last_second = muscle.force(grid(5.0))[4000:]
+    # the mean over whole periods, sampled every millisecond
+    assert last_second.mean() == pytest.approx(subject.maximum_force, rel=1e-4)
+
+
+def test_potentiation_grows_towards_its_largest_value_and_fades() -> None:
+    growing = LivingSettings(potentiation=Potentiation(0.5, 0.2, 30.0))
+    subject = average_subject()
+    muscle = LivingContraction(subject, growing, EPOCH_NS)
+    pulses = PulseTrain.regular(np.ones(60), 20.0, EPOCH_NS)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    muscle.force(grid(3.0))
+    grown = muscle.state(EPOCH_NS).potentiation
+    assert 0.45 < grown < 0.5
+    muscle.force(grid(33.0)[-1:])
+    # one decay time constant later
+    assert muscle.state(EPOCH_NS).potentiation == pytest.approx(grown * np.exp(-1.0), rel=0.01)
+
+
+def test_a_moved_coil_shifts_the_curve() -> None:
+    subject = simulation_subject()
+    move = Change(1.0, threshold=0.56, saturation=1.06, gain=0.8)
+    muscle = LivingContraction(subject, LivingSettings(changes=(move,)), EPOCH_NS)
+    u = np.linspace(0.0, 1.0, 11)
+    before = muscle.steady_force(EPOCH_NS, u, 20.0)
+    after = muscle.steady_force(EPOCH_NS + 2 * NANOSECONDS_PER_SECOND, u, 20.0)
+    np.testing.assert_allclose(before, subject.steady_force(u, 20.0), rtol=1e-12)
+    assert after[0] == pytest.approx(0.0, abs=1e-12)
+    # what was reached at 0.7 now takes 0.08 more, but for the force at rest that moves as well
+    moved = subject.recruitment(0.7 - 0.08) - subject.recruitment(-0.08)
+    assert after[7] == pytest.approx(0.8 * subject.maximum_force * moved, rel=1e-9)
+
+
+def test_the_true_curve_is_the_force_of_a_train() -> None:
+    subject = simulation_subject()
+    move = Change(0.0, threshold=0.56, saturation=1.06, gain=0.8)
+    changing = LivingSettings(changes=(move,))
+    muscle = LivingContraction(subject, changing, EPOCH_NS, fixed_rate_hz=20.0)
+    pulses = PulseTrain.regular(np.full(60, 0.8), 20.0, EPOCH_NS)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    mean = muscle.force(grid(3.0))[2000:].mean()
+    # the mean over whole periods, sampled every millisecond
+    truth = muscle.steady_force(EPOCH_NS, np.array([0.8]), 20.0)[0]
+    assert mean == pytest.approx(truth, rel=1e-4)
+
+
+def test_a_late_pulse_acts_from_its_own_time() -> None:
+    whole, late = (
+        living(LivingSettings()),
+        LivingContraction(average_subject(), LivingSettings(), EPOCH_NS),
+    )
+    pulses = train(3.0)
+    late.add_pulses(pulses.onset_ns[:-1], pulses.intensity[:-1])
+    late.force(grid(2.98))
+    late.add_pulses(pulses.onset_ns[-1], pulses.intensity[-1])
+    stamps = EPOCH_NS + 2_990 * MILLISECOND + MILLISECOND * np.arange(100, dtype=np.int64)
+    np.testing.assert_allclose(late.force(stamps), whole.force(stamps), rtol=1e-11)
+
+
+def test_changes_follow_each_other() -> None:
+    start = dict.fromkeys(('time_constant', 'latency', 'threshold', 'saturation'), 0.0)
+    changes = (Change(4.0, gain=2.0), Change(1.0, 2.0, gain=0.5), Change(2.0, 1.0, gain=1.0))
+    timeline = Timeline({**start, 'gain': 1.0}, changes)
+    at = np.array([-5.0, 0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 3.9, 4.1, 99.0])
+    expected = [1.0, 1.0, 1.0, 0.875, 0.75, 0.875, 1.0, 1.0, 2.0, 2.0]
+    np.testing.assert_allclose(timeline('gain', at), expected)
+
+
+def test_times_only_go_forwards() -> None:
+    muscle = living(LivingSettings())
+    muscle.force(grid(1.0))
+    with pytest.raises(MuscleError, match='expected times from'):
+        muscle.force(grid(0.5))
+    with pytest.raises(MuscleError, match='expected ascending times'):
+        muscle.force(grid(2.0)[::-1])
+
+
+@pytest.mark.parametrize(
+    ('make', 'fault'),
+    [
+        (lambda: Fatigue(force_loss=-1.0), 'expected a finite force_loss of at least 0, got -1'),
+        (lambda: Fatigue(recovery=0.0), 'expected a finite recovery above 0 s, got 0'),
+        (lambda: Fatigue(lowest_gain=0.0), 'expected a lowest_gain above 0 up to 1, got 0'),
+        (lambda: Potentiation(per_pulse=2.0), 'expected a per_pulse from 0 to 1, got 2'),
+        (lambda: Potentiation(decay=float('nan')), 'expected a finite decay above 0 s, got nan'),
+        (lambda: Change(-1.0, gain=1.0), 'expected a finite at of at least 0, got -1'),
+        (lambda: Change(1.0, time_constant=0.0), 'expected a time_constant above 0 s, got 0'),
+        (lambda: Change(1.0, threshold=9.0), 'expected a threshold from -1 to 3, got 9'),
+        (lambda: Change(1.0), 'expected a change of gain, time_constant, .*, got none'),
+    ],
+)
+def test_bad_settings_are_refused(make, fault) -> None:
+    with pytest.raises(MuscleError, match=fault):
+        make()
