@@ -1,0 +1,131 @@
+"""Force beside the stimulated one, and faults of the sensor."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle.effort import EFFORTS
+from rpms_ros.muscle.effort import Bump
+from rpms_ros.muscle.effort import Spasm
+from rpms_ros.muscle.effort import Tremor
+from rpms_ros.muscle.effort import VoluntaryEffort
+from rpms_ros.muscle.effort import total_effort
+from rpms_ros.muscle.sensor_faults import KINDS
+from rpms_ros.muscle.sensor_faults import FaultySensor
+from rpms_ros.muscle.sensor_faults import SensorFault
+from rpms_ros.pulses import ForceTrace
+
+START_NS = 1_700_000_000_000_000_000
+TIME = np.arange(30_000) / 1000.0
+STAMP_NS = START_NS + 1_000_000 * np.arange(3000, dtype=np.int64)
+FORCE = np.sin(np.arange(3000) / 100.0)
+
+
+def test_a_voluntary_effort_repeats() -> None:
+    force = VoluntaryEffort(3.0, 1.5, 2.0, every=12.0).force(TIME)
+    assert not force[:3000].any()
+    assert force[3750] == pytest.approx(2.0)
+    assert not force[4500:15_000].any()
+    # the same but for the rounding of the remainder
+    np.testing.assert_allclose(force[15_000:16_500], force[3000:4500], atol=1e-12)
+
+
+def test_a_spasm_rises_fast_and_decays() -> None:
+    force = Spasm(1.0, 4.0, rise=0.2, decay=1.0).force(TIME)
+    assert not force[:1000].any()
+    assert force.max() == pytest.approx(4.0)
+    assert np.argmax(force) == 1200
+    assert force[2200] == pytest.approx(4.0 * np.exp(-1.0))
+
+
+def test_a_tremor_has_its_frequency_and_ends() -> None:
+    force = Tremor(0.3, 8.0, at=1.0, duration=2.0).force(TIME)
+    assert force.max() == pytest.approx(0.3, rel=1e-3)
+    assert not force[3000:].any()
+    crossings = np.count_nonzero(np.diff(np.sign(force[1001:2999])) > 0)
+    # 16 periods in two seconds
+    assert crossings in (15, 16)
+
+
+def test_a_bump_is_half_a_sine() -> None:
+    force = Bump(0.5, -5.0, duration=0.04).force(TIME)
+    assert force[520] == pytest.approx(-5.0)
+    assert np.count_nonzero(force) == 39
+
+
+def test_efforts_add() -> None:
+    efforts = (VoluntaryEffort(3.0, 1.5, 2.0), Tremor(0.3))
+    expected = efforts[0].force(TIME) + efforts[1].force(TIME)
+    np.testing.assert_array_equal(total_effort(efforts, TIME), expected)
+    assert not total_effort((), TIME).any()
+
+
+def test_every_kind_has_its_name() -> None:
+    assert set(EFFORTS) == {'voluntary', 'spasm', 'tremor', 'bump'}
+
+
+def shown(*faults: SensorFault) -> ForceTrace:
+    return FaultySensor(faults, START_NS)(STAMP_NS, FORCE)
+
+
+def test_a_sensor_without_faults_shows_everything() -> None:
+    trace = shown()
+    np.testing.assert_array_equal(trace.stamp_ns, STAMP_NS)
+    np.testing.assert_array_equal(trace.force, FORCE)
+
+
+def test_a_frozen_sensor_repeats_its_last_value() -> None:
+    trace = shown(SensorFault('frozen', 1.0, 0.5))
+    assert (trace.force[1000:1500] == FORCE[999]).all()
+    np.testing.assert_array_equal(trace.force[1500:], FORCE[1500:])
+
+
+def test_a_clipped_a_scaled_and_a_shifted_sensor() -> None:
+    assert np.abs(shown(SensorFault('clipped', 0.0, 3.0, 0.4)).force).max() == 0.4
+    np.testing.assert_array_equal(shown(SensorFault('scaled', 0.0, 3.0, -1.0)).force, -FORCE)
+    np.testing.assert_array_equal(shown(SensorFault('offset', 0.0, 3.0, 2.0)).force, FORCE + 2.0)
+
+
+def test_lost_and_doubled_samples() -> None:
+    assert len(shown(SensorFault('lost', 1.0, 0.5)).stamp_ns) == 2500
+    trace = shown(SensorFault('doubled', 1.0, 0.5))
+    assert len(trace.stamp_ns) == 3500
+    np.testing.assert_array_equal(trace.stamp_ns[1000:1004], STAMP_NS[[1000, 1000, 1001, 1001]])
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.integers(0, 3000), max_size=6), st.sampled_from(KINDS))
+def test_block_length_changes_no_bit(cuts: list[int], kind: str) -> None:
+    faults = (SensorFault(kind, 0.7, 1.1, 0.3), SensorFault('frozen', 0.2, 0.1))
+    whole = shown(*faults)
+    sensor = FaultySensor(faults, START_NS)
+    edges = [0, *sorted(cuts), 3000]
+    parts = [sensor(STAMP_NS[low:high], FORCE[low:high]) for low, high in pairwise(edges)]
+    stamps = np.concatenate([part.stamp_ns for part in parts])
+    np.testing.assert_array_equal(stamps, whole.stamp_ns)
+    np.testing.assert_array_equal(np.concatenate([part.force for part in parts]), whole.force)
+
+
+@pytest.mark.parametrize(
+    ('make', 'fault'),
+    [
+        (lambda: VoluntaryEffort(-1.0, 1.0, 1.0), 'finite beginning of at least 0 s, got -1'),
+        (lambda: VoluntaryEffort(0.0, 0.0, 1.0), 'finite duration above 0 s, got 0'),
+        (lambda: VoluntaryEffort(0.0, 2.0, 1.0, every=1.0), 'period of at least 2 s, got 1'),
+        (lambda: Spasm(0.0, float('nan')), 'expected a finite peak, got nan'),
+        (lambda: Spasm(0.0, 1.0, decay=0.0), 'expected a finite decay above 0 s, got 0'),
+        (lambda: Tremor(0.1, 0.0), 'expected a frequency above 0 up to 1000 Hz, got 0'),
+        (lambda: SensorFault('melted', 0.0, 1.0), "expected a fault of frozen, .* got 'melted'"),
+        (lambda: SensorFault('lost', -1.0, 1.0), 'finite beginning of at least 0 s, got -1'),
+        (lambda: SensorFault('lost', 0.0, 0.0), 'finite duration above 0 s, got 0'),
+        (lambda: SensorFault('clipped', 0.0, 1.0, float('inf')), 'a finite value, got inf'),
+    ],
+)
+def test_bad_settings_are_refused(make, fault) -> None:
+    with pytest.raises(MuscleError, match=fault):
+        make()
