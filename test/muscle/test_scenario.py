@@ -1,0 +1,83 @@
+"""Scenario files: what they say, and what is refused with line and key."""
+
+import pytest
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle.changes import Change
+from rpms_ros.muscle.effort import Tremor
+from rpms_ros.muscle.effort import VoluntaryEffort
+from rpms_ros.muscle.fatigue import Fatigue
+from rpms_ros.muscle.scenario import load_scenario
+from rpms_ros.muscle.scenario import scenario_from_text
+from rpms_ros.muscle.scenario import scenario_names
+from rpms_ros.muscle.sensor_faults import SensorFault
+
+TEXT = """\
+name: example
+description: everything once
+fatigue: {force_loss: 0.02, slowing: 0.01}
+potentiation: {largest: 0.1}
+changes:
+  - {at: 40, over: 2, gain: 0.8, threshold: 0.56}
+efforts:
+  - {kind: voluntary, at: 8.0, duration: 1.5, peak: 2.0, every: 12.0}
+  - {kind: tremor, amplitude: 0.3, duration: null}
+disturbances: {noise: 0.05}
+sensor_faults:
+  - {fault: clipped, at: 1.0, duration: 2.0, value: 6.0}
+"""
+
+
+def test_a_scenario_is_what_its_file_says() -> None:
+    scenario = scenario_from_text(TEXT)
+    assert scenario.name == 'example'
+    assert scenario.living.fatigue == Fatigue(0.02, 0.01)
+    assert scenario.living.potentiation.largest == 0.1
+    assert scenario.living.changes == (Change(40.0, 2.0, gain=0.8, threshold=0.56),)
+    assert scenario.efforts == (VoluntaryEffort(8.0, 1.5, 2.0, 12.0), Tremor(0.3))
+    assert scenario.disturbances.noise == 0.05
+    assert scenario.sensor_faults == (SensorFault('clipped', 1.0, 2.0, 6.0),)
+
+
+def test_the_scenarios_of_the_package_can_be_loaded() -> None:
+    assert scenario_names() == (
+        'bad-sensor', 'coil-moved', 'fatigue', 'restless', 'steady', 'voluntary',
+    )  # fmt: skip
+    for name in scenario_names():
+        scenario = load_scenario(name)
+        assert scenario.name == name
+        assert scenario.description
+
+
+@pytest.mark.parametrize(
+    ('before', 'after', 'fault'),
+    [
+        (
+            'name: example',
+            'names: example',
+            r'line 1, names: expected a key of name, .* got names',
+        ),
+        ('0.02', '-1', r'line 3, fatigue: expected a finite force_loss of at least 0, got -1'),
+        ('0.02', 'yes', r'line 3, fatigue.force_loss: expected a number, got yes'),
+        ('0.02', 'true', r'line 3, fatigue.force_loss: expected a number, got True'),
+        ('0.02', '010', r'line 3, fatigue.force_loss: .*leading zeros'),
+        ('at: 40, ', '', r'line 6, changes\[0\]: expected the key at, got over, gain, threshold'),
+        ('voluntary', 'dance', r'line 8, efforts\[0\].kind: expected a kind of .* got dance'),
+        ('kind: tremor, ', '', r'line 9, efforts\[1\]: expected a kind of .*, got None'),
+        ('clipped', '7', r'line 12, sensor_faults\[0\].fault: expected a text, got 7'),
+        ('{noise: 0.05}', '[1]', r'line 10, disturbances: expected keys and values, got \[1\]'),
+        ('name: example', 'name: example\nname: x', r'line 2, name: expected the key once'),
+    ],
+)
+def test_faults_are_named_by_line_and_key(before: str, after: str, fault: str) -> None:
+    with pytest.raises(MuscleError, match=fault):
+        scenario_from_text(TEXT.replace(before, after, 1))
+
+
+def test_faults_name_the_file(tmp_path) -> None:
+    path = tmp_path / 'mine.yaml'
+    path.write_text('fatigue: 3')
+    with pytest.raises(MuscleError, match=r'mine.yaml: line 1, fatigue: expected keys and values'):
+        load_scenario(str(path))
+    with pytest.raises(MuscleError, match=r'expected a scenario of bad-sensor, .*, got nowhere'):
+        load_scenario('nowhere')
