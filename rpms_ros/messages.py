@@ -23,6 +23,8 @@ from rpms_ros.axis import Axis
 from rpms_ros.axis import unit_vector
 from rpms_ros.errors import MessageError
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.muscle.state import MuscleState
+from rpms_ros.muscle.truth import Truth
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import Pulse
@@ -37,6 +39,7 @@ WRENCH = 'geometry_msgs/msg/Wrench'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
 PULSE = 'rpms_msgs/msg/Pulse'
 MUSCLE_ESTIMATE = 'rpms_msgs/msg/MuscleEstimate'
+MUSCLE_TRUTH = 'rpms_msgs/msg/MuscleTruth'
 
 
 def _fields_of(kind: Any, *apart: str) -> tuple[str, ...]:
@@ -162,6 +165,40 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = ''
         fault_names=[str(name) for name in estimate.faults],
         fault_counts=array('Q', [int(count) for count in estimate.faults.values()]),
         **fields,
+    )
+
+
+def truth_message(truth: Truth, types: MessageTypes, frame_id: str = '') -> Any:
+    """Return an rpms_msgs/MuscleTruth."""
+    return types[MUSCLE_TRUTH](
+        header=header_message(truth.stamp_ns, frame_id, types),
+        effort=float(truth.effort),
+        repetition_rate=float(truth.repetition_rate),
+        curve_intensity=_doubles(truth.curve_intensity),
+        curve_force=_doubles(truth.curve_force),
+        **{name: float(value) for name, value in truth.state._asdict().items()},
+    )
+
+
+def truth_of(message: Any) -> Truth:
+    """Return what an rpms_msgs/MuscleTruth says.
+
+    Raises
+    ------
+    MessageError
+        If the arrays of the curve differ in length.
+    """
+    intensity, force = _array(message.curve_intensity), _array(message.curve_force)
+    if len(intensity) != len(force):
+        raise MessageError(f'expected {len(intensity)} elements in curve_force, got {len(force)}')
+    state = MuscleState(*(float(getattr(message, name)) for name in MuscleState._fields))
+    return Truth(
+        stamp_ns=nanoseconds(message.header.stamp),
+        state=state,
+        repetition_rate=float(message.repetition_rate),
+        curve_intensity=intensity,
+        curve_force=force,
+        effort=float(message.effort),
     )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rpms_ros.errors import MuscleError
+from rpms_ros.muscle.state import MuscleState
 from rpms_ros.muscle.subject import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -143,6 +144,28 @@ class Contraction:
         self._last_folded_ns: int | None = None
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
+
+    def begin(self, start_ns: int) -> None:
+        """Do nothing: a steady muscle has no beginning."""
+
+    def state(self, stamp_ns: int) -> MuscleState:
+        """Return what is true of the muscle at any time."""
+        del stamp_ns
+        curve = self.subject.recruitment
+        return MuscleState(
+            gain=1.0,
+            time_constant=self.subject.time_constant,
+            latency=self.subject.latency,
+            threshold=curve.threshold,
+            saturation=curve.saturation,
+            fatigue=1.0,
+            potentiation=0.0,
+        )
+
+    def steady_force(self, stamp_ns: int, intensity: FloatArray, rate_hz: float) -> FloatArray:
+        """Return the recruitment curve: steady mean force [N] (intensities,)."""
+        del stamp_ns
+        return self.subject.steady_force(intensity, rate_hz)
 
     def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
         """Add pulses.

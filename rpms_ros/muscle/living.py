@@ -27,10 +27,13 @@ from rpms_ros.muscle.changes import CHANGEABLE
 from rpms_ros.muscle.changes import Change
 from rpms_ros.muscle.changes import Timeline
 from rpms_ros.muscle.contraction import REFRACTORY_PERIOD
+from rpms_ros.muscle.contraction import Contraction
 from rpms_ros.muscle.contraction import move_moments
 from rpms_ros.muscle.contraction import twitch_peak_factor
 from rpms_ros.muscle.fatigue import Fatigue
 from rpms_ros.muscle.fatigue import Potentiation
+from rpms_ros.muscle.state import Muscle
+from rpms_ros.muscle.state import MuscleState
 from rpms_ros.muscle.subject import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -38,34 +41,6 @@ from rpms_ros.pulses import IntArray
 
 CELL_NS = 10_000_000
 _CELL_S = CELL_NS / NANOSECONDS_PER_SECOND
-
-
-class MuscleState(NamedTuple):
-    """What is true of a muscle that changes, at one time.
-
-    Attributes
-    ----------
-    gain : float
-        Steady force relative to the rested, unchanged subject: script, fatigue and potentiation.
-    time_constant : float
-        T_a [s].
-    latency : float
-        [s].
-    threshold, saturation : float
-        u_thr and u_sat.
-    fatigue : float
-        Steady force relative to the rested muscle, by fatigue alone.
-    potentiation : float
-        Growth of the twitch, as a share of the rested one.
-    """
-
-    gain: float
-    time_constant: float
-    latency: float
-    threshold: float
-    saturation: float
-    fatigue: float
-    potentiation: float
 
 
 class _Rates(NamedTuple):
@@ -173,6 +148,11 @@ class LivingContraction:
         Start of the session, from which scripted changes count [ns].
     fixed_rate_hz : float or None
         As in `Contraction`.
+
+    Raises
+    ------
+    MuscleError
+        If the rate is not above zero.
     """
 
     def __init__(
@@ -205,6 +185,10 @@ class LivingContraction:
         self._last_onset_ns: int | None = None
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
+
+    def begin(self, start_ns: int) -> None:
+        """Let scripted changes count from `start_ns` [ns]."""
+        self._start_ns = start_ns
 
     def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
         """Add pulses (pulses,) at onsets [ns] with intensities (share 0..1), in any order.
@@ -358,3 +342,12 @@ class LivingContraction:
         keep = np.ones(len(self._onset_ns), dtype=np.bool_)
         keep[used] = False
         self._onset_ns, self._intensity = self._onset_ns[keep], self._intensity[keep]
+
+
+def muscle_of(
+    subject: Subject, settings: LivingSettings, fixed_rate_hz: float | None = None
+) -> Muscle:
+    """Return a muscle: the exact steady one where nothing is to change."""
+    if settings == LivingSettings():
+        return Contraction(subject, fixed_rate_hz)
+    return LivingContraction(subject, settings, 0, fixed_rate_hz)

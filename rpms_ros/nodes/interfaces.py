@@ -7,6 +7,7 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Header
 
 from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import MuscleTruth
 from rpms_msgs.msg import Pulse
 from rpms_ros import messages
 
@@ -18,4 +19,5 @@ MESSAGE_TYPES: messages.MessageTypes = {
     messages.WRENCH_STAMPED: WrenchStamped,
     messages.PULSE: Pulse,
     messages.MUSCLE_ESTIMATE: MuscleEstimate,
+    messages.MUSCLE_TRUTH: MuscleTruth,
 }

@@ -9,17 +9,20 @@ import numpy as np
 from rpms_ros.errors import MuscleError
 from rpms_ros.errors import NodeError
 from rpms_ros.muscle import SUBJECTS
-from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import Disturbances
-from rpms_ros.muscle import Sensor
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import random_subject
 from rpms_ros.muscle import subject_by_name
+from rpms_ros.muscle.living import muscle_of
+from rpms_ros.muscle.plant import SampledPlant
+from rpms_ros.muscle.scenario import Scenario
+from rpms_ros.muscle.scenario import load_scenario
+from rpms_ros.muscle.surroundings import Surroundings
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
-from rpms_ros.nodes.sampled_plant import SampledPlant
 
 RANDOM = 'random'
+_LARGEST_FORCE = 1e6
 _KEEP = 'negative keeps the preset'
 
 
@@ -71,7 +74,7 @@ class PlantParameters(NodeParameters):
         0.0005, 'Time constant of the artifact.', unit='s', minimum=1e-6, maximum=0.005
     )
     largest_force: float = parameter(
-        1e6, 'Largest force that the sensor shows.', unit='N', minimum=1e-3
+        _LARGEST_FORCE, 'Largest force that the sensor shows.', unit='N', minimum=1e-3
     )
     axis: str = parameter('z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'))
     frame_id: str = parameter('force_sensor', 'Frame of the wrench.')
@@ -81,6 +84,18 @@ class PlantParameters(NodeParameters):
         unit='s',
         minimum=0.0,
         maximum=1.0,
+    )
+    scenario: str = parameter(
+        '',
+        'What happens in the session: a name or a YAML file; empty for a muscle that is steady. '
+        'Disturbances given by parameters replace those of the scenario.',
+    )
+    truth_rate: float = parameter(
+        10.0,
+        'Messages a second that say what is true of the muscle; 0 for none.',
+        unit='Hz',
+        minimum=0.0,
+        maximum=100.0,
     )
     minimum_subscribers: int = parameter(
         0, 'Subscribers of the force to wait for before the first sample.', minimum=0
@@ -117,20 +132,25 @@ def subject_of(settings: PlantParameters) -> Subject:
     return dataclasses.replace(preset, recruitment=curve, **changes)
 
 
+def scenario_of(settings: PlantParameters) -> Scenario:
+    """Return the scenario, its disturbances replaced where the parameters say so."""
+    scenario = load_scenario(settings.scenario) if settings.scenario else Scenario()
+    given = {'saturation': settings.largest_force}
+    for name in ('noise', 'offset', 'drift', 'drift_period', 'artifact', 'artifact_decay'):
+        given[name] = getattr(settings, name)
+    if settings.scenario:
+        default = dataclasses.asdict(Disturbances(saturation=_LARGEST_FORCE))
+        given = {name: value for name, value in given.items() if value != default[name]}
+    disturbances = dataclasses.replace(scenario.disturbances, **given)
+    return dataclasses.replace(scenario, disturbances=disturbances)
+
+
 def build_plant(settings: PlantParameters) -> SampledPlant:
     """Return the plant that the parameters describe."""
-    disturbances = Disturbances(
-        noise=settings.noise,
-        offset=settings.offset,
-        drift=settings.drift,
-        drift_period=settings.drift_period,
-        artifact=settings.artifact,
-        artifact_decay=settings.artifact_decay,
-        saturation=settings.largest_force,
-    )
+    scenario = scenario_of(settings)
     return SampledPlant(
-        Contraction(subject_of(settings), settings.fixed_rate or None),
-        Sensor(disturbances, settings.seed),
+        muscle_of(subject_of(settings), scenario.living, settings.fixed_rate or None),
+        Surroundings(scenario, settings.seed),
         settings.rate,
     )
 

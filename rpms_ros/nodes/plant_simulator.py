@@ -14,6 +14,7 @@ from rclpy.clock import ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from rpms_msgs.msg import MuscleTruth
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.nodes import qos
@@ -47,6 +48,8 @@ class PlantSimulator(Node):
         self._begun = False
         self._axis = messages.AXES[self.settings.axis]
         self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
+        self._truth = self.create_publisher(MuscleTruth, topics.TRUTH, qos.TRUTH)
+        self._next_truth_ns = 0
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
             if self.settings.publish_clock
@@ -94,6 +97,7 @@ class PlantSimulator(Node):
         if self._clock_publisher is None and self._jump.at(now_ns):
             logger_of(self).warning('the clock has jumped: the plant starts anew')
             faults, self.plant = self.plant.faults, build_plant(self.settings)
+            self._next_truth_ns = 0
             self.plant.faults = faults
             self.plant.begin(now_ns)
 
@@ -103,6 +107,14 @@ class PlantSimulator(Node):
         for stamp_ns, force in zip(trace.stamp_ns.tolist(), trace.force.tolist(), strict=True):
             self._force.publish(
                 messages.force_message(stamp_ns, force, self._axis, MESSAGE_TYPES, frame_id)
+            )
+        newest_ns = self.plant.newest_ns
+        if self.settings.truth_rate > 0 and newest_ns >= self._next_truth_ns:
+            self._next_truth_ns = newest_ns + round(
+                NANOSECONDS_PER_SECOND / self.settings.truth_rate
+            )
+            self._truth.publish(
+                messages.truth_message(self.plant.truth(), MESSAGE_TYPES, frame_id)
             )
 
 

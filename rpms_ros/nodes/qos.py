@@ -46,6 +46,7 @@ LATEST = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # What may stop a driver: nothing is skipped, and nothing old is waited for.
 STOP = _profile(10)
 
+
 # What a button says: also for a driver that starts later.
 STOP_STATE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -57,3 +58,7 @@ STOP_LIVE = _profile(STOP_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # ... and what was said before the driver was there.
 STOP_KEPT = _profile(STOP_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
+
+TRUTH = _profile(100)
+"""What is true of a simulated muscle."""
+

@@ -12,6 +12,9 @@ FORCE = 'force'
 ESTIMATE = 'estimate'
 """rpms_msgs/MuscleEstimate: what is known of the muscle."""
 
+TRUTH = 'truth'
+"""rpms_msgs/MuscleTruth: what is true of a simulated muscle."""
+
 DRIVER_STATUS = 'driver_status'
 """rpms_msgs/DriverStatus: state of a stimulator driver."""
 

@@ -55,14 +55,14 @@ def test_the_scenarios_of_the_package_can_be_loaded() -> None:
         (
             'name: example',
             'names: example',
-            r'line 1, names: expected a key of name, .* got names',
+            r'line 1, names: expected a key of name, .* got .names.',
         ),
         ('0.02', '-1', r'line 3, fatigue: expected a finite force_loss of at least 0, got -1'),
-        ('0.02', 'yes', r'line 3, fatigue.force_loss: expected a number, got yes'),
+        ('0.02', 'yes', r'line 3, fatigue.force_loss: expected a number, got .yes.'),
         ('0.02', 'true', r'line 3, fatigue.force_loss: expected a number, got True'),
         ('0.02', '010', r'line 3, fatigue.force_loss: .*leading zeros'),
         ('at: 40, ', '', r'line 6, changes\[0\]: expected the key at, got over, gain, threshold'),
-        ('voluntary', 'dance', r'line 8, efforts\[0\].kind: expected a kind of .* got dance'),
+        ('voluntary', 'dance', r'line 8, efforts\[0\].kind: expected a kind of .* got .dance.'),
         ('kind: tremor, ', '', r'line 9, efforts\[1\]: expected a kind of .*, got None'),
         ('clipped', '7', r'line 12, sensor_faults\[0\].fault: expected a text, got 7'),
         ('{noise: 0.05}', '[1]', r'line 10, disturbances: expected keys and values, got \[1\]'),
@@ -79,5 +79,5 @@ def test_faults_name_the_file(tmp_path) -> None:
     path.write_text('fatigue: 3')
     with pytest.raises(MuscleError, match=r'mine.yaml: line 1, fatigue: expected keys and values'):
         load_scenario(str(path))
-    with pytest.raises(MuscleError, match=r'expected a scenario of bad-sensor, .*, got nowhere'):
+    with pytest.raises(MuscleError, match=r'expected a scenario of bad-sensor, .*, got .nowhere.'):
         load_scenario('nowhere')

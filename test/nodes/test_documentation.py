@@ -41,6 +41,7 @@ PROFILES = {
     topics.FORCE: qos.FORCE,
     topics.ESTIMATE: qos.ESTIMATE,
     topics.DRIVER_STATUS: qos.STATUS,
+    topics.TRUTH: qos.TRUTH,
 }
 
 

@@ -10,6 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
+from rpms_msgs.msg import MuscleTruth
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
@@ -18,6 +19,7 @@ from rpms_ros.muscle import average_subject
 from rpms_ros.nodes import qos
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.plant_parameters import PlantParameters
+from rpms_ros.nodes.plant_parameters import scenario_of
 from rpms_ros.nodes.plant_parameters import subject_of
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.pulses import Pulse
@@ -186,3 +188,30 @@ def test_parameters_that_do_not_go_together_are_refused(
 ) -> None:
     with pytest.raises(NodeError, match=message):
         PlantParameters(**values)
+
+
+def test_the_truth_of_a_scenario_is_published(graph, tmp_path) -> None:
+    path = tmp_path / 'scenario.yaml'
+    path.write_text('changes: [{at: 0.5, gain: 0.5, threshold: 0.6}]\n')
+    laboratory = Laboratory(graph, scenario=str(path), subject='simulation', truth_rate=50.0)
+    truths: list[MuscleTruth] = []
+    laboratory.probe.create_subscription(MuscleTruth, 'truth', truths.append, qos.TRUTH)
+    graph.wait_for(lambda: bool(truths) and truths[-1].gain == 0.5)
+    before, after = messages.truth_of(truths[0]), messages.truth_of(truths[-1])
+    assert (before.state.gain, before.state.threshold) == (1.0, 0.48)
+    assert (after.state.gain, after.state.threshold) == (0.5, 0.6)
+    assert before.curve_force[-1] == pytest.approx(10.0)
+    assert after.curve_force[-1] < 5.0
+    laboratory.wait_until(after.stamp_ns)
+    assert after.stamp_ns in laboratory.stamps
+
+
+def test_a_scenario_that_cannot_be_read_is_refused(graph) -> None:
+    with pytest.raises(NodeError, match=r'expected a scenario of bad-sensor, .* got .nowhere.'):
+        graph.add(PlantSimulator, scenario='nowhere')
+
+
+def test_parameters_replace_the_disturbances_of_a_scenario() -> None:
+    assert scenario_of(PlantParameters(scenario='steady')).disturbances.noise == 0.05
+    chosen = scenario_of(PlantParameters(scenario='steady', noise=0.2, largest_force=9.0))
+    assert (chosen.disturbances.noise, chosen.disturbances.saturation) == (0.2, 9.0)

@@ -1,4 +1,4 @@
-"""The plant of the simulator without its node: pulses in, force samples on an exact grid out."""
+"""A simulated plant: pulses in, force samples on an exact grid out."""
 
 import math
 from collections import Counter
@@ -6,8 +6,10 @@ from fractions import Fraction
 
 import numpy as np
 
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import Sensor
+from rpms_ros.muscle.state import Muscle
+from rpms_ros.muscle.surroundings import Surroundings
+from rpms_ros.muscle.truth import Truth
+from rpms_ros.muscle.truth import truth_at
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
@@ -29,17 +31,17 @@ class SampledPlant:
 
     Parameters
     ----------
-    contraction : Contraction
-        The muscle.
-    sensor : Sensor
-        What the sensor adds.
+    muscle : Muscle
+        The muscle, before any pulse.
+    surroundings : Surroundings
+        Efforts and sensor.
     rate : float
         Force samples a second [Hz].
     """
 
-    def __init__(self, contraction: Contraction, sensor: Sensor, rate: float) -> None:
-        self._contraction = contraction
-        self._sensor = sensor
+    def __init__(self, muscle: Muscle, surroundings: Surroundings, rate: float) -> None:
+        self._muscle = muscle
+        self._surroundings = surroundings
         # A fraction keeps the sampling grid exact, however long the session is.
         self._period_ns = NANOSECONDS_PER_SECOND / Fraction(rate)
         self._first_ns = 0
@@ -51,6 +53,8 @@ class SampledPlant:
         """Begin the grid at the first multiple of the sampling period from `start_ns` on."""
         self._first_ns = round(math.ceil(start_ns / self._period_ns) * self._period_ns)
         self._produced = 0
+        self._muscle.begin(self._first_ns)
+        self._surroundings.begin(self._first_ns)
 
     @property
     def newest_ns(self) -> int:
@@ -65,9 +69,9 @@ class SampledPlant:
         """
         fault = _fault_of(pulse)
         if fault is None:
-            self._contraction.add_pulses(pulse.onset_ns, pulse.intensity)
+            self._muscle.add_pulses(pulse.onset_ns, pulse.intensity)
             self._recent.append(pulse)
-            latency_ns = nanoseconds(self._contraction.subject.latency)
+            latency_ns = nanoseconds(self._muscle.subject.latency)
             if self._produced and pulse.onset_ns + latency_ns < self.newest_ns:
                 fault = LATE
         if fault is not None:
@@ -80,15 +84,16 @@ class SampledPlant:
         return max(0, begun - self._produced)
 
     def sample(self, count: int) -> ForceTrace:
-        """Return the next `count` samples."""
+        """Return the next `count` samples; a sensor fault may leave some out or double them."""
         indices = range(self._produced, self._produced + count)
         stamps = np.array([self._stamp(index) for index in indices], dtype=np.int64)
         self._produced += count
-        force = self._contraction.force(stamps)
-        recent = self._acting_pulses(stamps)
-        return ForceTrace(
-            stamps, self._sensor.measure(stamps, force, recent.onset_ns, recent.intensity)
-        )
+        force = self._muscle.force(stamps)
+        return self._surroundings.measured(stamps, force, self._acting_pulses(stamps))
+
+    def truth(self) -> Truth:
+        """Return what is true at the newest sample."""
+        return truth_at(self._muscle, self._surroundings, self.newest_ns)
 
     def _stamp(self, index: int) -> int:
         return self._first_ns + round(index * self._period_ns)
