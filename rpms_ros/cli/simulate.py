@@ -2,8 +2,9 @@
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,9 +21,9 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 
 if TYPE_CHECKING:
-    from rpms_ros.muscle import Contraction
-    from rpms_ros.muscle import Sensor
     from rpms_ros.muscle import Subject
+    from rpms_ros.muscle.scenario import Scenario
+    from rpms_ros.muscle.truth import Truth
     from rpms_ros.stimulation import Schedule
 
 _DESCRIPTION = """\
@@ -43,10 +44,10 @@ _DISTURBANCES = {
     'drift': 'amplitude of a slow baseline',
     'artifact': 'peak of the stimulation artifact at full intensity',
 }
-# Samples per block: few enough that the progress bar moves, enough to outweigh the overhead.
-_BLOCK = 20_000
 _STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 _HIGHEST_RATE = 1e6
+# How often the truth is recorded [Hz].
+_TRUTH_RATE = 10.0
 # A fixed time, so that the same options make the same recording in every byte [ns].
 _START_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
 
@@ -84,85 +85,54 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         'the others take --pulse-rate for all',
     )
     add_option(group, '--rate HZ', 1000.0, 'of the force')
+    group.add_argument(
+        '--scenario',
+        default='',
+        metavar='NAME|FILE',
+        help='what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
+        'steady, or a YAML file; the truth is recorded as well (default: a steady muscle)',
+    )
     for name, what in _DISTURBANCES.items():
         add_option(group, f'--{name} N', 0.0, f'{what} [N]')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and record the session."""
-    from rpms_ros.muscle import Contraction
-    from rpms_ros.muscle import Disturbances
-    from rpms_ros.muscle import Sensor
-    from rpms_ros.recording import write_recording
+    from rpms_ros.muscle.living import muscle_of
+    from rpms_ros.muscle.simulation import simulate_session
+    from rpms_ros.muscle.surroundings import Surroundings
 
     if arguments.out.exists():
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
+    scenario = _scenario(arguments)
     schedule = _schedule(arguments)
     subject = _subject(arguments)
-    disturbances = Disturbances(**{name: getattr(arguments, name) for name in _DISTURBANCES})
     from_file = arguments.schedule not in _SCHEDULES
     fixed_rate = None if arguments.own_rates or from_file else arguments.pulse_rate
     pulses = schedule.pulses(_START_NS)
     stamp_ns = _grid(schedule.length_s, arguments.rate)
     with progress('simulating', len(stamp_ns), 'samples', arguments.quiet) as advance:
-        forces = simulated_force(
-            Contraction(subject, fixed_rate),
-            Sensor(disturbances, arguments.seed),
+        forces, truths = simulate_session(
+            muscle_of(subject, scenario.living, fixed_rate),
+            Surroundings(scenario, arguments.seed),
             pulses,
             stamp_ns,
+            _TRUTH_RATE if arguments.scenario else 0.0,
             advance,
         )
-    write_recording(
-        arguments.out,
-        pulses,
-        forces,
-        storage=arguments.storage,
-        compression=arguments.compression,
-        custom=_notes(arguments, schedule, subject),
-    )
+    _write(arguments, pulses, forces, truths, _notes(arguments, schedule, subject))
     print(f'{arguments.out}: {len(pulses)} pulses, {len(forces)} samples, {schedule.length_s:g} s')
     return 0
 
 
-def simulated_force(
-    contraction: 'Contraction',
-    sensor: 'Sensor',
-    pulses: PulseTrain,
-    stamp_ns: IntArray,
-    advance: Callable[[int], None] = lambda _: None,
-) -> ForceTrace:
-    """Return what a force sensor shows of a stimulated muscle.
+def _scenario(arguments: argparse.Namespace) -> 'Scenario':
+    """Return what happens; disturbances that are given replace those of the scenario."""
+    from rpms_ros.muscle.scenario import Scenario
+    from rpms_ros.muscle.scenario import load_scenario
 
-    Parameters
-    ----------
-    contraction : Contraction
-        The muscle, before any pulse.
-    sensor : Sensor
-        The sensor.
-    pulses : PulseTrain
-        Ascending in onset.
-    stamp_ns : ndarray of int64, shape (samples,)
-        Ascending times of the samples [ns].
-    advance : callable
-        Is told how many samples were made since the last call.
-    """
-    force = np.empty(len(stamp_ns))
-    done = 0
-    for begin in range(0, len(stamp_ns), _BLOCK):
-        part = slice(begin, begin + _BLOCK)
-        due = int(np.searchsorted(pulses.onset_ns, stamp_ns[part][-1], side='right'))
-        contraction.add_pulses(pulses.onset_ns[done:due], pulses.intensity[done:due])
-        # The artifact of the pulse before this block reaches into it.
-        near = slice(max(0, done - 1), due)
-        force[part] = sensor.measure(
-            stamp_ns[part],
-            contraction.force(stamp_ns[part]),
-            pulses.onset_ns[near],
-            pulses.intensity[near],
-        )
-        done = due
-        advance(len(stamp_ns[part]))
-    return ForceTrace(stamp_ns, force)
+    scenario = load_scenario(arguments.scenario) if arguments.scenario else Scenario()
+    given = {name: getattr(arguments, name) for name in _DISTURBANCES if getattr(arguments, name)}
+    return replace(scenario, disturbances=replace(scenario.disturbances, **given))
 
 
 def _grid(length_s: float, rate_hz: float) -> IntArray:
@@ -224,3 +194,23 @@ def _notes(
         'schedule': schedule.name,
         'seed': str(arguments.seed),
     }
+
+
+def _write(
+    arguments: argparse.Namespace,
+    pulses: PulseTrain,
+    forces: ForceTrace,
+    truths: 'Sequence[Truth]',
+    notes: dict[str, str],
+) -> None:
+    """Write the recording, with the truth beside pulses and force where there is one."""
+    from rpms_ros.recording import write_recording
+
+    write_recording(
+        arguments.out,
+        pulses,
+        forces,
+        storage=arguments.storage,
+        compression=arguments.compression,
+        custom=notes,
+    )

@@ -1,0 +1,74 @@
+"""A simulated session: samples of the muscle and its surroundings, and what was true."""
+
+import numpy as np
+import pytest
+
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle.changes import Change
+from rpms_ros.muscle.disturbance import Disturbances
+from rpms_ros.muscle.effort import VoluntaryEffort
+from rpms_ros.muscle.living import LivingSettings
+from rpms_ros.muscle.living import muscle_of
+from rpms_ros.muscle.scenario import Scenario
+from rpms_ros.muscle.sensor_faults import SensorFault
+from rpms_ros.muscle.simulation import simulate_session
+from rpms_ros.muscle.surroundings import Surroundings
+from rpms_ros.pulses import PulseTrain
+
+START_NS = 1_700_000_000_000_000_000
+SECONDS = 4
+STAMP_NS = START_NS + 1_000_000 * np.arange(1000 * SECONDS, dtype=np.int64)
+PULSES = PulseTrain.regular(np.linspace(0.2, 1.0, 20 * SECONDS), 20.0, START_NS)
+SCENARIO = Scenario(
+    living=LivingSettings(changes=(Change(2.0, gain=0.5, threshold=0.55),)),
+    efforts=(VoluntaryEffort(1.0, 1.0, 2.0),),
+    disturbances=Disturbances(noise=0.02, artifact=0.5),
+    sensor_faults=(SensorFault('lost', 3.0, 0.1), SensorFault('frozen', 3.5, 0.2)),
+)
+
+
+def session(scenario: Scenario, truth_rate: float = 0.0):
+    muscle = muscle_of(simulation_subject(), scenario.living, 20.0)
+    return simulate_session(muscle, Surroundings(scenario, 1), PULSES, STAMP_NS, truth_rate)
+
+
+def test_a_steady_session_is_the_contraction() -> None:
+    steady = Contraction(simulation_subject(), 20.0)
+    steady.add_pulses(PULSES.onset_ns, PULSES.intensity)
+    trace, truths = session(Scenario())
+    np.testing.assert_array_equal(trace.force, steady.force(STAMP_NS))
+    assert not truths
+
+
+def test_noting_the_truth_changes_no_bit() -> None:
+    alone, _ = session(SCENARIO)
+    beside, truths = session(SCENARIO, truth_rate=10.0)
+    np.testing.assert_array_equal(alone.stamp_ns, beside.stamp_ns)
+    np.testing.assert_array_equal(alone.force, beside.force)
+    assert len(truths) == 10 * SECONDS
+
+
+def test_the_truth_tells_what_happened() -> None:
+    _, truths = session(SCENARIO, truth_rate=10.0)
+    at = {round((truth.stamp_ns - START_NS) / 1e9, 1): truth for truth in truths}
+    assert (at[1.5].state.gain, at[1.5].state.threshold) == (1.0, 0.48)
+    assert (at[2.5].state.gain, at[2.5].state.threshold) == (0.5, 0.55)
+    # the peak of the effort lies 1 ms after this truth
+    assert at[1.5].effort == pytest.approx(2.0, rel=1e-4)
+    assert at[2.5].effort == 0.0
+    assert at[1.5].curve_force[-1] == pytest.approx(10.0)
+
+
+def test_lost_samples_are_not_there() -> None:
+    trace, _ = session(SCENARIO)
+    assert len(trace) == 1000 * SECONDS - 100
+    frozen = trace.force[(trace.stamp_ns - START_NS) // 1_000_000 >= 3500][:200]
+    assert np.ptp(frozen) == 0.0
+
+
+def test_a_session_without_samples_is_empty() -> None:
+    muscle = muscle_of(simulation_subject(), LivingSettings())
+    trace, truths = simulate_session(muscle, Surroundings(Scenario()), PULSES, STAMP_NS[:0], 10.0)
+    assert len(trace) == 0
+    assert not truths
