@@ -205,6 +205,7 @@ def _write(
 ) -> None:
     """Write the recording, with the truth beside pulses and force where there is one."""
     from rpms_ros.recording import write_recording
+    from rpms_ros.cli.simulated_truth import truth_topic
 
     write_recording(
         arguments.out,
@@ -213,4 +214,5 @@ def _write(
         storage=arguments.storage,
         compression=arguments.compression,
         custom=notes,
+        further=(truth_topic(truths),) if truths else (),
     )

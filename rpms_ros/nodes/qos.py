@@ -61,4 +61,3 @@ STOP_KEPT = _profile(STOP_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
 
 TRUTH = _profile(100)
 """What is true of a simulated muscle."""
-

@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Reader
 
+from rpms_ros.messages import truth_of
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.recording import read_facts
 from rpms_ros.recording import read_recording
+from rpms_ros.recording.definitions import known_types
 from rpms_ros.stimulation import paper_random
 
 Rpms = Callable[..., tuple[int, str, str]]
@@ -117,3 +120,40 @@ def test_existing_folder_is_not_touched(rpms: Rpms, tmp_path: Path) -> None:
     assert code == 2
     assert err == f'rpms: error: expected a new folder for the recording, got {tmp_path}\n'
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scenario_is_recorded_with_its_truth(rpms: Rpms, tmp_path: Path) -> None:
+    path = tmp_path / 'session'
+    scenario = tmp_path / 'moved.yaml'
+    scenario.write_text('changes: [{at: 2.0, gain: 0.5}]\nsensor_faults:\n'
+                        '  - {fault: lost, at: 1.0, duration: 0.5}\n')
+    code, _, err = rpms('simulate', '--out', path, '--duration', 4, '--scenario', scenario)
+    assert (code, err) == (0, '')
+    assert len(read_recording(path).forces) == 3500
+    with Reader(path) as reader:
+        truths = [
+            truth_of(known_types().deserialize_cdr(data, connection.msgtype))
+            for connection, _, data in reader.messages()
+            if connection.topic == '/truth'
+        ]
+    assert len(truths) == 40
+    assert [truth.state.gain for truth in truths] == [1.0] * 20 + [0.5] * 20
+    assert truths[0].curve_force[-1] == pytest.approx(10.0)
+
+
+def test_the_muscle_of_a_scenario_differs_from_the_steady_one(rpms: Rpms, tmp_path: Path) -> None:
+    forces = {}
+    for name in ('steady', 'fatigue'):
+        path = tmp_path / name
+        rpms('simulate', '--out', path, '--duration', 20, '--scenario', name, '--noise', 0.001)
+        forces[name] = read_recording(path).forces.force
+    late = slice(15_000, 20_000)
+    assert forces['fatigue'][late].mean() < 0.95 * forces['steady'][late].mean()
+
+
+def test_a_scenario_that_is_not_there_is_refused(rpms: Rpms, tmp_path: Path) -> None:
+    path = tmp_path / 'session'
+    code, out, err = rpms('simulate', '--out', path, '--scenario', 'nowhere')
+    assert (code, out) == (2, '')
+    assert 'expected a scenario of bad-sensor, coil-moved' in err
+    assert not path.exists()
