@@ -204,8 +204,8 @@ def _write(
     notes: dict[str, str],
 ) -> None:
     """Write the recording, with the truth beside pulses and force where there is one."""
-    from rpms_ros.recording import write_recording
     from rpms_ros.cli.simulated_truth import truth_topic
+    from rpms_ros.recording import write_recording
 
     write_recording(
         arguments.out,

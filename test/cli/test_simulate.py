@@ -125,8 +125,10 @@ def test_existing_folder_is_not_touched(rpms: Rpms, tmp_path: Path) -> None:
 def test_a_scenario_is_recorded_with_its_truth(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'session'
     scenario = tmp_path / 'moved.yaml'
-    scenario.write_text('changes: [{at: 2.0, gain: 0.5}]\nsensor_faults:\n'
-                        '  - {fault: lost, at: 1.0, duration: 0.5}\n')
+    scenario.write_text(
+        'changes: [{at: 2.0, gain: 0.5}]\nsensor_faults:\n'
+        '  - {fault: lost, at: 1.0, duration: 0.5}\n'
+    )
     code, _, err = rpms('simulate', '--out', path, '--duration', 4, '--scenario', scenario)
     assert (code, err) == (0, '')
     assert len(read_recording(path).forces) == 3500
