@@ -69,7 +69,8 @@ def main(argv=None):
 
         def ended():
             reason = status[-1].reason if status else ''
-            return reason == 'completed' or reason.startswith('ended')
+            stopped = status and status[-1].state in (DriverStatus.STOPPED, DriverStatus.FAULT)
+            return reason == 'completed' or reason.startswith('ended') or stopped
 
         spin_until(executor, ended, arguments.duration + 60.0)
         spin_until(executor, lambda: len(given) >= status[-1].pulses_delivered, 10.0)
@@ -96,6 +97,7 @@ def report(asked, given, status, arguments):
         f'load average {os.getloadavg()[0]:.1f}, priority {arguments.priority}: '
         f'{len(given)} of {total} pulses delivered, {status.pulses_dropped} dropped as late'
     )
+    print(f'  the driver says: {status.reason}')
     late = int(np.sum(lateness > LATENESS_LIMIT_S))
     print(f'  lateness {spread(lateness, 1e3)} ms, {late} above {1e3 * LATENESS_LIMIT_S:g} ms')
     uneven = np.abs(np.diff(onset) / 1e9 - np.diff(pulse) / rate)
