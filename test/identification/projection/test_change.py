@@ -1,6 +1,6 @@
 """The horizon follows a muscle that changes, and what it remembers is a cost it can trust.
 
-Each of these mutants makes a test of this file fail (tried by hand):
+Mutants that these tests are there to catch:
 
 * forgetting turned off (``share = 0`` in `forget`);
 * the gradient of the remembered cost set to zero (nothing added to `information_vector`);
