@@ -10,8 +10,7 @@ Mutants that make a test of this file fail, each tried by hand:
 * the remembered cost not moved to the parameters as they stand (`_recentre` left out).
 
 Mutants that no test catches yet: the horizon's part of the statistic left out, no process noise
-along the difference, nothing forgotten after a contradiction.  Each of them alone is made up for
-by the others.
+along the difference, nothing forgotten after a contradiction.
 """
 
 from dataclasses import replace
