@@ -11,8 +11,12 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 from typing import Any
 
+import hypothesis
 import pytest
 
+# How long an example takes is up to the machine and what else it does.
+hypothesis.settings.register_profile('untimed', deadline=None)
+hypothesis.settings.load_profile('untimed')
 # Jazzy's messages check the types of their fields only if this is set before they are imported.
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

@@ -5,6 +5,7 @@
 It prints the process of its guard when it has fired for the first time, then what was wrong.
 """
 
+import signal
 import sys
 import time
 
@@ -46,6 +47,9 @@ def train(port, rate_hz, beat_limit_s, say):
 
 
 if __name__ == '__main__':
+    # a shell that put the tests into the background has them ignore these two
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGQUIT, signal.SIG_DFL)
     train(
         sys.argv[1], float(sys.argv[2]), float(sys.argv[3]), lambda text: print(text, flush=True)
     )

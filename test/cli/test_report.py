@@ -27,7 +27,7 @@ def test_page_json_and_files_say_the_same_as_identify(
         *(f'{name}.{ending}' for name in FIGURES for ending in ('png', 'svg')),
     }
     assert printed['title'] == 'short'
-    assert printed['session']['notes']['schedule'] == 'paper-random'
+    assert printed['session']['notes']['schedule'] == 'uniform_random'
     assert printed['energy']['device'] is None
 
 
