@@ -113,6 +113,19 @@ NODES: dict[str, Interfaces] = {
         subscribe=(topics.PULSES, topics.FORCE),
         serve=('~/reset',),
     ),
+    'plant_simulator': Interfaces(
+        publish=(topics.FORCE, topics.TRUTH, '/clock'), subscribe=(topics.PULSES,)
+    ),
+    'recorder': Interfaces(
+        subscribe=(
+            topics.PULSES,
+            topics.PULSES_COMMANDED,
+            topics.FORCE,
+            topics.ESTIMATE,
+            topics.TRUTH,
+            topics.DRIVER_STATUS,
+        )
+    ),
 }
 """What each node does, by its name."""
 
@@ -121,6 +134,8 @@ ENCLAVES: dict[str, tuple[str, ...]] = {
     'operator_console': ('operator_console',),
     'stop_button': ('stop_button',),
     'identifier': ('identifier',),
+    'plant_simulator': ('plant_simulator',),
+    'recorder': ('recorder',),
 }
 """Nodes of one process share an enclave."""
 

@@ -20,6 +20,7 @@ from rclpy.qos import QoSProfile
 
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import MuscleTruth
 from rpms_msgs.msg import Pulse
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
@@ -46,6 +47,7 @@ _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     topics.PULSES_COMMANDED: (Pulse, qos.PULSES),
     topics.FORCE: (WrenchStamped, qos.FORCE),
     topics.ESTIMATE: (MuscleEstimate, qos.ESTIMATE),
+    topics.TRUTH: (MuscleTruth, qos.TRUTH),
     topics.DRIVER_STATUS: (DriverStatus, qos.STATUS),
 }
 # How often the types of other topics are looked for [s].

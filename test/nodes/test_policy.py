@@ -14,6 +14,8 @@ from rpms_ros.nodes import policy
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.keyboard import Keyboard
 from rpms_ros.nodes.operator_console import OperatorConsole
+from rpms_ros.nodes.plant_simulator import PlantSimulator
+from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
 
@@ -23,7 +25,7 @@ SERVER_SERVICES = ('cancel_goal', 'get_result', 'send_goal')
 
 
 @pytest.fixture
-def running(graph):
+def running(graph, tmp_path):
     """A node that looks at all others, in a namespace so that relative names show."""
     typed, read = pty.openpty()
     keyboard = Keyboard(read)
@@ -31,8 +33,10 @@ def running(graph):
     graph.add(lambda **options: OperatorConsole(keyboard, **options), operator='ada', joy_enable=0)
     graph.add(StopButton, keyboard=False, joy_button=0)
     graph.add(Identifier)
+    graph.add(PlantSimulator, publish_clock=True)
+    graph.add(Recorder, path=str(tmp_path / 'recording'))
     watcher = graph.add(lambda **options: Node('watcher', **options))
-    graph.wait_for(lambda: len(watcher.get_node_names()) >= 6)
+    graph.wait_for(lambda: len(watcher.get_node_names()) >= 8)
     yield watcher
     os.close(typed)
     os.close(read)
