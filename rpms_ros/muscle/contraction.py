@@ -99,6 +99,28 @@ def twitch_peak_factor(order: int) -> float:
     return 1.0 if power == 0 else (math.e / power) ** power
 
 
+def checked_pulses(
+    onset_ns: npt.ArrayLike, intensity: npt.ArrayLike
+) -> tuple[IntArray, FloatArray]:
+    """Return onsets (pulses,) [ns] and intensities (pulses,) of pulses that can be given.
+
+    Raises
+    ------
+    MuscleError
+        If there are not as many of both, or an intensity is not between 0 and 1.
+    """
+    onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
+    values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
+    if onsets.shape != values.shape:
+        raise MuscleError(
+            f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
+        )
+    valid = (values >= 0.0) & (values <= 1.0)
+    if not valid.all():
+        raise MuscleError(f'expected intensities from 0 to 1, got {values[~valid][0]}')
+    return onsets, values
+
+
 class Contraction:
     """Isometric force of a stimulated muscle, Eq. (11).
 
@@ -182,15 +204,7 @@ class Contraction:
         MuscleError
             If an intensity is not between 0 and 1; nothing is added then.
         """
-        onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
-        values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
-        if onsets.shape != values.shape:
-            raise MuscleError(
-                f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
-            )
-        valid = (values >= 0.0) & (values <= 1.0)
-        if not valid.all():
-            raise MuscleError(f'expected intensities from 0 to 1, got {values[~valid][0]}')
+        onsets, values = checked_pulses(onset_ns, intensity)
         begun = self._begun(onsets)
         if begun.any():
             self._add_late(onsets[begun], values[begun])

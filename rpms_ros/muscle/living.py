@@ -28,6 +28,7 @@ from rpms_ros.muscle.changes import Change
 from rpms_ros.muscle.changes import Timeline
 from rpms_ros.muscle.contraction import REFRACTORY_PERIOD
 from rpms_ros.muscle.contraction import Contraction
+from rpms_ros.muscle.contraction import checked_pulses
 from rpms_ros.muscle.contraction import move_moments
 from rpms_ros.muscle.contraction import twitch_peak_factor
 from rpms_ros.muscle.fatigue import Fatigue
@@ -198,15 +199,7 @@ class LivingContraction:
         MuscleError
             If an intensity is not between 0 and 1; nothing is added then.
         """
-        onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
-        values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
-        if onsets.shape != values.shape:
-            raise MuscleError(
-                f'expected as many intensities as onsets, got {values.size} and {onsets.size}'
-            )
-        valid = (values >= 0.0) & (values <= 1.0)
-        if not valid.all():
-            raise MuscleError(f'expected intensities from 0 to 1, got {values[~valid][0]}')
+        onsets, values = checked_pulses(onset_ns, intensity)
         merged = np.concatenate((self._onset_ns, onsets))
         order = np.argsort(merged, kind='stable')
         self._onset_ns = merged[order]
