@@ -358,7 +358,10 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _tell(self, stamp: Any, now_ns: int) -> None:
         """Publish status and diagnostics when it is time, and at once when something changed."""
         said = (*self.controller.status(), self._note)
-        changed, self._said = said != self._said, said
+        before, self._said = self._said, said
+        changed = said != before
+        if said[0] is State.FAULT and before[:1] != said[:1]:
+            logger_of(self).error(f'fault: {plain_text(said[2])}')
         if changed or now_ns >= self._next_status_ns:
             self._next_status_ns = now_ns + nanoseconds(1.0 / self.settings.status_rate)
             self._status.publish(self._view.status(stamp, now_ns, self._note))
