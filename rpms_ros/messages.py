@@ -57,6 +57,10 @@ _CURVES = tuple(name for name in _ARRAYS if name.startswith('curve_'))
 _RESPONSES = tuple(name for name in _ARRAYS if name.startswith('response_'))
 _PHYSIOLOGY = tuple(name for name in _ARRAYS if name.startswith('physiology'))
 
+_RATES = tuple(name for name in _ARRAYS if name.startswith('rate'))
+# Arrays that older recordings do not have.
+_YOUNGER = (*_RATES, 'change_ago')
+
 
 def axis_of(text: str, sign: int = 1) -> Axis:
     """Return the unit vector of ``x``, ``-z`` or ``0.6,0,0.8``, times the sign.
@@ -161,7 +165,7 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = ''
         header=header_message(estimate.stamp_ns, frame_id, types),
         estimator=str(estimate.estimator),
         nonlinear_covariance=_doubles(estimate.nonlinear_covariance),
-        nonlinear_excitation=array('B', [int(item) for item in estimate.nonlinear_excitation]),
+        nonlinear_identifiability=array('B', estimate.nonlinear_identifiability.tolist()),
         fault_names=[str(name) for name in estimate.faults],
         fault_counts=array('Q', [int(count) for count in estimate.faults.values()]),
         **fields,
@@ -223,7 +227,7 @@ def estimate_of(message: Any) -> Estimate:
         stamp_ns=nanoseconds(message.header.stamp),
         estimator=str(message.estimator),
         nonlinear_covariance=covariance.reshape(size, size),
-        nonlinear_excitation=np.array(message.nonlinear_excitation, dtype=np.int64),
+        nonlinear_identifiability=np.array(_identifiability(message), dtype=np.int64),
         faults=dict(zip(names, counts, strict=True)),
         **fields,
     )
@@ -241,15 +245,27 @@ def _require_lengths(message: Any) -> None:
     }
     optional = {
         'nonlinear_covariance': parameters**2,
-        'nonlinear_excitation': parameters,
+        'nonlinear_identifiability': parameters,
         **dict.fromkeys(_CURVES[1:], len(message.curve_intensity)),
         **dict.fromkeys(_RESPONSES[2:], len(message.response_time)),
         **dict.fromkeys(_PHYSIOLOGY[1:], len(message.physiology_names)),
     }
+    younger = {
+        'nonlinear_identifiability': len(_identifiability(message)),
+        **{name: len(getattr(message, name, ())) for name in _YOUNGER},
+    }
+    exact |= {'change_ago': len(getattr(message, 'change_kinds', ()))}
+    optional |= dict.fromkeys(_RATES, len(getattr(message, 'rate_names', ())))
     for name, length in (exact | optional).items():
-        got = len(getattr(message, name))
+        got = younger[name] if name in younger else len(getattr(message, name))
         if got != length and not (name in optional and got == 0):
             raise MessageError(f'expected {length} elements in {name}, got {got}')
+
+
+def _identifiability(message: Any) -> Any:
+    """Return the flags of the parameters, which had another name in older recordings."""
+    older = getattr(message, 'nonlinear_excitation', ())
+    return getattr(message, 'nonlinear_identifiability', older)
 
 
 def _doubles(values: npt.ArrayLike) -> 'array[float]':

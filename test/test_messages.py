@@ -49,12 +49,22 @@ def estimate(**changes: Any) -> Estimate:
         'damping': 1e-4,
         'condition_number': 712.0,
         'nonlinear_covariance': np.array([[1.0, 0.5], [0.5, 2.0]]),
-        'nonlinear_excitation': np.array([1, 2]),
+        'nonlinear_identifiability': np.array([1, 2]),
         'physiology_names': ('latency_s',),
         'physiology': np.array([9.45e-3]),
         'confidence': 0.95,
         'faults': {'late_pulse': 2, 'force_not_finite': 1},
         'doubts': ('late_pulse',),
+        'rate_names': ('force_percent', 'time_constant_percent'),
+        'rate': np.array([-12.0, 3.0]),
+        'rate_lower': np.array([-14.0, 2.0]),
+        'rate_upper': np.array([-10.0, 4.0]),
+        'changes': 1,
+        'change_kinds': ('gain',),
+        'change_ago': np.array([3.25]),
+        'disturbance': 0.4,
+        'disturbance_deviation': 0.1,
+        'reasons': ('the pulses have one intensity',),
     }
     return Estimate(**values | changes)
 
@@ -169,7 +179,10 @@ def shorten(name: str) -> Callable[[Any], None]:
         ('response_force', 4),
         ('fault_counts', 2),
         ('nonlinear_covariance', 4),
-        ('nonlinear_excitation', 2),
+        ('nonlinear_identifiability', 2),
+        ('rate', 2),
+        ('rate_lower', 2),
+        ('change_ago', 1),
     ],
 )
 def test_arrays_that_belong_together_have_one_length(name: str, length: int) -> None:
@@ -200,3 +213,16 @@ def test_every_field_of_an_estimate_is_one_of_its_message() -> None:
     in_estimate = {field.name for field in fields(Estimate)}
     apart = {'stamp_ns', 'faults'}, {'header', 'fault_names', 'fault_counts'}
     assert in_estimate - apart[0] == in_message - apart[1]
+
+
+def test_an_estimate_of_an_older_definition_is_read() -> None:
+    """Without what was appended later, and with the older name of the flags."""
+    message = messages.estimate_message(estimate(), MESSAGE_TYPES)
+    younger = ('rate', 'change', 'disturbance', 'reasons', 'nonlinear_identifiability')
+    names = [n for n in message.get_fields_and_field_types() if not n.startswith(younger)]
+    older = SimpleNamespace(**{name: getattr(message, name) for name in names})
+    older.nonlinear_excitation = message.nonlinear_identifiability
+    found = messages.estimate_of(older)
+    assert found.nonlinear_identifiability.tolist() == [1, 2]
+    assert found.rate_names == found.change_kinds == found.reasons == ()
+    assert found.changes == len(found.rate) == len(found.change_ago) == 0

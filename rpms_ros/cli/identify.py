@@ -131,8 +131,8 @@ def as_text(document: dict[str, Any]) -> str:
     for name, found in document.get('physiology', {}).items():
         interval = f'{found["lower"]:.4g} to {found["upper"]:.4g}'
         rows.append((name, f'{found["value"]:.4g}  ({interval})'))
-    if 'excitation' in document:
-        flags = document['excitation'].items()
+    if 'identifiability' in document:
+        flags = document['identifiability'].items()
         rows.append(('in the data', ', '.join(f'{name} {flag}' for name, flag in flags)))
     time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
     rows.append(('one pulse', f'peak {peak:.4g} N after {time_ms:.0f} ms'))

@@ -27,6 +27,10 @@ def _empty() -> FloatArray:
     return np.empty(0)
 
 
+def _no_flags() -> IntArray:
+    return np.empty(0, dtype=np.int64)
+
+
 @dataclass(frozen=True)
 class Estimate:
     """Snapshot of an estimator; arrays that it does not offer are empty.
@@ -41,7 +45,7 @@ class Estimate:
         Nonlinear parameters.
     nonlinear_covariance : ndarray (p, p)
         Their covariance.
-    nonlinear_excitation : ndarray of int (p,)
+    nonlinear_identifiability : ndarray of int (p,)
         `NOT_INFORMED`, `INFORMED` or `CONVERGED`.
     linear_names, linear : tuple of str, ndarray (n,)
         Linear parameters [N].
@@ -67,6 +71,16 @@ class Estimate:
     doubts : tuple of str
         The faults that concern so many samples that the numbers above may be wrong by more than
         their intervals say; empty if there is nothing of that kind.
+    rate_names, rate, rate_lower, rate_upper : tuple of str, ndarray (rates,)
+        What changes slowly, per minute; the unit stands in the name.
+    changes : int
+        Sudden changes of the muscle that were found since the start.
+    change_kinds, change_ago : tuple of str, ndarray (newest changes,)
+        What changed, and how long before the stamp [s]; the newest last.
+    disturbance, disturbance_deviation : float
+        Force that the stimulation does not cause, and its standard deviation [N].
+    reasons : tuple of str
+        Why intervals are wide or a parameter is not informed.
     """
 
     stamp_ns: int
@@ -86,7 +100,7 @@ class Estimate:
     damping: float = 0.0
     condition_number: float = 0.0
     nonlinear_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    nonlinear_excitation: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    nonlinear_identifiability: IntArray = field(default_factory=_no_flags)
     curve_lower: FloatArray = field(default_factory=_empty)
     curve_upper: FloatArray = field(default_factory=_empty)
     response_lower: FloatArray = field(default_factory=_empty)
@@ -98,6 +112,16 @@ class Estimate:
     confidence: float = 0.0
     faults: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     doubts: tuple[str, ...] = ()
+    rate_names: tuple[str, ...] = ()
+    rate: FloatArray = field(default_factory=_empty)
+    rate_lower: FloatArray = field(default_factory=_empty)
+    rate_upper: FloatArray = field(default_factory=_empty)
+    changes: int = 0
+    change_kinds: tuple[str, ...] = ()
+    change_ago: FloatArray = field(default_factory=_empty)
+    disturbance: float = 0.0
+    disturbance_deviation: float = 0.0
+    reasons: tuple[str, ...] = ()
 
     @property
     def curve_known(self) -> bool:

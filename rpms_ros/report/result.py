@@ -27,7 +27,7 @@ ONE_INTENSITY = (
     'this intensity'
 )
 Value = TypeVar('Value')
-EXCITATION = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
+IDENTIFIABILITY = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ class IdentificationResult:
     curve: Curve | None
     impulse_response: ImpulseResponse
     confidence: float | None = documented('level of the intervals', default=None)
-    excitation: dict[str, str] | None = documented(
+    identifiability: dict[str, str] | None = documented(
         'whether the data determine each parameter', default=None
     )
     deviation: dict[str, float] | None = documented(
@@ -100,7 +100,7 @@ def result_of(recording: Recording, session: IdentifiedSession) -> Identificatio
     """
     last, stamps = session.last, recording.forces.stamp_ns
     known, names = last.curve_known, last.nonlinear_names
-    flags = [EXCITATION[flag] for flag in last.nonlinear_excitation.tolist()]
+    flags = [IDENTIFIABILITY[flag] for flag in last.nonlinear_identifiability.tolist()]
     variance = np.maximum(np.diag(last.nonlinear_covariance), 0.0)
     response = impulse_response(recording.pulses, last)
     if not (np.isfinite(response).all() and np.isfinite(last.curve_force).all()):
@@ -128,7 +128,7 @@ def result_of(recording: Recording, session: IdentifiedSession) -> Identificatio
             upper=_if_any(last.response_upper) if known else None,
         ),
         confidence=last.confidence or None,
-        excitation=_by_name(names, flags),
+        identifiability=_by_name(names, flags),
         deviation=_by_name(names, np.sqrt(variance).tolist()),
         physiology=_by_name(last.physiology_names, _physiology(last)),
         output_error_n=session.output_error.newton,

@@ -61,8 +61,8 @@ def test_certainty_is_told_by_the_estimators_that_have_it(
 ) -> None:
     found = as_json('identify', short_session, '--json', '--estimator', 'batch')
     assert found['confidence'] == 0.95
-    assert set(found['excitation']) == set(found['recruitment'])
-    assert set(found['excitation'].values()) <= {'not informed', 'informed', 'converged'}
+    assert set(found['identifiability']) == set(found['recruitment'])
+    assert set(found['identifiability'].values()) <= {'not informed', 'informed', 'converged'}
     for part in ('curve', 'impulse_response'):
         lower, upper = found[part]['lower'], found[part]['upper']
         inside = zip(lower, found[part]['force'], upper, strict=True)

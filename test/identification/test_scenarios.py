@@ -188,10 +188,10 @@ def test_scenario(name, scenario):
     # No prediction runs away: forces peak below 10 N.
     assert np.abs(session.prediction[2000:]).max() < 20.0
     if not estimate.confidence:
-        assert not len(estimate.nonlinear_excitation)
+        assert not len(estimate.nonlinear_identifiability)
         return
     if not expected.settled:
-        assert not (estimate.nonlinear_excitation == CONVERGED).all()
+        assert not (estimate.nonlinear_identifiability == CONVERGED).all()
     if np.isfinite(expected.error):
         scale = recording.curve.max()
         assert np.abs(estimate.curve_force - recording.curve).max() < expected.error * scale

@@ -91,7 +91,7 @@ class EstimateBuilder:
             fields |= {
                 'confidence': self._confidence,
                 'nonlinear_covariance': sure.parameter_covariance,
-                'nonlinear_excitation': identifiability(
+                'nonlinear_identifiability': identifiability(
                     sure.deviations, prior.deviation, float(fit.moved[0])
                 ),
                 'condition_number': _condition(fit),

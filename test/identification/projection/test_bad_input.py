@@ -33,7 +33,7 @@ def outcome(kind, take):
 def test_constant_intensity_shows_no_curve(kind, record):
     estimate = outcome(kind, record(6.0, np.full(120, 0.8), noise=0.01))
     assert not estimate.curve_known
-    assert (estimate.nonlinear_excitation == NOT_INFORMED).all()
+    assert (estimate.nonlinear_identifiability == NOT_INFORMED).all()
     # Noise of 1 % of the maximum, and the batch predicts by a fit of 3 s before.
     assert estimate.output_error < 0.1
 
@@ -44,14 +44,14 @@ def test_below_threshold_informs_of_nothing(kind, record):
     take = record(6.0, generator.uniform(0, 0.1, 120), noise=0.0)
     take.force[:] = 0.01 * generator.standard_normal(len(take.force))
     estimate = outcome(kind, take)
-    assert (estimate.nonlinear_excitation == NOT_INFORMED).all()
+    assert (estimate.nonlinear_identifiability == NOT_INFORMED).all()
 
 
 @BOTH
 def test_single_pulse(kind, record):
     estimate = outcome(kind, record(1.0, [1.0], rate_hz=1.0, noise=0.01))
     assert not estimate.curve_known
-    assert (estimate.nonlinear_excitation == NOT_INFORMED).all()
+    assert (estimate.nonlinear_identifiability == NOT_INFORMED).all()
 
 
 @BOTH
@@ -70,7 +70,7 @@ def test_no_force_at_all(kind, record):
     take = record(5.0)
     take.force[:] = 0.0
     estimate = outcome(kind, take)
-    assert (estimate.nonlinear_excitation == NOT_INFORMED).all()
+    assert (estimate.nonlinear_identifiability == NOT_INFORMED).all()
     np.testing.assert_allclose(estimate.curve_force, 0.0, atol=1e-6)
     assert not len(estimate.physiology)
 
@@ -79,7 +79,7 @@ def test_no_force_at_all(kind, record):
 def test_noise_as_large_as_the_force(kind, record):
     take = record(8.0, noise=1.0, seed=2)
     estimate = outcome(kind, take)
-    assert not (estimate.nonlinear_excitation == CONVERGED).any()
+    assert not (estimate.nonlinear_identifiability == CONVERGED).any()
     held = (estimate.curve_lower <= take.curve) & (take.curve <= estimate.curve_upper)
     assert held.mean() > 0.9
 
@@ -90,7 +90,7 @@ def test_step_of_the_baseline(kind, record):
     take.force[5_000:] += 0.2 * take.force.max()
     estimate = outcome(kind, take)
     # No baseline of the model follows a step: nothing may pass for settled, and it shows.
-    assert not (estimate.nonlinear_excitation == CONVERGED).any()
+    assert not (estimate.nonlinear_identifiability == CONVERGED).any()
     assert (estimate.curve_upper - estimate.curve_force).max() > 0.05 * take.curve.max()
 
 

@@ -67,7 +67,7 @@ def test_nothing_is_settled_while_the_horizon_holds_two_muscles(record):
     take = with_gain_step(record, 2, 36, 26, 0.7)
     estimator = HorizonEstimator(SETTINGS)
     take.feed(estimator)
-    assert not (estimator.estimate(0, {}).nonlinear_excitation == CONVERGED).all()
+    assert not (estimator.estimate(0, {}).nonlinear_identifiability == CONVERGED).all()
 
 
 @pytest.mark.parametrize('seed', range(3))

@@ -28,7 +28,7 @@ def test_noise_free_is_exact(kind, record):
     late = slice(10_000, None)
     error = np.linalg.norm((take.force - prediction)[late]) / np.linalg.norm(take.force[late])
     assert error < 1e-3
-    assert (estimate.nonlinear_excitation == CONVERGED).all()
+    assert (estimate.nonlinear_identifiability == CONVERGED).all()
     np.testing.assert_allclose(estimate.nonlinear, [0.48, 0.98, 4.0, 6.0], rtol=1e-2)
 
 

@@ -212,7 +212,7 @@ def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
         response_lower=last.response_force - 0.1,
         response_upper=last.response_force + 0.1,
         nonlinear_covariance=np.diag(np.full(size, 0.0625)),
-        nonlinear_excitation=np.array([2, 1, 0, 2])[:size],
+        nonlinear_identifiability=np.array([2, 1, 0, 2])[:size],
         physiology_names=('latency_s', 'order'),
         physiology=np.array([0.00945, 3.0]),
         physiology_lower=np.array([0.009, 2.75]),
