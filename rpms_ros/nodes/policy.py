@@ -80,6 +80,7 @@ NODES: dict[str, Interfaces] = {
             topics.PULSES,
             topics.PULSES_COMMANDED,
             topics.DRIVER_STATUS,
+            topics.ACCEPTED_SCHEDULE,
             topics.DIAGNOSTICS,
             '~/transition_event',
         ),
@@ -124,6 +125,7 @@ NODES: dict[str, Interfaces] = {
             topics.ESTIMATE,
             topics.TRUTH,
             topics.DRIVER_STATUS,
+            topics.ACCEPTED_SCHEDULE,
         )
     ),
 }

@@ -37,6 +37,9 @@ ESTIMATE = _profile(1000)
 # The latest state, also for those who join after it was published.
 STATUS = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
+# The schedule that runs, also for a recorder that is started after it.
+ACCEPTED_SCHEDULE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
 # What the subscription that use_sim_time makes expects: only the newest time matters.
 CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -18,6 +18,7 @@ from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from rpms_msgs.msg import AcceptedSchedule
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import MuscleTruth
@@ -49,6 +50,7 @@ _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     topics.ESTIMATE: (MuscleEstimate, qos.ESTIMATE),
     topics.TRUTH: (MuscleTruth, qos.TRUTH),
     topics.DRIVER_STATUS: (DriverStatus, qos.STATUS),
+    topics.ACCEPTED_SCHEDULE: (AcceptedSchedule, qos.ACCEPTED_SCHEDULE),
 }
 # How often the types of other topics are looked for [s].
 _LOOK_PERIOD = 0.2

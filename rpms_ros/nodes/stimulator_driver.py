@@ -42,6 +42,7 @@ from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.driver_pulses import PulsePublisher
 from rpms_ros.nodes.driver_refusal import AUDIT
+from rpms_ros.nodes.driver_schedule import SchedulePublisher
 from rpms_ros.nodes.driver_status import DriverView
 from rpms_ros.nodes.driver_watch import DriverWatch
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
@@ -54,6 +55,8 @@ from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.description import schedule_to_text
+from rpms_ros.stimulation.description import text_hash
 from rpms_ros.stimulation.device_lock import DeviceLock
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import POSSIBLE
@@ -113,6 +116,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._audit.require('session', driver=name, device=device, process=os.getpid())
         self._pulses = PulsePublisher(self, settings.frame_id)
         self.controller.on_fired = self._pulses.publish
+        self._accepted = SchedulePublisher(self, settings.frame_id)
         self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.STOP)
         self._view = DriverView(
@@ -270,14 +274,19 @@ class StimulatorDriver(GuardedLifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _on_start(self, goal: RunSchedule.Goal, schedule: Schedule) -> None:
-        """Write down who starts what, before the first pulse."""
+        self._announce(schedule, goal.schedule, goal.operator_id)
+
+    def _announce(self, schedule: Schedule, text: str, operator: str) -> None:
+        """Write down and publish who starts what, before the first pulse."""
         self._audit.require(
             'schedule',
-            operator=plain_text(goal.operator_id),
+            operator=plain_text(operator),
             name=plain_text(schedule.name),
             pulses=int(schedule.pulse_count),
-            text=plain_text(goal.schedule),
+            text=plain_text(text),
+            text_sha256=text_hash(text),
         )
+        self._accepted.publish(schedule, text, operator)
         self._say(f'running {plain_text(schedule.name)}, {schedule.pulse_count} pulses')
 
     def _on_refused(self, reason: str) -> None:
@@ -380,6 +389,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             if self.controller.state is State.DISARMED:
                 self.change(Transition.TRANSITION_ACTIVATE)
             if self.controller.state is State.ARMED and self._schedule is not None:
+                self._announce(self._schedule, schedule_to_text(self._schedule), '')
                 self.controller.start(self._schedule)
         except RpmsError as error:
             self._on_refused(str(error))

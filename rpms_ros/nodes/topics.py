@@ -18,6 +18,9 @@ TRUTH = 'truth'
 DRIVER_STATUS = 'driver_status'
 """rpms_msgs/DriverStatus: state of a stimulator driver."""
 
+ACCEPTED_SCHEDULE = 'accepted_schedule'
+"""rpms_msgs/AcceptedSchedule: what a driver is about to run."""
+
 RUN_SCHEDULE = 'run_schedule'
 """rpms_msgs/RunSchedule: action that makes a driver run a schedule."""
 

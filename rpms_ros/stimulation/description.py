@@ -8,6 +8,7 @@ segments:
   - {kind: repeat, times: 3, segments: [{kind: doublet, interval_s: 0.01}]}
 """
 
+import hashlib
 import re
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -110,6 +111,11 @@ def schedule_to_mapping(schedule: Schedule) -> dict[str, Any]:
 def schedule_to_text(schedule: Schedule) -> str:
     """Return the YAML document that describes ``schedule``."""
     return yaml.dump(schedule_to_mapping(schedule), Dumper=_Dumper, sort_keys=False)
+
+
+def text_hash(text: str) -> str:
+    """Return the SHA-256 of a document as hexadecimal digits, as `sha256sum` of its file does."""
+    return hashlib.sha256(text.encode('utf-8', 'replace')).hexdigest()
 
 
 class _Dumper(yaml.SafeDumper):

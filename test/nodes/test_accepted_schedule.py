@@ -1,0 +1,138 @@
+"""What a driver is about to run is on the graph before its first pulse, and in the recording."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+from rpms_msgs.action import RunSchedule
+from rpms_msgs.msg import AcceptedSchedule
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.recorder import Recorder
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.recording.scan import Scan
+from rpms_ros.stimulation.audit_log import verify
+
+TEXT = """name: wärm-up
+segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]
+"""
+
+
+@pytest.fixture
+def running(graph, tmp_path):
+    """A driver and somebody who asks for schedules."""
+    return Running(graph, tmp_path / 'audit.jsonl')
+
+
+class Running:
+    """A driver with an audit log, and the goals that it is given."""
+
+    def __init__(self, graph, audit: Path) -> None:
+        self.graph, self.audit = graph, audit
+        self.driver = graph.add(
+            StimulatorDriver,
+            require_operator=False,
+            require_stop_button=False,
+            executor_timeout=5.0,
+            watch_timeout=5.0,
+            lateness_limit=0.1,
+            audit_log=str(audit),
+        )
+        other = graph.add(lambda **options: Node('client', **options))
+        self.client = ActionClient(other, RunSchedule, topics.RUN_SCHEDULE)
+        graph.wait_for(self.client.server_is_ready)
+
+    def arm(self) -> None:
+        self.driver.change(Transition.TRANSITION_CONFIGURE)
+        self.driver.change(Transition.TRANSITION_ACTIVATE)
+
+    def run(self, text: str) -> RunSchedule.Result:
+        """Ask for a schedule; return how that ended."""
+        goal = RunSchedule.Goal(schedule=text, operator_id='ada')
+        sent = self.client.send_goal_async(goal)
+        self.graph.wait_for(sent.done)
+        ended = sent.result().get_result_async()
+        self.graph.wait_for(ended.done)
+        return ended.result().result
+
+
+def heard_by(graph, name: str) -> list[AcceptedSchedule]:
+    node = graph.add(lambda **options: Node(name, **options))
+    heard: list[AcceptedSchedule] = []
+    node.create_subscription(
+        AcceptedSchedule, topics.ACCEPTED_SCHEDULE, heard.append, qos.ACCEPTED_SCHEDULE
+    )
+    return heard
+
+
+def recorded(path: Path) -> list[str]:
+    """Topics of the messages of a recording, in their order."""
+    with_places = [
+        (place, channel.topic)
+        for channel, records in Scan(path).blocks()
+        for place in records.place.tolist()
+    ]
+    return [topic for _, topic in sorted(with_places)]
+
+
+def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, tmp_path) -> None:
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    driver, early = running.driver, heard_by(graph, 'early')
+    graph.wait_for(lambda: driver.count_subscribers(topics.ACCEPTED_SCHEDULE) == 2)
+    graph.wait_for(lambda: driver.count_subscribers(topics.PULSES) == 1)
+    running.arm()
+    assert running.run(TEXT).completed
+    graph.wait_for(lambda: recorder.counts[topics.PULSES].messages == 10)
+    graph.wait_for(lambda: recorder.counts[topics.ACCEPTED_SCHEDULE].messages == 1)
+    late = heard_by(graph, 'late')
+    graph.wait_for(lambda: len(late) == 1)
+    (told,) = early
+    assert late == early
+    assert (told.name, told.operator_id, told.pulses) == ('wärm-up', 'ada', 10)
+    assert told.duration == pytest.approx(0.2)  # one rounding of the sum of the segments
+    assert told.schedule == TEXT
+    assert told.sha256 == hashlib.sha256(TEXT.encode()).hexdigest()
+    recorder.close()
+    order = recorded(tmp_path / 'session')
+    assert order.index('/accepted_schedule') < order.index('/pulses')
+    assert order.index('/accepted_schedule') < order.index('/pulses_commanded')
+    (entry,) = [
+        record.content
+        for record in verify(running.audit).records
+        if record.content['kind'] == 'schedule'
+    ]
+    assert entry['text_sha256'] == told.sha256
+
+
+def test_a_schedule_that_is_refused_is_told_to_nobody(graph, running) -> None:
+    heard = heard_by(graph, 'other')
+    graph.wait_for(lambda: running.driver.count_subscribers(topics.ACCEPTED_SCHEDULE) == 1)
+    assert 'expected state ARMED, got UNCONFIGURED' in running.run(TEXT).reason
+    running.arm()
+    assert running.run(TEXT.replace('wärm-up', 'second')).completed
+    graph.wait_for(lambda: len(heard) == 1)
+    assert heard[0].name == 'second'
+
+
+def test_a_schedule_that_starts_by_itself_is_told_with_its_text(graph) -> None:
+    heard = heard_by(graph, 'other')
+    graph.add(
+        StimulatorDriver,
+        require_operator=False,
+        require_stop_button=False,
+        executor_timeout=5.0,
+        watch_timeout=5.0,
+        lateness_limit=0.1,
+        autostart=True,
+        minimum_subscribers=0,
+        duration=0.2,
+        rate=50.0,
+    )
+    graph.wait_for(lambda: len(heard) == 1)
+    assert heard[0].sha256 == hashlib.sha256(heard[0].schedule.encode()).hexdigest()
+    assert heard[0].pulses == 10
+    assert 'rate_hz: 50.0' in heard[0].schedule
