@@ -1,4 +1,4 @@
-"""The only place where ROS messages become domain values and back.
+"""Where ROS messages become domain values and back; `schedule_messages` does so for schedules.
 
 Nothing of ROS is imported here.  Messages are read by their attributes, so rclpy's classes and
 those of rosbags do alike; what is built is built from the classes that the caller brings.
@@ -168,6 +168,7 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = ''
         nonlinear_identifiability=array('B', estimate.nonlinear_identifiability.tolist()),
         fault_names=[str(name) for name in estimate.faults],
         fault_counts=array('Q', [int(count) for count in estimate.faults.values()]),
+        unit=str(estimate.unit),
         **fields,
     )
 
@@ -229,6 +230,7 @@ def estimate_of(message: Any) -> Estimate:
         nonlinear_covariance=covariance.reshape(size, size),
         nonlinear_identifiability=np.array(_identifiability(message), dtype=np.int64),
         faults=dict(zip(names, counts, strict=True)),
+        unit=str(getattr(message, 'unit', '') or 'N'),
         **fields,
     )
 

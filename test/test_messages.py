@@ -55,6 +55,7 @@ def estimate(**changes: Any) -> Estimate:
         'confidence': 0.95,
         'faults': {'late_pulse': 2, 'force_not_finite': 1},
         'doubts': ('late_pulse',),
+        'unit': 'N m',
         'rate_names': ('force_percent', 'time_constant_percent'),
         'rate': np.array([-12.0, 3.0]),
         'rate_lower': np.array([-14.0, 2.0]),
@@ -218,7 +219,7 @@ def test_every_field_of_an_estimate_is_one_of_its_message() -> None:
 def test_an_estimate_of_an_older_definition_is_read() -> None:
     """Without what was appended later, and with the older name of the flags."""
     message = messages.estimate_message(estimate(), MESSAGE_TYPES)
-    younger = ('rate', 'change', 'disturbance', 'reasons', 'nonlinear_identifiability')
+    younger = ('rate', 'change', 'disturbance', 'reasons', 'nonlinear_identifiability', 'unit')
     names = [n for n in message.get_fields_and_field_types() if not n.startswith(younger)]
     older = SimpleNamespace(**{name: getattr(message, name) for name in names})
     older.nonlinear_excitation = message.nonlinear_identifiability
@@ -226,3 +227,4 @@ def test_an_estimate_of_an_older_definition_is_read() -> None:
     assert found.nonlinear_identifiability.tolist() == [1, 2]
     assert found.rate_names == found.change_kinds == found.reasons == ()
     assert found.changes == len(found.rate) == len(found.change_ago) == 0
+    assert found.unit == 'N'

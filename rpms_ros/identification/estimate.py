@@ -81,6 +81,8 @@ class Estimate:
         Force that the stimulation does not cause, and its standard deviation [N].
     reasons : tuple of str
         Why intervals are wide or a parameter is not informed.
+    unit : str
+        Of every force above: ``N``, or ``N m`` where the sensor measures a torque.
     """
 
     stamp_ns: int
@@ -122,6 +124,7 @@ class Estimate:
     disturbance: float = 0.0
     disturbance_deviation: float = 0.0
     reasons: tuple[str, ...] = ()
+    unit: str = 'N'
 
     @property
     def curve_known(self) -> bool:

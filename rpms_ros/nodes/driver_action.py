@@ -13,6 +13,7 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 
 from rpms_msgs.action import RunSchedule
+from rpms_ros import schedule_messages
 from rpms_ros.errors import RpmsError
 from rpms_ros.errors import StimulationError
 from rpms_ros.nodes import topics
@@ -22,6 +23,7 @@ from rpms_ros.nodes.driver_refusal import code_of_end
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import schedule_from_text
+from rpms_ros.stimulation import schedule_to_text
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.run import Run
 from rpms_ros.stimulation.states import State
@@ -136,7 +138,7 @@ class ScheduleAction:
         if self._goal is not None or self._controller.state is State.RUNNING:
             raise GoalRefused(CODES.WRONG_STATE, 'expected no schedule running, got a second goal')
         self._allowed(request)
-        schedule = _schedule_of(request.schedule)
+        schedule = _schedule_of(request)
         self._controller.check_start(schedule)
         self._started(request, schedule)
         return self._controller.start(schedule)
@@ -185,19 +187,33 @@ class ScheduleAction:
         return RunSchedule.Result(reason='expected a deferred execution')
 
 
-def _schedule_of(text: str) -> Schedule:
-    """Return the schedule in a text from anybody.
+def text_of(request: RunSchedule.Goal, schedule: Schedule) -> str:
+    """Return the YAML document of a goal: as it came, or written from its typed schedule."""
+    text: str = request.schedule
+    return text or schedule_to_text(schedule)
+
+
+def _schedule_of(request: RunSchedule.Goal) -> Schedule:
+    """Return the schedule in a goal from anybody.
 
     Raises
     ------
     GoalRefused
-        If it does not describe one, whatever the readers of the text make of it.
+        If it does not describe exactly one, whatever the readers of it make of it.
     """
     try:
-        return schedule_from_text(text)
+        if not schedule_messages.is_given(request.typed_schedule):
+            return schedule_from_text(request.schedule)
+        if request.schedule:
+            raise GoalRefused(
+                CODES.BAD_SCHEDULE, 'expected either schedule or typed_schedule, got both'
+            )
+        return schedule_messages.schedule_of(request.typed_schedule)
+    except GoalRefused:
+        raise
     except StimulationError as error:
         raise GoalRefused(CODES.BAD_SCHEDULE, str(error)) from error
     except Exception as error:
         raise GoalRefused(
-            CODES.BAD_SCHEDULE, f'expected a schedule, got a text that raises {error!r}'
+            CODES.BAD_SCHEDULE, f'expected a schedule, got one that raises {error!r}'
         ) from error

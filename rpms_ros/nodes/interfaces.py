@@ -9,7 +9,10 @@ from std_msgs.msg import Header
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import MuscleTruth
 from rpms_msgs.msg import Pulse
+from rpms_msgs.msg import Schedule
+from rpms_msgs.msg import ScheduleSegment
 from rpms_ros import messages
+from rpms_ros import schedule_messages
 
 MESSAGE_TYPES: messages.MessageTypes = {
     messages.TIME: Time,
@@ -20,4 +23,6 @@ MESSAGE_TYPES: messages.MessageTypes = {
     messages.PULSE: Pulse,
     messages.MUSCLE_ESTIMATE: MuscleEstimate,
     messages.MUSCLE_TRUTH: MuscleTruth,
+    schedule_messages.SCHEDULE: Schedule,
+    schedule_messages.SCHEDULE_SEGMENT: ScheduleSegment,
 }

@@ -28,6 +28,7 @@ from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.discovery import stay_on_this_machine
 from rpms_ros.nodes.driver_action import ScheduleAction
+from rpms_ros.nodes.driver_action import text_of
 from rpms_ros.nodes.driver_audit import DriverAudit
 from rpms_ros.nodes.driver_diagnostics import DriverDiagnostics
 from rpms_ros.nodes.driver_interlocks import InterlockInputs
@@ -274,7 +275,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _on_start(self, goal: RunSchedule.Goal, schedule: Schedule) -> None:
-        self._announce(schedule, goal.schedule, goal.operator_id)
+        self._announce(schedule, text_of(goal, schedule), goal.operator_id)
 
     def _announce(self, schedule: Schedule, text: str, operator: str) -> None:
         """Write down and publish who starts what, before the first pulse."""

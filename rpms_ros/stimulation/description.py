@@ -79,7 +79,7 @@ def schedule_from_mapping(content: object) -> Schedule:
     named = {'name': 'schedule', **document}
     name = read_text(named, 'name', '', LONGEST_NAME)
     segments = _segments(document.get('segments'), 'segments', 0)
-    return _built(Schedule, read_bounded(Schedule, document, ''), '', segments, name=name)
+    return built(Schedule, read_bounded(Schedule, document, ''), '', segments, name=name)
 
 
 def schedule_from_text(text: str) -> Schedule:
@@ -150,16 +150,28 @@ def _segment(content: object, place: str, depth: int) -> Segment | Repeat:
     if kind == 'repeat':
         refuse_unknown(mapping, ['kind', 'segments', 'times'], place)
         inner = _segments(mapping.get('segments'), join(place, 'segments'), depth + 1)
-        return _built(Repeat, read_bounded(Repeat, mapping, place), place, inner)
+        return built(Repeat, read_bounded(Repeat, mapping, place), place, inner)
+    return segment_from_mapping(mapping, place)
+
+
+def segment_from_mapping(mapping: Mapping[str, object], place: str) -> Segment:
+    """Return the segment, no repetition, that a mapping at `place` describes.
+
+    Raises
+    ------
+    DescriptionError
+        If its kind is not known, or something is missing, unknown or out of its bound.
+    """
+    kind = mapping.get('kind')
     if not isinstance(kind, str) or kind not in SEGMENT_KINDS:
         known = ', '.join(sorted([*SEGMENT_KINDS, 'repeat']))
         raise DescriptionError(join(place, 'kind'), f'expected one of {known}, got {shown(kind)}')
     chosen = SEGMENT_KINDS[kind]
     refuse_unknown(mapping, ['kind', *bounded_names(chosen)], place)
-    return _built(chosen, read_bounded(chosen, mapping, place), place)
+    return built(chosen, read_bounded(chosen, mapping, place), place)
 
 
-def _built(
+def built(
     build: Callable[..., Built], values: Mapping[str, Any], place: str, *inner: Any, **names: str
 ) -> Built:
     """Build a dataclass; what only shows between its fields is named by the place of the whole."""

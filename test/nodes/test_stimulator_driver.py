@@ -17,7 +17,10 @@ from rpms_ros.errors import RpmsError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.driver_priority import ask_for_realtime
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.schedule_messages import schedule_message
+from rpms_ros.stimulation import schedule_from_text
 
 SHORT = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]'
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
@@ -177,6 +180,38 @@ def test_bad_goals_are_refused_with_one_reason(graph, schedule, reason):
     limit = reason.startswith('maximum_rate_hz')
     assert code == (RunSchedule.Result.OVER_LIMIT if limit else RunSchedule.Result.BAD_SCHEDULE)
     graph.wait_for(lambda: reason in lab.reason)
+    assert lab.pulses == []
+
+
+def test_a_typed_goal_is_run_as_a_text_is(graph, tmp_path):
+    log = tmp_path / 'audit'
+    lab = Laboratory(graph, audit_log=str(log))
+    lab.activate()
+    typed = schedule_message(schedule_from_text(SHORT), MESSAGE_TYPES)
+    answer = lab.result(lab.send('', typed_schedule=typed))
+    assert answer.result.completed
+    assert answer.result.pulses_delivered == 10
+    assert 'rate_hz: 50.0' in log.read_text()
+
+
+def test_a_typed_goal_is_refused_as_a_text_is(graph):
+    lab = Laboratory(graph)
+    lab.activate()
+    typed = schedule_message(schedule_from_text(SHORT), MESSAGE_TYPES)
+    codes = RunSchedule.Result
+    assert lab.refusal(SHORT, typed_schedule=typed) == (
+        codes.BAD_SCHEDULE,
+        'expected either schedule or typed_schedule, got both',
+    )
+    assert lab.refusal('')[0] == codes.BAD_SCHEDULE
+    typed.segments[0].rate_hz = 60.0
+    code, reason = lab.refusal('', typed_schedule=typed)
+    assert code == codes.OVER_LIMIT
+    assert 'maximum_rate_hz: expected at most 50 Hz' in reason
+    typed.segments[0].high = 0.1
+    code, reason = lab.refusal('', typed_schedule=typed)
+    assert code == codes.BAD_SCHEDULE
+    assert 'segments[0].high: expected nothing here' in reason
     assert lab.pulses == []
 
 

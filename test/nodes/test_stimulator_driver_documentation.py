@@ -9,6 +9,7 @@ import yaml
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.parameters import type_of
+from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import SEGMENT_KINDS
 from rpms_ros.stimulation import schedule_from_text
 from rpms_ros.stimulation.patient import patient_from_mapping
@@ -56,6 +57,17 @@ def test_schedule_and_patient_on_the_page_can_be_read():
     schedule, patient = re.findall(r'```yaml\n(.*?)```', PAGE, re.DOTALL)
     assert schedule_from_text(schedule).totals.duration == pytest.approx(41.0, abs=1e-9)
     assert from_text(patient, patient_from_mapping).identifier == 'P01'
+
+
+def test_the_goal_on_the_page_is_three_trains_and_their_pauses():
+    (code,) = (
+        text for text in re.findall(r'```python\n(.*?)```', PAGE, re.DOTALL) if 'Goal(' in text
+    )
+    found = {}
+    exec(code, found)
+    schedule = schedule_of(found['goal'].typed_schedule)
+    # each: 2 s of pulses at 20 Hz, then 5 s without
+    assert (schedule.totals.pulses, schedule.totals.duration) == (120, 21.0)
 
 
 def test_the_page_names_every_kind_of_segment():

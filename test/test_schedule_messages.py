@@ -1,0 +1,164 @@
+"""Schedules as messages and back: every kind, and what is refused with its place."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpms_msgs.msg import Schedule as ScheduleMessage
+from rpms_msgs.msg import ScheduleSegment
+from rpms_ros.errors import StimulationError
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.schedule_messages import KINDS
+from rpms_ros.schedule_messages import is_given
+from rpms_ros.schedule_messages import schedule_message
+from rpms_ros.schedule_messages import schedule_of
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import schedule_from_text
+from rpms_ros.stimulation.description import SEGMENT_KINDS
+
+EVERY_KIND = """
+name: every kind
+seed: 7
+width_s: 0.0002
+segments:
+  - {kind: constant, rate_hz: 20.0, duration_s: 1.0, final_rate_hz: 30.0, intensity: 0.5}
+  - {kind: ramp, rate_hz: 20.0, duration_s: 1.0, start: 0.2, end: 0.4}
+  - {kind: staircase, rate_hz: 20.0, duration_s: 1.0, levels: [0.1, 0.2]}
+  - {kind: sinusoid, rate_hz: 20.0, duration_s: 1.0, low: 0.1, high: 0.6, period_s: 0.5}
+  - kind: repeat
+    times: 3
+    segments:
+      - {kind: uniform_random, rate_hz: 20.0, duration_s: 1.0, high: 0.7, seed: 0}
+      - kind: repeat
+        times: 2
+        segments:
+          - {kind: single, intensity: 0.4}
+          - {kind: doublet, intensity: 0.3, interval_s: 0.02}
+      - {kind: uniform_random, rate_hz: 20.0, duration_s: 1.0}
+  - {kind: multilevel_prbs, rate_hz: 20.0, duration_s: 1.0, level_count: 3, order: 2, seed: 9}
+  - {kind: n_let, count: 4, interval_s: 0.02}
+  - {kind: pause, duration_s: 2.0}
+"""
+
+
+def train(**changes: Any) -> ScheduleSegment:
+    values = {'kind': ScheduleSegment.CONSTANT, 'rate_hz': 20.0, 'duration_s': 1.0}
+    return ScheduleSegment(**{**values, 'intensity': 0.5, **changes})
+
+
+def repeat(times: int, length: int) -> ScheduleSegment:
+    return ScheduleSegment(kind=ScheduleSegment.REPEAT, times=times, length=length)
+
+
+def refusal(*segments: ScheduleSegment, **values: Any) -> str:
+    with pytest.raises(StimulationError, match='expected') as caught:
+        schedule_of(ScheduleMessage(segments=list(segments), **values))
+    return str(caught.value)
+
+
+def test_the_numbers_of_the_kinds_are_those_of_the_message() -> None:
+    assert set(KINDS) == {*SEGMENT_KINDS, 'repeat'}
+    for number, kind in enumerate(KINDS, 1):
+        assert getattr(ScheduleSegment, kind.upper()) == number
+
+
+def test_every_kind_goes_into_a_message_and_back() -> None:
+    schedule = schedule_from_text(EVERY_KIND)
+    message = schedule_message(schedule, MESSAGE_TYPES)
+    assert schedule_of(message) == schedule
+    # two repetitions, one in the other
+    assert [segment.length for segment in message.segments if segment.length] == [5, 2]
+    assert len(message.segments) == 13
+
+
+@given(depth=st.integers(0, 8), times=st.integers(1, 3), seed=st.none() | st.integers(0, 2**53))
+def test_any_nesting_that_a_file_may_have_goes_there_and_back(
+    depth: int, times: int, seed: int | None
+) -> None:
+    own = '' if seed is None else f', seed: {seed}'
+    text = f'{{kind: uniform_random, rate_hz: 5.0, duration_s: 1.0{own}}}'
+    for _ in range(depth):
+        text = f'{{kind: repeat, times: {times}, segments: [{{kind: single}}, {text}]}}'
+    schedule = schedule_from_text(f'segments: [{text}]')
+    assert schedule_of(schedule_message(schedule, MESSAGE_TYPES)) == schedule
+
+
+def test_what_is_left_empty_takes_what_a_file_takes() -> None:
+    schedule = schedule_of(ScheduleMessage(segments=[train()]))
+    expected = schedule_from_text(
+        'segments: [{kind: constant, rate_hz: 20.0, duration_s: 1.0, intensity: 0.5}]'
+    )
+    assert schedule == expected
+    assert isinstance(schedule, Schedule)
+
+
+def test_an_intensity_that_is_not_given_is_zero() -> None:
+    """A file takes 1.0 there; a message cannot tell whether somebody wrote its zero."""
+    schedule = schedule_of(ScheduleMessage(segments=[train(intensity=0.0)]))
+    assert schedule.totals.highest_intensity == 0.0
+
+
+@pytest.mark.parametrize(
+    ('segments', 'said'),
+    [
+        ([], 'segments: expected at least one segment, got none'),
+        ([ScheduleSegment()], 'segments[0].kind: expected a number from 1 to 11, got 0'),
+        ([train(kind=12)], 'segments[0].kind: expected a number from 1 to 11, got 12'),
+        ([train(), train(rate_hz=0.0)], 'segments[1].rate_hz: expected a number in [0.001, 1000]'),
+        ([train(rate_hz=math.nan)], 'segments[0].rate_hz: expected a number'),
+        ([train(final_rate_hz=math.nan)], 'segments[0].final_rate_hz: expected a number'),
+        ([train(final_rate_hz=-1.0)], 'segments[0].final_rate_hz: expected a number'),
+        ([train(intensity=1.1)], 'segments[0].intensity: expected a number in [0, 1]'),
+        ([train(high=0.3)], 'segments[0].high: expected nothing here, which a constant does not'),
+        ([train(high=math.nan)], 'segments[0].high: expected nothing here'),
+        ([train(levels=[0.1])], 'segments[0].levels: expected nothing here'),
+        ([train(seed=3)], 'segments[0].seed: expected nothing here'),
+        ([train(own_seed=True)], 'segments[0].own_seed: expected nothing here'),
+        ([train(kind=3, intensity=0.0)], 'segments[0].levels: expected a list'),
+        (
+            [train(kind=5, intensity=0.0, seed=3)],
+            'segments[0].seed: expected own_seed with a seed, got 3 without',
+        ),
+        ([train(kind=4, intensity=0.0)], 'segments[0].period_s: expected a number'),
+        ([repeat(2, 0)], 'segments[0].length: expected a whole number from 1 to the 0 entries'),
+        ([repeat(2, 2), train()], 'segments[0].length: expected a whole number from 1 to the 1'),
+        (
+            [repeat(2, 2), repeat(2, 2), train(), train()],
+            'segments[1].length: expected a whole number from 1 to the 1',
+        ),
+        ([repeat(0, 1), train()], 'segments[0].times: expected a whole number in [1, 100000]'),
+        (
+            [*(repeat(1, 9 - i) for i in range(9)), train()],
+            'segments[8]: expected at most 8 repeats in one another',
+        ),
+        ([train()] * 10_001, 'segments: expected at most 10000 values, got'),
+        (
+            [train(kind=3, intensity=0.0, levels=[0.1] * 10_001)],
+            'segments: expected at most 10000 values, got',
+        ),
+    ],
+)
+def test_a_fault_is_named_by_its_place(segments: list[ScheduleSegment], said: str) -> None:
+    assert refusal(*segments).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ('values', 'said'),
+    [
+        ({'name': 'x' * 65}, 'name: expected a text of 1 to 64 printable characters'),
+        ({'name': 'a\x07b'}, 'name: expected a text of 1 to 64 printable characters'),
+        ({'seed': 2**54}, 'seed: expected a whole number'),
+        ({'width_s': 0.02}, 'width_s: expected a number in [1e-06, 0.01] s'),
+        ({'width_s': math.nan}, 'width_s: expected a number'),
+    ],
+)
+def test_values_of_the_whole_are_bounded(values: dict[str, Any], said: str) -> None:
+    assert refusal(train(), **values).startswith(said)
+    assert is_given(ScheduleMessage(**values))
+
+
+def test_an_empty_message_is_none() -> None:
+    assert not is_given(ScheduleMessage())
