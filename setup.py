@@ -40,6 +40,8 @@ setup(
     install_requires=[
         'apsw',
         'backports.zstd',
+        # only speed: without it zlib computes the checksums; it has no wheels for other machines
+        'isal>=1.5; platform_machine in "x86_64 AMD64 aarch64 arm64"',
         'jinja2>=3.1',
         'lz4',
         'matplotlib>=3.6',

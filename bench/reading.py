@@ -1,32 +1,44 @@
 """Reading a recording in bulk beside the rosbags deserialisation loop, and from bag to result.
 
 One hour at 1 kHz with 72,000 pulses by default: read by this package; by rosbags as raw messages
-and with every message deserialised (on a part, scaled up); for each way of storing.  Then
+and with every message deserialised (on a part, scaled up); for each way of storing.  Besides, the
+same file checked with zlib in place of isal, and with its checksums taken out.  Then
 `rpms identify` from start to result as a process of its own.  The targets are ten times the
-rosbags loop, and 15 s and 1.5 GB for the recursion.
+rosbags loop, a tenth more for checking, and 15 s and 1.5 GB for the recursion.
 
 python bench/reading.py [--hours 1] [--estimator recursive]
 """
 
 import argparse
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
 from rosbags.highlevel import AnyReader
 
 from rpms_ros.cli import main as rpms
+from rpms_ros.recording import crc
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
+from rpms_ros.recording.mcap_records import CHUNK
+from rpms_ros.recording.mcap_records import DATA_END
+from rpms_ros.recording.mcap_records import FOOTER
+from rpms_ros.recording.mcap_records import MAGIC
+from rpms_ros.recording.mcap_records import walk
 
 LOOP_MESSAGES = 100_000
 STORAGES = (('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', ''))
 LEAST_RATIO, LONGEST, LARGEST = 10.0, 15.0, 1.5
+DEAREST_CHECK = 1.1
+_REPEATS = 7
 
 
 def seconds(action: Callable[[], object]) -> float:
@@ -56,16 +68,51 @@ def loop_time(path: Path, messages: int, decode: bool) -> float:
     )
 
 
-def compare(path: Path, messages: int, label: str) -> float:
-    """Print one line; return how many times faster than the loop reading is."""
-    bulk = min(seconds(lambda: read_recording(path)) for _ in range(3))
+def unchecked(path: Path) -> Path:
+    """Return a copy of a recording without any checksum: 0 in mcap, no line in metadata.yaml."""
+    copy = path.with_name(f'{path.name}_unchecked')
+    shutil.copytree(path, copy)
+    (copy / 'SHA256SUMS').unlink()
+    metadata = copy / 'metadata.yaml'
+    lines = metadata.read_text().splitlines(keepends=True)
+    metadata.write_text(''.join(line for line in lines if 'storage_crc32' not in line))
+    for file in copy.glob('*.mcap'):
+        content = bytearray(file.read_bytes())
+        frame = walk(np.frombuffer(content, np.uint8), len(MAGIC))
+        # In a chunk behind two times and a size, at the end of the data and of the footer.
+        places = [start + 24 for start, _ in frame.of_kind(CHUNK)]
+        places += [end - 4 for kind in (DATA_END, FOOTER) for _, end in frame.of_kind(kind)]
+        for place in places:
+            content[place : place + 4] = bytes(4)
+        file.write_bytes(content)
+    return copy
+
+
+def bulk_times(path: Path) -> tuple[float, float, float]:
+    """Least times of reading, of reading with zlib and without checking [s], taken by turns."""
+    copy, installed = unchecked(path), crc._crc32
+    times = []
+    for _ in range(_REPEATS):
+        checked = seconds(lambda: read_recording(path))
+        crc._crc32 = zlib.crc32
+        slowly = seconds(lambda: read_recording(path))
+        crc._crc32 = installed
+        times.append((checked, slowly, seconds(lambda: read_recording(copy))))
+    shutil.rmtree(copy)
+    checked, slowly, plain = (min(column) for column in zip(*times, strict=True))
+    return checked, slowly, plain
+
+
+def compare(path: Path, messages: int, label: str) -> tuple[float, float]:
+    """Print one line; return the ratio of the loop to reading, and of reading to not checking."""
+    bulk, slowly, plain = bulk_times(path)
     raw, loop = (loop_time(path, messages, decode) for decode in (False, True))
     size = sum(file.stat().st_size for file in path.iterdir()) / 1e6
     print(
         f'  {label:<12}{size:8.0f} MB{bulk:9.2f} s{1e6 * bulk / messages:8.3f} us{raw:11.2f} s'
-        f'{loop:11.2f} s{loop / bulk:9.1f}'
+        f'{loop:11.2f} s{loop / bulk:9.1f}{bulk / plain:11.2f}{slowly / plain:8.2f}'
     )
-    return loop / bulk
+    return loop / bulk, bulk / plain
 
 
 def identify(path: Path, estimator: str) -> tuple[float, float, float]:
@@ -95,7 +142,7 @@ def main() -> int:
         print(f'{messages} messages in the page cache; processor times; ratio: loop over bulk')
         print(
             f'  {"storage":<12}{"size":>11}{"bulk":>11}{"a message":>11}{"rosbags raw":>13}'
-            f'{"with loop":>13}{"ratio":>9}'
+            f'{"with loop":>13}{"ratio":>9}{"checking":>11}{"zlib":>8}'
         )
         ratios = [compare(first, messages, 'mcap')]
         for storage, compression in STORAGES[1:]:
@@ -113,7 +160,8 @@ def main() -> int:
             f'  rpms identify --estimator {arguments.estimator}: {span:.1f} s '
             f'({processor:.1f} s of processor), {memory:.2f} GB'
         )
-    return 0 if ratios[0] >= LEAST_RATIO and span <= LONGEST and memory <= LARGEST else 1
+    quick = ratios[0][0] >= LEAST_RATIO and all(check <= DEAREST_CHECK for _, check in ratios)
+    return 0 if quick and span <= LONGEST and memory <= LARGEST else 1
 
 
 if __name__ == '__main__':

@@ -7,11 +7,11 @@ of that file under the key of the laboratory: it cannot be made without the key.
 import hashlib
 import hmac
 import re
-import zlib
 from collections.abc import Iterable
 from pathlib import Path
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.recording.crc import crc32
 
 SUMS_NAME = 'SHA256SUMS'
 SIGNATURE_NAME = 'SHA256SUMS.hmac'
@@ -64,12 +64,12 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, 'sha256').hexdigest()
 
 
-def crc32(path: Path) -> int:
+def file_crc32(path: Path) -> int:
     """Return the CRC-32 of a file, which is quick enough for every reading."""
     value = 0
     with path.open('rb') as file:
         while block := file.read(_BLOCK):
-            value = zlib.crc32(block, value)
+            value = crc32(block, value)
     return value
 
 

@@ -1,7 +1,6 @@
 """Channels and raw messages of an mcap file, complete or cut off."""
 
 import struct
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.budget import Budget
 from rpms_ros.recording.compression import DECOMPRESSORS
 from rpms_ros.recording.compression import unpacked
+from rpms_ros.recording.crc import crc32
 from rpms_ros.recording.findings import Findings
 from rpms_ros.recording.mcap_records import RECORD_HEAD
 from rpms_ros.recording.mcap_records import Content
@@ -123,7 +123,7 @@ class McapFile:
         self, content: ByteArray, size: int, checksum: int, start: int, cut_off: bool
     ) -> bool:
         """Tell whether the content of a chunk can be used; note what is wrong with it."""
-        fits = not checksum or zlib.crc32(content.data) == checksum
+        fits = not checksum or crc32(content.data) == checksum
         if len(content) < size or (fits and len(content) > size):
             if not cut_off:
                 found = f'{len(content)} of {size} bytes are readable'

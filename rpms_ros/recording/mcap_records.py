@@ -5,7 +5,6 @@ reads like any other.
 """
 
 import struct
-import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from rpms_ros.pulses import IntArray
 from rpms_ros.recording.batches import Batch
+from rpms_ros.recording.crc import crc32
 from rpms_ros.recording.records import ByteArray
 from rpms_ros.recording.records import Records
 from rpms_ros.recording.records import gather
@@ -142,7 +142,7 @@ def end_of(data: ByteArray, frame: Frame) -> End:
     begin, _, checksum = struct.unpack('<QQI', data[footer : footer + FOOTER_SIZE].tobytes())
     # Without an index the checksum covers the head of the footer alone.
     covered = data[begin or footer - RECORD_HEAD : footer + FOOTER_SIZE - 4]
-    fits = not checksum or zlib.crc32(covered.tobytes()) == checksum
+    fits = not checksum or crc32(covered.tobytes()) == checksum
     statistics = frame.of_kind(STATISTICS)
     if not statistics or statistics[-1][1] - statistics[-1][0] < _COUNT_SIZE:
         return End(fits, None)
@@ -159,7 +159,7 @@ def data_fits(data: ByteArray, frame: Frame) -> bool:
     checksum = int.from_bytes(data[begin:end].tobytes(), 'little')
     value = 0
     for place in range(0, begin - RECORD_HEAD, _BLOCK):
-        value = zlib.crc32(data[place : min(place + _BLOCK, begin - RECORD_HEAD)].data, value)
+        value = crc32(data[place : min(place + _BLOCK, begin - RECORD_HEAD)].data, value)
     return not checksum or value == checksum
 
 

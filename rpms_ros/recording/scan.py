@@ -12,7 +12,7 @@ import numpy as np
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.budget import Budget
-from rpms_ros.recording.checksums import crc32
+from rpms_ros.recording.checksums import file_crc32
 from rpms_ros.recording.compression import ZSTD_MAGIC
 from rpms_ros.recording.compression import unpacked
 from rpms_ros.recording.files import RecordingFiles
@@ -136,7 +136,7 @@ class Scan:
 
     def _check_sum(self, path: Path) -> None:
         """Compare a sqlite3 file, which has no checksums of its own, with the stated one."""
-        if self.files.crc32 is not None and crc32(path) != self.files.crc32:
+        if self.files.crc32 is not None and file_crc32(path) != self.files.crc32:
             self.findings.add('wrong_checksum', f'the checksum of {path.name} does not fit')
 
     def _unknown(self, path: Path, number: int, count: int) -> None:

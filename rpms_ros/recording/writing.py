@@ -19,7 +19,7 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import metadata
 from rpms_ros.recording.axis import direction_of
 from rpms_ros.recording.batches import merged
-from rpms_ros.recording.checksums import crc32
+from rpms_ros.recording.checksums import file_crc32
 from rpms_ros.recording.checksums import write_checksums
 from rpms_ros.recording.definitions import PULSE
 from rpms_ros.recording.definitions import WRENCH_STAMPED
@@ -191,7 +191,8 @@ class RecordingWriter:
             self._file.finish(metadata.as_yaml(content))
             if self._storage == 'sqlite3':
                 # mcap has checksums of its own.
-                content['custom_data'] = {**self.custom, CRC_KEY: f'{crc32(self._file_path):08x}'}
+                checksum = f'{file_crc32(self._file_path):08x}'
+                content['custom_data'] = {**self.custom, CRC_KEY: checksum}
             text = metadata.as_yaml({metadata.KEY: content})
             (self.path / metadata.NAME).write_text(text, 'utf-8')
             write_checksums(self.path, (name, metadata.NAME), self._key)
