@@ -62,6 +62,12 @@ class BatchEstimator(ProjectionEstimator):
     name = 'batch'
     on_line = False
 
+    _origin_ns: int | None
+    _last_ns: int
+    _due_ns: int
+    _interval_ns: int
+    _fitted_samples: int
+
     def __init__(
         self,
         settings: ProjectionSettings | None = None,
@@ -70,7 +76,7 @@ class BatchEstimator(ProjectionEstimator):
         super().__init__(settings, rate_hz)
         if not self.settings.baseline:
             self._reshape(0)
-        self._origin_ns: int | None = None
+        self._origin_ns = None
         self._last_ns = 0
         self._due_ns = 0
         self._interval_ns = _FIRST_FIT_NS

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Mapping
 
 from rpms_ros.identification import faults
+from rpms_ros.identification.saved_state import Restorable
 
 # Of the samples; more than that, and the curve may be wrong by more than its interval says.
 SHARES: Mapping[str, float] = {
@@ -21,7 +22,7 @@ _LEAST_SAMPLES = 1000
 _NOTES = 30
 
 
-class Doubts:
+class Doubts(Restorable):
     """Keeps the shares of faults over the last half minute and over all.
 
     Parameters
@@ -32,11 +33,14 @@ class Doubts:
         Whether a doubt stays for good, as it does where nothing is forgotten.
     """
 
+    _notes: deque[tuple[int, dict[str, int]]]
+    _found: set[str]
+
     def __init__(self, shares: Mapping[str, float], lasting: bool) -> None:
         self._shares = {**SHARES, **shares}
         self._lasting = lasting
-        self._notes: deque[tuple[int, dict[str, int]]] = deque([(0, {})], maxlen=_NOTES)
-        self._found: set[str] = set()
+        self._notes = deque([(0, {})], maxlen=_NOTES)
+        self._found = set()
 
     def note(self, samples: int, counts: Mapping[str, int]) -> None:
         """Remember the counts (of all time) after so many samples; once a second is enough."""

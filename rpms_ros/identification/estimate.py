@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 from types import MappingProxyType
+from typing import Any
 from typing import Protocol
+from typing import runtime_checkable
 
 import numpy as np
 
@@ -168,3 +170,29 @@ class Estimator(Protocol):
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return what is known now."""
+
+
+@runtime_checkable
+class RestorableEstimator(Estimator, Protocol):
+    """An estimator whose work can be saved to a file, and gone on with from there.
+
+    One of another package that has these two methods is saved as well;
+    `rpms_ros.identification.saved_state.RestorableWithSettings` has them ready.
+    """
+
+    def state(self) -> Mapping[str, Any]:
+        """Return everything that is remembered, and the settings that it is valid for.
+
+        The values are None, bool, int, float, str, ndarray, and lists and mappings with names of
+        them; arrays are copies.
+        """
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what `state` has returned; every answer is then the same in every bit.
+
+        Raises
+        ------
+        IdentificationError
+            If it was saved with other settings, or is no such state: it comes from a file, so
+            types, shapes and places within arrays have to be checked before they are relied on.
+        """

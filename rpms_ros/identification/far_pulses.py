@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import PulseTrain
 
@@ -11,11 +12,16 @@ FAR_NS = 10 * NANOSECONDS_PER_SECOND
 MOST_PULSES = 100_000
 
 
-class FarPulses:
+class FarPulses(Restorable):
     """Far pulses by the newest stamp of the force when they came."""
 
+    _kept: list[tuple[int | None, PulseTrain]]
+    _count: int
+    _nearest_ns: int
+    _given_up: int
+
     def __init__(self) -> None:
-        self._kept: list[tuple[int | None, PulseTrain]] = []
+        self._kept = []
         self._count = 0
         self._nearest_ns = 0
         self._given_up = 0

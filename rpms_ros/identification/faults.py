@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 
+from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.saved_state import expect
+
 FORCE_NOT_FINITE = 'force_not_finite'
 FORCE_OUT_OF_BOUNDS = 'force_out_of_bounds'
 FORCE_DUPLICATE = 'force_duplicate'
@@ -77,7 +80,7 @@ MEANING: Mapping[str, str] = {
 }
 
 
-class FaultCounter:
+class FaultCounter(Restorable):
     """Counts faults by name.
 
     Parameters
@@ -86,9 +89,14 @@ class FaultCounter:
         Faults besides `MEANING` that may be counted, with what they mean.
     """
 
+    _counts: dict[str, int]
+
     def __init__(self, further: Mapping[str, str] | None = None) -> None:
         self._meaning = {**MEANING, **(further or {})}
-        self._counts: dict[str, int] = {}
+        self._counts = {}
+
+    def _check_restored(self) -> None:
+        expect(set(self._counts) <= set(self._meaning), 'FaultCounter', 'known faults')
 
     def add(self, name: str, count: int = 1) -> None:
         """Count `count` more faults of a known kind."""

@@ -10,6 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from rpms_ros.identification import faults
+from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.saved_state import expect
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
@@ -38,7 +40,7 @@ class TimeLine(Protocol):
         """Process what waits, then go on from an earlier stamp."""
 
 
-class ForceIntake:
+class ForceIntake(Restorable):
     """Samples that wait to be processed.
 
     Parameters
@@ -53,6 +55,13 @@ class ForceIntake:
         Largest force of either sign that is believed [N].
     """
 
+    _waiting: list[tuple[IntArray, FloatArray]]
+    _count: int
+    newest_ns: int | None
+    _newest_force: float
+    _alone: tuple[int, float] | None
+    _out_of_order: deque[int]
+
     def __init__(
         self, line: TimeLine, longest_gap_ns: int, memory_ns: int, largest_force: float
     ) -> None:
@@ -60,12 +69,12 @@ class ForceIntake:
         self.gap_ns = longest_gap_ns
         self._memory_ns = memory_ns
         self._largest_force = largest_force
-        self._waiting: list[tuple[IntArray, FloatArray]] = []
+        self._waiting = []
         self._count = 0
-        self.newest_ns: int | None = None
+        self.newest_ns = None
         self._newest_force = 0.0
-        self._alone: tuple[int, float] | None = None
-        self._out_of_order: deque[int] = deque(maxlen=_DISORDER)
+        self._alone = None
+        self._out_of_order = deque(maxlen=_DISORDER)
 
     @property
     def in_doubt(self) -> bool:
@@ -107,6 +116,12 @@ class ForceIntake:
         if self._alone is not None:
             self._line.postpone(faults.FORCE_STAMP_ALONE)
             self._alone = None
+
+    def _check_restored(self) -> None:
+        fits = all(len(stamps) == len(values) for stamps, values in self._waiting)
+        fits = fits and self._count == sum(len(stamps) for stamps, _ in self._waiting)
+        fits = fits and len(self._waiting) <= self._count
+        expect(fits, 'ForceIntake', 'as many stamps as forces')
 
     def _take(self, stamps: IntArray, values: FloatArray) -> None:
         """Take believable samples (samples,), irregular stamps among them."""

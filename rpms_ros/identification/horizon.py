@@ -77,6 +77,11 @@ class HorizonEstimator(ProjectionEstimator):
 
     name = 'horizon'
 
+    _last_ns: int | None
+    _rested: bool
+    _turn: int
+    _settled_ns: int
+
     def __init__(
         self,
         settings: ProjectionSettings | None = None,
@@ -90,7 +95,7 @@ class HorizonEstimator(ProjectionEstimator):
         self._horizon_ns = round(settings.horizon * NANOSECONDS_PER_SECOND)
         self._memory_ns = round(settings.basis.duration * NANOSECONDS_PER_SECOND)
         self._limit = disagreement_limit(PARAMETERS + settings.basis.functions)
-        self._last_ns: int | None = None
+        self._last_ns = None
         self._rested = True
         self._starts = settings.starts()
         self._forgotten = settings.as_prior()

@@ -1,11 +1,12 @@
 """Faults that are counted when the samples before them are processed, not when they are found."""
 
 from rpms_ros.identification.faults import FaultCounter
+from rpms_ros.identification.saved_state import Restorable
 
 _LONG_AGO = -(2**63)
 
 
-class PostponedFaults:
+class PostponedFaults(Restorable):
     """Faults by the stamp after which they were found.
 
     Parameters
@@ -14,9 +15,11 @@ class PostponedFaults:
         Where they are counted when their time has come.
     """
 
+    _waiting: dict[tuple[int, str], int]
+
     def __init__(self, counter: FaultCounter) -> None:
         self._counter = counter
-        self._waiting: dict[tuple[int, str], int] = {}
+        self._waiting = {}
 
     def add(self, name: str, after_ns: int | None) -> None:
         """Keep a fault that was found after a stamp; None: before the first."""

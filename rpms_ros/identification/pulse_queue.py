@@ -11,6 +11,7 @@ from rpms_ros.identification import faults
 from rpms_ros.identification.far_pulses import MOST_PULSES
 from rpms_ros.identification.far_pulses import FarPulses
 from rpms_ros.identification.faults import FaultCounter
+from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
@@ -25,7 +26,7 @@ _CLOSEST_NS = 200_000
 _RESTARTS_NS = 10_000_000_000
 
 
-class PulseQueue:
+class PulseQueue(Restorable):
     """Orders pulses by onset and finds lost, doubled and unusable ones.
 
     Parameters
@@ -38,17 +39,25 @@ class PulseQueue:
         Where faults are counted.
     """
 
+    _arrived: list[PulseTrain]
+    _ordered: PulseTrain
+    _far: FarPulses
+    _last_onset_ns: int | None
+    _last_sequence: int
+    _last_restart_ns: int
+    _unknown: list[tuple[int, int]]
+
     def __init__(self, memory_ns: int, pulse_look_ahead_ns: int, counter: FaultCounter) -> None:
         self._memory_ns = memory_ns
         self._pulse_look_ahead_ns = pulse_look_ahead_ns
         self._counter = counter
-        self._arrived: list[PulseTrain] = []
+        self._arrived = []
         self._ordered = PulseTrain.of([])
         self._far = FarPulses()
-        self._last_onset_ns: int | None = None
+        self._last_onset_ns = None
         self._last_sequence = 0
         self._last_restart_ns = LONG_AGO
-        self._unknown: list[tuple[int, int]] = []
+        self._unknown = []
 
     def add(self, pulses: PulseTrain, newest_ns: int | None = None) -> None:
         """Add pulses, in any order, none too late.

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,10 @@ from rpms_ros.identification.recursion_kernel import RecursionConstants
 from rpms_ros.identification.recursion_kernel import RecursionState
 from rpms_ros.identification.recursion_kernel import process
 from rpms_ros.identification.recursion_kernel import workspace
+from rpms_ros.identification.saved_state import RestorableWithSettings
+from rpms_ros.identification.saved_state import State
+from rpms_ros.identification.saved_state import described
+from rpms_ros.identification.saved_state import expect
 from rpms_ros.identification.settings import TABLE_4
 from rpms_ros.identification.settings import RecursiveSettings
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES
@@ -35,7 +40,7 @@ RESPONSE_STEP = 5e-3
 ACTING_PULSES = 32
 
 
-class RecursiveEstimator:
+class RecursiveEstimator(RestorableWithSettings):
     """Modified recursive Levenberg-Marquardt over the separable Hammerstein model.
 
     Parameters
@@ -55,6 +60,13 @@ class RecursiveEstimator:
 
     name = 'recursive'
     on_line = True
+
+    _state: RecursionState
+    _onset_ns: IntArray
+    _intensity: FloatArray
+    _intensity_range: tuple[float, float]
+    _pulses: int
+    _previous_ns: int
 
     def __init__(
         self,
@@ -111,6 +123,20 @@ class RecursiveEstimator:
         self._state.scalars[ERROR_ENERGY] = 0.0
         self._state.scalars[FORCE_ENERGY] = 0.0
         self._previous_ns = 0
+
+    def described_settings(self) -> State:
+        """Return all settings by name."""
+        return {**described(self.settings), 'rate_hz': self.rate_hz}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what was saved; see `Restorable.restore`."""
+        made = self._state
+        super().restore(state)
+        alike = all(one.shape == other.shape for one, other in zip(made, self._state, strict=True))
+        alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
+        expect(alike, 'RecursiveEstimator', 'arrays of one model')
+        if len(self._onset_ns):
+            self._make_room()
 
     def update(
         self,

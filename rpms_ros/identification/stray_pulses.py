@@ -2,6 +2,7 @@
 
 from collections import deque
 
+from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import PulseTrain
 
@@ -10,7 +11,7 @@ _PATIENCE_NS = NANOSECONDS_PER_SECOND
 _MOST = 1000
 
 
-class StrayPulses:
+class StrayPulses(Restorable):
     """Keeps stray pulses until the force shows what they are.
 
     Parameters
@@ -19,9 +20,13 @@ class StrayPulses:
         How much earlier than the force a pulse of a new time line may come [ns].
     """
 
+    _kept: deque[tuple[int, PulseTrain]]
+    _count: int
+    _given_up: int
+
     def __init__(self, overtaking_ns: int) -> None:
         self._overtaking_ns = overtaking_ns
-        self._kept: deque[tuple[int, PulseTrain]] = deque()
+        self._kept = deque()
         self._count = 0
         self._given_up = 0
 

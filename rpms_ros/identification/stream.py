@@ -25,6 +25,9 @@ from rpms_ros.identification.monitors import monitors_by_name
 from rpms_ros.identification.monitors.pipeline import Pipeline
 from rpms_ros.identification.postponed import PostponedFaults
 from rpms_ros.identification.pulse_queue import PulseQueue
+from rpms_ros.identification.saved_state import RestorableWithSettings
+from rpms_ros.identification.saved_state import State
+from rpms_ros.identification.saved_state import described
 from rpms_ros.identification.stray_pulses import StrayPulses
 from rpms_ros.identification.stream_settings import StreamSettings
 from rpms_ros.pulses import BoolArray
@@ -40,7 +43,7 @@ _ARTIFACT_NS = 10_000_000
 _NOTE_CELLS = 10
 
 
-class IdentificationStream:
+class IdentificationStream(RestorableWithSettings):
     """Aligns pulses and force by their stamps and feeds an estimator.
 
     Parameters
@@ -53,6 +56,20 @@ class IdentificationStream:
         Further monitors: they are handed all samples, predictions and estimates too.
     """
 
+    _counter: FaultCounter
+    _doubts: Doubts
+    _pipeline: Pipeline
+    _queue: PulseQueue
+    _strays: StrayPulses
+    _postponed: PostponedFaults
+    _intake: ForceIntake
+    _cell: int | None
+    _monitor_cell: int | None
+    _last_ns: int
+    _samples: int
+    _cells: int
+    _acting_ns: IntArray
+
     def __init__(
         self,
         estimator: Estimator,
@@ -61,10 +78,10 @@ class IdentificationStream:
     ) -> None:
         self.estimator = estimator
         self.settings = settings if settings is not None else StreamSettings()
-        monitors = [*monitors_by_name(self.settings.monitors), *sinks]
+        monitors = monitors_by_name(self.settings.monitors)
         further: dict[str, str] = {}
         shares: dict[str, float] = {}
-        for monitor in monitors:
+        for monitor in [*monitors, *sinks]:
             further |= monitor.faults
             shares |= monitor.doubtful
         self._counter = FaultCounter(further)
@@ -73,7 +90,7 @@ class IdentificationStream:
         self._reorder_delay_ns = nanoseconds(self.settings.reorder_delay)
         self._pulse_look_ahead_ns = nanoseconds(self.settings.pulse_look_ahead)
         self._period_ns = nanoseconds(self.settings.estimate_period)
-        self._pipeline = Pipeline(monitors, self._reorder_delay_ns, self._counter)
+        self._pipeline = Pipeline(monitors, sinks, self._reorder_delay_ns, self._counter)
         self._queue = PulseQueue(self._memory_ns, self._pulse_look_ahead_ns, self._counter)
         self._strays = StrayPulses(2 * self._pulse_look_ahead_ns + self._memory_ns)
         self._postponed = PostponedFaults(self._counter)
@@ -83,18 +100,36 @@ class IdentificationStream:
             self._memory_ns,
             self.settings.largest_force,
         )
-        self._cell: int | None = None
-        self._monitor_cell: int | None = None
+        self._cell = None
+        self._monitor_cell = None
         self._finished: list[Estimate] = []
         self._last_ns = 0
         self._samples = 0
         self._cells = 0
-        self._acting_ns: IntArray = np.empty(0, dtype=np.int64)
+        self._acting_ns = np.empty(0, dtype=np.int64)
 
     @property
     def fault_counts(self) -> dict[str, int]:
         """What went wrong so far, by name, in samples that still wait too."""
         return self._postponed.counts()
+
+    def described_settings(self) -> State:
+        """Return all settings by name."""
+        return described(self.settings)
+
+    def state(self) -> State:
+        """Return all that is remembered besides the estimator's own state.
+
+        Raises
+        ------
+        IdentificationError
+            If estimates wait to be taken by `advance`.
+        """
+        if self._finished:
+            raise IdentificationError(
+                f'expected all estimates taken before a state is saved, got {len(self._finished)}'
+            )
+        return super().state()
 
     def count_fault(self, name: str, count: int = 1) -> None:
         """Count faults that were found before the data came here."""

@@ -4,7 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.saved_state import State
+from rpms_ros.identification.saved_state import remembered
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
@@ -50,12 +54,15 @@ class ProcessedSamples:
     intensity: FloatArray
 
 
-class Monitor:
+class Monitor(Restorable):
     """Looks at everything that passes a stream; override what you need.
 
     Every method is called with cells of one grid of the stamps, in order and each cell once, so
     that what a monitor finds cannot depend on how messages arrive or are cut into blocks.  A
     monitor that raises is taken out, and `monitor_failed` is counted.
+
+    What it remembers between calls is annotated in the body of the class, so that it is part of a
+    saved state (`rpms_ros.identification.saved_state`).
 
     Attributes
     ----------
@@ -69,6 +76,16 @@ class Monitor:
 
     faults: ClassVar[Mapping[str, str]] = {}
     doubtful: ClassVar[Mapping[str, float]] = {}
+
+    def state(self) -> State:
+        """Return what is remembered; an attribute that is not annotated is refused."""
+        further = sorted(set(vars(self)) - set(remembered(type(self))))
+        if further:
+            raise IdentificationError(
+                f'expected annotations of all that {type(self).__name__} remembers, '
+                f'got none of {", ".join(further)}'
+            )
+        return super().state()
 
     def examine(self, window: Window) -> Mapping[str, BoolArray]:
         """Return which samples of the cell (last - first,) must not be learnt from, by fault."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
+from typing import Any
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +14,9 @@ from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.monitors.interface import Monitor
 from rpms_ros.identification.monitors.interface import ProcessedSamples
 from rpms_ros.identification.monitors.interface import Window
+from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.saved_state import State
+from rpms_ros.identification.saved_state import expect
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
@@ -22,16 +26,19 @@ CELL_NS = 100_000_000
 LEAST_DELAY_NS = 20_000_000
 # One bit a fault, in what is noted of a sample.
 _MOST_FAULTS = 62
+_MONITORS = 'monitors'
 Answer = TypeVar('Answer')
 
 
-class Pipeline:
+class Pipeline(Restorable):
     """Monitors of one stream.
 
     Parameters
     ----------
     monitors : sequence of Monitor
         In the order in which they are asked.
+    sinks : sequence of Monitor
+        Are asked after them, and are no part of the state.
     delay_ns : int
         How long samples wait, at least, before they are used [ns]; half of it is a cell of the
         grid, the other half is how far a cell is looked at beyond its end.
@@ -39,16 +46,54 @@ class Pipeline:
         Where faults are counted.
     """
 
-    def __init__(self, monitors: Sequence[Monitor], delay_ns: int, counter: FaultCounter) -> None:
-        self._monitors = list(monitors)
+    _names: list[str]
+    _cell: int | None
+    _marks: IntArray
+    _before: tuple[IntArray, FloatArray]
+    _parts: list[ProcessedSamples]
+
+    def __init__(
+        self,
+        monitors: Sequence[Monitor],
+        sinks: Sequence[Monitor],
+        delay_ns: int,
+        counter: FaultCounter,
+    ) -> None:
+        self._named = tuple(monitors)
+        self._monitors = [*monitors, *sinks]
         self._counter = counter
         self._examines = delay_ns >= LEAST_DELAY_NS
         self.cell_ns = min(delay_ns // 2, CELL_NS) if self._examines else CELL_NS
-        self._names: list[str] = []
-        self._cell: int | None = None
-        self._marks: IntArray = np.empty(0, dtype=np.int64)
+        self._names = []
+        self._cell = None
+        self._marks = np.empty(0, dtype=np.int64)
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
-        self._parts: list[ProcessedSamples] = []
+        self._parts = []
+
+    def state(self) -> State:
+        """Return what is remembered, here and by monitors that have not failed."""
+        monitors = [one.state() if one in self._monitors else None for one in self._named]
+        return {**super().state(), _MONITORS: monitors}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what was saved; see `Restorable.restore`."""
+        saved = state.get(_MONITORS)
+        fits = isinstance(saved, list) and len(saved) == len(self._named)
+        expect(fits, 'Pipeline', f'{len(self._named)} monitors')
+        for monitor, one in zip(self._named, state[_MONITORS], strict=True):
+            if one is None:
+                self._monitors.remove(monitor)
+            else:
+                monitor.restore(one)
+        super().restore({name: value for name, value in state.items() if name != _MONITORS})
+
+    def _check_restored(self) -> None:
+        fits = len(self._before[0]) == len(self._before[1]) and len(self._names) <= _MOST_FAULTS
+        for part in self._parts:
+            samples = (part.stamp_ns, part.force, part.prediction, part.usable)
+            fits = fits and len({len(column) for column in samples}) == 1
+            fits = fits and len(part.onset_ns) == len(part.intensity)
+        expect(fits, 'Pipeline', 'columns of one length')
 
     def examine(self, stamp_ns: IntArray, force: FloatArray, first: int, last: int) -> IntArray:
         """Return what is wrong with samples first .. last - 1 of one cell, one bit a fault.

@@ -28,9 +28,13 @@ class Unexplained(Monitor):
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_UNEXPLAINED: 0.002}
 
+    _residuals: deque[float]
+    _explained: deque[bool]
+    _range: float
+
     def __init__(self) -> None:
-        self._residuals: deque[float] = deque(maxlen=_CELLS)
-        self._explained: deque[bool] = deque(maxlen=_CELLS)
+        self._residuals = deque(maxlen=_CELLS)
+        self._explained = deque(maxlen=_CELLS)
         self._range = 0.0
 
     def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:

@@ -10,6 +10,7 @@ from rpms_ros.identification import faults
 from rpms_ros.identification.monitors.interface import Monitor
 from rpms_ros.identification.monitors.interface import ProcessedSamples
 from rpms_ros.identification.monitors.interface import Window
+from rpms_ros.identification.saved_state import expect
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 
@@ -32,6 +33,11 @@ class FrozenSensor(Monitor):
     """Names `force_frozen`: one value again and again where the force varied just before."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_FROZEN: 0.01}
+
+    _step: float
+    _begun_ns: int
+    _value: float
+    _steep: bool
 
     def __init__(self) -> None:
         self._step = 0.0
@@ -82,10 +88,18 @@ class ClippedSensor(Monitor):
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CLIPPED: 0.01}
 
+    _highest: FloatArray
+    _lowest: FloatArray
+    _rest: float | None
+
     def __init__(self) -> None:
         self._highest = np.array([-np.inf, 0.0, -np.inf, 0.0])
         self._lowest = self._highest.copy()
-        self._rest: float | None = None
+        self._rest = None
+
+    def _check_restored(self) -> None:
+        fits = self._highest.shape == self._lowest.shape == (4,)
+        expect(fits, 'ClippedSensor', 'records of four numbers')
 
     def examine(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples at an end of the range."""
@@ -108,6 +122,9 @@ class ConstantForce(Monitor):
     """Names `force_constant`: not one bit of the force has changed for long."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CONSTANT: 0.0}
+
+    _value: float
+    _since_ns: int
 
     def __init__(self) -> None:
         self._value = float('nan')

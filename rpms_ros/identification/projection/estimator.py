@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +13,14 @@ from rpms_ros.identification.faults import FACTORISATION_FAILED
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.projection.block_statistics import COUNT
 from rpms_ros.identification.projection.block_statistics import empty_blocks
+from rpms_ros.identification.projection.data_intake import Intake
 from rpms_ros.identification.projection.data_intake import fresh_intake
 from rpms_ros.identification.projection.data_intake import take
 from rpms_ros.identification.projection.estimate_builder import Counters
 from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
+from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import empty_fit
+from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import BaselineKnots
 from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.projection.problem import pass_arrays
@@ -24,13 +28,17 @@ from rpms_ros.identification.projection.pulse_delay_line import PulseDelayLine
 from rpms_ros.identification.projection.residuals import residual_sums
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.projection.uncertainty import residual_spread
+from rpms_ros.identification.saved_state import RestorableWithSettings
+from rpms_ros.identification.saved_state import State
+from rpms_ros.identification.saved_state import described
+from rpms_ros.identification.saved_state import expect
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 
-class ProjectionEstimator:
+class ProjectionEstimator(RestorableWithSettings):
     """Intake of samples and pulses into blocks; when to fit is left to the classes below.
 
     Parameters
@@ -52,6 +60,15 @@ class ProjectionEstimator:
 
     name = 'projection'
     on_line = True
+
+    _problem: Problem
+    _fit: Fit
+    _trial: Fit
+    _intake: Intake
+    _delay_line: PulseDelayLine
+    _faults: FaultCounter
+    _pulses: int
+    _intensity_range: tuple[float, float]
 
     def __init__(
         self,
@@ -122,6 +139,16 @@ class ProjectionEstimator:
         # The baseline goes on at its last level: its slope holds for the old time line only.
         self._fit.levels[:] = self._fit.levels[-1:]
 
+    def described_settings(self) -> State:
+        """Return all settings by name."""
+        return {**described(self.settings), 'rate_hz': self.rate_hz}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what was saved; see `Restorable.restore`."""
+        made = self._problem
+        super().restore(state)
+        _check(self._problem, made, (self._fit, self._trial), self._intake)
+
     def _take(
         self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray, prediction: FloatArray
     ) -> None:
@@ -181,3 +208,26 @@ class ProjectionEstimator:
         residual_sums(self._problem, size, self._fit, sums)
         order = (head + np.arange(first, size)) % len(blocks.start_ns)
         return residual_spread(blocks.start_ns[order], blocks.moments[order, COUNT], sums)
+
+
+def _check(problem: Problem, made: Problem, fits: tuple[Fit, Fit], intake: Intake) -> None:
+    """Raise `IdentificationError` unless restored arrays have the shapes that are relied on."""
+    blocks, functions = problem.blocks, made.blocks.transition.shape[1]
+    capacity, knots = len(blocks.start_ns), problem.baseline.knots
+    expect(knots >= 0, 'baseline', 'knots')
+    wanted = [
+        (blocks, empty_blocks(capacity, functions)),
+        (intake, fresh_intake(functions)),
+        (problem.work, made.work),
+        (problem.prior, made.prior),
+        *((fit, empty_fit(fits[0].theta, functions, knots)) for fit in fits),
+    ]
+    alike = all(
+        np.shape(one) == np.shape(other)
+        for record, pattern in wanted
+        for one, other in zip(record, pattern, strict=True)
+    )
+    expect(alike and fits[0].theta.shape == (PARAMETERS,), 'estimator', 'arrays of one model')
+    head, size = int(blocks.head[0]), int(blocks.size[0])
+    inside = 0 <= head < capacity and 0 <= problem.first <= size <= capacity
+    expect(inside and problem.baseline.spacing_ns > 0, 'estimator', 'blocks within the ring')

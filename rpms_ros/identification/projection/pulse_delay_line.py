@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.saved_state import expect
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -11,7 +13,7 @@ from rpms_ros.pulses import IntArray
 _REFRACTORY_NS = 1_000_000
 
 
-class PulseDelayLine:
+class PulseDelayLine(Restorable):
     """Pulses that have not begun to act, with what their repetition rate makes of them.
 
     Parameters
@@ -24,14 +26,19 @@ class PulseDelayLine:
         Rate at which the weight is 1 [Hz].
     """
 
+    _last_ns: int | None
+    begin_ns: IntArray
+    intensity: FloatArray
+    weight: FloatArray
+
     def __init__(self, latency: float, by_rate: RateRecruitment | None, rate_hz: float) -> None:
         self._latency_ns = round(latency * NANOSECONDS_PER_SECOND)
         self._by_rate = by_rate
         self._unit = float(by_rate.per_pulse(rate_hz)) if by_rate is not None else 1.0
-        self._last_ns: int | None = None
-        self.begin_ns: IntArray = np.empty(0, dtype=np.int64)
-        self.intensity: FloatArray = np.empty(0)
-        self.weight: FloatArray = np.empty(0)
+        self._last_ns = None
+        self.begin_ns = np.empty(0, dtype=np.int64)
+        self.intensity = np.empty(0)
+        self.weight = np.empty(0)
 
     def add(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
@@ -59,6 +66,10 @@ class PulseDelayLine:
         self.intensity = np.empty(0)
         self.weight = np.empty(0)
         self._last_ns = None
+
+    def _check_restored(self) -> None:
+        lengths = {self.begin_ns.shape, self.intensity.shape, self.weight.shape}
+        expect(len(lengths) == 1 and self.begin_ns.ndim == 1, 'PulseDelayLine', 'as many onsets')
 
     def _weights(self, onset_ns: IntArray) -> FloatArray:
         if self._by_rate is None:

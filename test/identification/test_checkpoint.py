@@ -1,0 +1,305 @@
+"""A session that is cut, saved and gone on with gives the estimates of an unbroken one."""
+
+import dataclasses
+import hashlib
+import json
+import os
+import stat
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import ESTIMATORS
+from rpms_ros.identification import Estimate
+from rpms_ros.identification import IdentificationStream
+from rpms_ros.identification import StreamSettings
+from rpms_ros.identification import checkpoint
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification.monitors import Monitor
+from rpms_ros.pulses import ForceTrace
+
+SECOND = 1_000_000_000
+START_NS = 1_700_000_000 * SECOND
+SESSION_SAMPLES = 4000
+# A hundred and more search longer.
+EXAMPLES = int(os.environ.get('RPMS_CHECKPOINT_EXAMPLES', '6'))
+
+
+def fresh(name: str, period: float = 0.1) -> IdentificationStream:
+    return IdentificationStream(estimator_by_name(name), StreamSettings(estimate_period=period))
+
+
+def image(estimate: Estimate) -> list[bytes]:
+    return [
+        repr(value).encode() if isinstance(value, dict | tuple) else np.asarray(value).tobytes()
+        for value in vars(estimate).values()
+    ]
+
+
+@pytest.fixture(name='session', scope='module')
+def session_fixture(record):
+    """Pulses and force of four seconds, with noise, a spike, a lost pulse, a gap and a jump."""
+    pulses, forces = record(np.random.default_rng(3).uniform(size=80), START_NS)
+    value = forces.force + 0.02 * np.random.default_rng(4).standard_normal(len(forces))
+    value[700] += 40.0
+    stamps = forces.stamp_ns.copy()
+    stamps[2000:] += 3 * SECOND
+    stamps[3000:] -= 30 * SECOND
+    onset = pulses.onset_ns.copy()
+    onset[40:] += 3 * SECOND
+    onset[60:] -= 30 * SECOND
+    kept = np.arange(80) != 17
+    pulses = dataclasses.replace(pulses, onset_ns=onset)[kept]
+    return pulses, ForceTrace(stamps, value), 50 * np.flatnonzero(kept)
+
+
+def run(stream, session, start, stop) -> list[Estimate]:
+    """Hand samples `start` to `stop` to a stream, and the pulses of their time."""
+    pulses, forces, before = session
+    estimates = []
+    for first in range(start, stop, 20):
+        last = min(first + 20, stop)
+        due = (before >= first) & (before < last)
+        stream.add_pulses(pulses[due])
+        stream.add_forces(ForceTrace(forces.stamp_ns[first:last], forces.force[first:last]))
+        estimates += stream.advance()
+    return estimates
+
+
+@pytest.mark.parametrize('name', sorted(ESTIMATORS))
+@settings(deadline=None, max_examples=EXAMPLES)
+@given(cut=st.integers(0, SESSION_SAMPLES))
+def test_going_on_is_never_having_stopped(session, tmp_path_factory, name, cut) -> None:
+    path = tmp_path_factory.mktemp('state') / 'saved'
+    period = 0.1 if name != 'batch' else 1.0
+    whole, before, after = (fresh(name, period) for _ in range(3))
+    run(whole, session, 0, cut)
+    run(before, session, 0, cut)
+    checkpoint.save(path, before)
+    checkpoint.load(path, after)
+    same_everywhere(whole, after, name)
+    expected = run(whole, session, cut, SESSION_SAMPLES) + whole.finish()
+    found = run(after, session, cut, SESSION_SAMPLES) + after.finish()
+    assert [image(one) for one in found] == [image(one) for one in expected]
+
+
+def parts_of(value) -> dict[object, object]:
+    """What a value is made of, by name or place; nothing if it has no parts."""
+    if isinstance(value, dict):
+        return value
+    if isinstance(value, list | tuple | deque):
+        return dict(enumerate(value))
+    if dataclasses.is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if type(value).__module__.startswith('rpms_ros') and hasattr(value, '__dict__'):
+        # The workspace is what every sample overwrites, the line is the stream itself.
+        parts = vars(value).items()
+        return {name: part for name, part in parts if name not in ('_workspace', '_line')}
+    return {}
+
+
+def same_everywhere(one, other, where) -> None:
+    """Whatever is in the one is in the other, whether or not it was named as part of the state."""
+    assert type(one) is type(other), where
+    parts, others = parts_of(one), parts_of(other)
+    assert parts.keys() == others.keys(), where
+    for name, part in parts.items():
+        same_everywhere(part, others[name], f'{where}.{name}')
+    if isinstance(one, np.ndarray):
+        assert (one.dtype, one.tobytes()) == (other.dtype, other.tobytes()), where
+    elif isinstance(one, int | float | str):
+        assert one == other or one != one, where
+
+
+@pytest.fixture(name='saved')
+def saved_fixture(session, tmp_path) -> Path:
+    stream = fresh('horizon')
+    run(stream, session, 0, 1500)
+    checkpoint.save(tmp_path / 'saved', stream)
+    return tmp_path / 'saved'
+
+
+def refused(path, stream, text) -> None:
+    with pytest.raises(IdentificationError, match=text):
+        checkpoint.load(path, stream)
+
+
+def resigned(path: Path, change) -> None:
+    """Change the document of a file and make its sum right again, as a forger would."""
+    content = path.read_bytes().partition(b'\n')[2]
+    text, _, arrays = content.partition(b'\n')
+    document = json.loads(text)
+    arrays = change(document, arrays) or arrays
+    content = json.dumps(document).encode() + b'\n' + arrays
+    line = f'{checkpoint.FORMAT} {hashlib.sha256(content).hexdigest()}\n'
+    path.write_bytes(line.encode() + content)
+
+
+def test_other_settings_are_refused_by_name(saved) -> None:
+    refused(saved, fresh('horizon', 0.2), 'estimate_period 0.2, as it is set here, got 0.1')
+    other = IdentificationStream(estimator_by_name('horizon', preset='table_5'))
+    refused(saved, other, 'expected a saved state with basis.latency 0.008, .* got 0.0')
+    rate = IdentificationStream(estimator_by_name('horizon', rate_hz=30.0))
+    refused(saved, rate, 'rate_hz 30.0, as it is set here, got 20.0')
+
+
+def test_another_estimator_is_refused(saved) -> None:
+    refused(saved, fresh('recursive'), 'of the estimator recursive, got .horizon.')
+
+
+def test_other_versions_are_refused(saved) -> None:
+    resigned(saved, lambda document, _: document.update(package='99.0'))
+    refused(saved, fresh('horizon'), "expected a saved state of the package .*, got '99.0'")
+    resigned(saved, lambda document, _: document.update(version=2))
+    refused(saved, fresh('horizon'), 'expected a saved state of version 1, got 2')
+
+
+def test_every_cut_is_refused(saved) -> None:
+    whole = saved.read_bytes()
+    for length in (0, 1, 30, 100, 1000, len(whole) // 2, len(whole) - 1):
+        saved.write_bytes(whole[:length])
+        refused(saved, fresh('horizon'), 'expected a state that was saved|that is whole')
+
+
+def test_every_flip_is_refused(saved) -> None:
+    whole = saved.read_bytes()
+    places = np.random.default_rng(5).integers(0, len(whole), 60).tolist()
+    for place in [*range(0, 100, 7), *places]:
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << (place % 8)
+        saved.write_bytes(flipped)
+        refused(saved, fresh('horizon'), 'expected a state that was saved|that is whole')
+
+
+def test_what_is_no_file_is_refused(tmp_path) -> None:
+    refused(tmp_path, fresh('horizon'), 'expected a file with a saved state')
+    refused(tmp_path / 'none', fresh('horizon'), 'expected a file with a saved state')
+    os.mkfifo(tmp_path / 'pipe')
+    refused(tmp_path / 'pipe', fresh('horizon'), 'expected a file with a saved state')
+
+
+def test_larger_files_than_any_are_not_read(tmp_path) -> None:
+    with (tmp_path / 'large').open('wb') as file:
+        file.truncate(checkpoint.MOST_BYTES + 1)
+    refused(tmp_path / 'large', fresh('horizon'), 'expected a saved state of at most')
+
+
+def set_size(document, _):
+    # A ring of blocks that goes on for ever.
+    problem = document['estimator_state']['_problem']
+    problem['first'] = 10**9
+
+
+def wrong_type(document, _):
+    document['stream_state']['_last_ns'] = 'noon'
+
+
+def wrong_name(document, _):
+    document['stream_state']['_queue']['__class__'] = 1
+
+
+def wrong_place(document, _):
+    document['stream_state']['_acting_ns'] = {'$array': 10**6}
+
+
+def swapped(document, _):
+    fit = document['estimator_state']['_fit']
+    fit['theta'], fit['linear'] = fit['linear'], fit['theta']
+
+
+def deep(document, _):
+    inner: list = []
+    for _level in range(60):
+        inner = [inner]
+    document['stream_state']['_names'] = inner
+
+
+def no_zip(_, arrays):
+    return arrays[: len(arrays) // 2]
+
+
+def missing(document, _):
+    del document['stream_state']
+
+
+@pytest.mark.parametrize(
+    'change', [set_size, wrong_type, wrong_name, wrong_place, swapped, deep, no_zip, missing]
+)
+def test_forged_states_are_refused(saved, change) -> None:
+    resigned(saved, change)
+    refused(saved, fresh('horizon'), 'expected|saved')
+
+
+def test_arrays_that_claim_to_be_huge_are_refused(saved) -> None:
+    def claim(_, arrays):
+        # The header of the first array is padded: a longer shape fits in.
+        place = arrays.index(b"'shape': (")
+        end = arrays.index(b'\n', place)
+        header = arrays[place:end]
+        huge = b"'shape': (999999999999,), }".ljust(len(header))
+        return arrays[:place] + huge + arrays[end:]
+
+    resigned(saved, claim)
+    refused(saved, fresh('horizon'), 'expected a saved state in')
+
+
+def test_a_failed_write_leaves_the_old_file(saved, monkeypatch) -> None:
+    def full(_):
+        raise OSError('no space left')
+
+    before = saved.read_bytes()
+    monkeypatch.setattr(os, 'fsync', full)
+    with pytest.raises(IdentificationError, match=r'expected to write .*no space left'):
+        checkpoint.save(saved, fresh('horizon'))
+    assert saved.read_bytes() == before
+    assert list(saved.parent.iterdir()) == [saved]
+
+
+def test_estimates_that_wait_are_not_lost(session, tmp_path) -> None:
+    stream = fresh('horizon')
+    pulses, forces, _ = session
+    stream.add_pulses(pulses[:20])
+    stream.add_forces(ForceTrace(forces.stamp_ns[:1000], forces.force[:1000]))
+    stream.finish()
+    checkpoint.save(tmp_path / 'saved', stream)
+    stream._finished = [stream.estimate()]
+    with pytest.raises(IdentificationError, match='expected all estimates taken'):
+        checkpoint.save(tmp_path / 'saved', stream)
+
+
+def test_an_estimator_without_a_state_is_refused(tmp_path) -> None:
+    class Bare:
+        name, memory, on_line = 'bare', 0.5, True
+
+    stream = fresh('horizon')
+    stream.estimator = Bare()
+    with pytest.raises(IdentificationError, match=r'with state\(\) and restore\(\), got bare'):
+        checkpoint.save(tmp_path / 'saved', stream)
+
+
+def test_a_monitor_says_what_it_remembers() -> None:
+    class Forgetful(Monitor):
+        def __init__(self) -> None:
+            self.count = 0
+
+    class Mindful(Monitor):
+        count: int
+
+        def __init__(self) -> None:
+            self.count = 0
+
+    with pytest.raises(IdentificationError, match='expected annotations of all that Forgetful'):
+        Forgetful().state()
+    other = Mindful()
+    other.restore({'count': 3})
+    assert other.count == 3
+
+
+def test_only_the_owner_reads_a_state(saved) -> None:
+    assert stat.S_IMODE(saved.stat().st_mode) == 0o600
