@@ -1,9 +1,17 @@
-"""Axes of a sensor as people write them: one parser for nodes, recordings and commands."""
+"""Axes of a sensor as people write them: one parser for nodes, recordings and commands.
+
+A sensor measures a force, or a torque as an isometric dynamometer does; `UNITS` names both.
+"""
 
 import math
 from collections.abc import Sequence
 
 Axis = tuple[float, float, float]
+
+FORCE = 'force'
+TORQUE = 'torque'
+UNITS: dict[str, str] = {FORCE: 'N', TORQUE: 'N m'}
+"""Unit of what is measured, by its name; both are fields of a wrench."""
 
 AXES: dict[str, Axis] = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
 AXES |= {f'-{name}': (-x, -y, -z) for name, (x, y, z) in list(AXES.items())}

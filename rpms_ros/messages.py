@@ -19,6 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rpms_ros.axis import AXES as AXES
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import TORQUE
 from rpms_ros.axis import Axis
 from rpms_ros.axis import unit_vector
 from rpms_ros.errors import MessageError
@@ -126,12 +128,13 @@ def pulse_message(pulse: Pulse, types: MessageTypes, frame_id: str = '') -> Any:
     )
 
 
-def force_of(message: Any, axis: Axis) -> tuple[int, float]:
+def force_of(message: Any, axis: Axis, quantity: str = FORCE) -> tuple[int, float]:
     """Return stamp [ns] and force along `axis` [N] of a geometry_msgs/WrenchStamped.
 
-    Components across the axis are not looked at, so that NaN there does no harm.
+    Of a sensor of `TORQUE` it is the torque about the axis [N m].  Components across the axis are
+    not looked at, so that NaN there does no harm.
     """
-    force = message.wrench.force
+    force = getattr(message.wrench, quantity)
     parts = [
         share * component
         for share, component in zip(axis, (force.x, force.y, force.z), strict=True)
@@ -144,14 +147,24 @@ def force_of(message: Any, axis: Axis) -> tuple[int, float]:
 
 
 def force_message(
-    stamp_ns: int, force: float, axis: Axis, types: MessageTypes, frame_id: str = ''
+    stamp_ns: int,
+    force: float,
+    axis: Axis,
+    types: MessageTypes,
+    frame_id: str = '',
+    quantity: str = FORCE,
 ) -> Any:
-    """Return a geometry_msgs/WrenchStamped with `force` [N] along `axis` and no torque."""
+    """Return a geometry_msgs/WrenchStamped with `force` [N] along `axis` and no torque.
+
+    If `quantity` is `TORQUE` it is a torque [N m] about the axis, and there is no force.
+    """
     along = float(force)
     # no 0 * nan: a bad sample is bad along the axis only
     x, y, z = (share * along if share else 0.0 for share in axis)
     vector = types[VECTOR]
-    wrench = types[WRENCH](force=vector(x=x, y=y, z=z), torque=vector(x=0.0, y=0.0, z=0.0))
+    none = vector(x=0.0, y=0.0, z=0.0)
+    parts = {FORCE: none, TORQUE: none, quantity: vector(x=x, y=y, z=z)}
+    wrench = types[WRENCH](**parts)
     return types[WRENCH_STAMPED](header=header_message(stamp_ns, frame_id, types), wrench=wrench)
 
 

@@ -41,6 +41,8 @@ from rpms_ros.pulses import nanoseconds
 _ARTIFACT_NS = 10_000_000
 # Cells of the monitors' grid between two looks at the shares of faults.
 _NOTE_CELLS = 10
+# Earlier than any stamp [ns].
+_BEFORE_ALL = -(2**63)
 
 
 class IdentificationStream(RestorableWithSettings):
@@ -69,6 +71,8 @@ class IdentificationStream(RestorableWithSettings):
     _samples: int
     _cells: int
     _acting_ns: IntArray
+    # samples after this stamp are predicted and not learnt from [ns]
+    _held_ns: int | None
 
     def __init__(
         self,
@@ -107,6 +111,12 @@ class IdentificationStream(RestorableWithSettings):
         self._samples = 0
         self._cells = 0
         self._acting_ns = np.empty(0, dtype=np.int64)
+        self._held_ns = None
+
+    @property
+    def held(self) -> bool:
+        """Whether samples are predicted only, because somebody asked for it."""
+        return self._held_ns is not None
 
     @property
     def fault_counts(self) -> dict[str, int]:
@@ -167,6 +177,19 @@ class IdentificationStream(RestorableWithSettings):
         self._period_ns = nanoseconds(settings.estimate_period)
         if self._cell is not None:
             self._cell = self._last_ns // self._period_ns
+
+    def hold(self) -> None:
+        """Predict and do not learn, from the sample after the newest one on."""
+        if self._held_ns is None:
+            newest_ns = self._intake.newest_ns
+            self._held_ns = _BEFORE_ALL if newest_ns is None else newest_ns
+
+    def resume(self) -> None:
+        """Learn again, from when pulses that were given meanwhile act no more."""
+        held_ns, newest_ns = self._held_ns, self._intake.newest_ns
+        self._held_ns = None
+        if held_ns is not None and newest_ns is not None:
+            self.exclude(held_ns, newest_ns + self._memory_ns)
 
     def takes_early(self, pulses: PulseTrain, stamp_ns: IntArray, before: IntArray) -> bool:
         """Return whether pulses may come before samples of which some came before them.
@@ -243,6 +266,8 @@ class IdentificationStream(RestorableWithSettings):
         self._pipeline.restart()
         self.estimator.forget_pulses()
         self._queue.exclude(stamp_ns - 1, stamp_ns + self._memory_ns)
+        if self._held_ns is not None:
+            self._held_ns = stamp_ns - 1
         self._cell = self._monitor_cell = None
         self._acting_ns = np.empty(0, dtype=np.int64)
 
@@ -294,6 +319,8 @@ class IdentificationStream(RestorableWithSettings):
         onset, intensity = self._queue.settle(int(stamps[-1]) + self._pulse_look_ahead_ns)
         self.estimator.add_pulses(onset, intensity)
         usable = ~self._queue.unknown(stamps) & (marks == 0)
+        if self._held_ns is not None:
+            usable &= stamps <= self._held_ns
         prediction = self.estimator.update(stamps, values, usable)
         self._count_postponed(int(stamps[-1]))
         self._count_marks(stamps, marks, onset)

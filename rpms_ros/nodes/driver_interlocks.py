@@ -55,7 +55,8 @@ class InterlockInputs:
         self._watch = watch
         self._refused = refused
         self._was_reset = reset
-        self._limit_n = settings.force_limit
+        self._limit = settings.force_limit
+        self._quantity = settings.quantity
         self._sensor = SensorLife(settings.force_frame)
         if settings.force_limit > 0:
             node.create_subscription(
@@ -87,14 +88,14 @@ class InterlockInputs:
 
     def _on_force(self, message: WrenchStamped) -> None:
         """Hold every sample against the limit; not every one is a sign of life."""
-        force = message.wrench.force
-        newton = math.hypot(force.x, force.y, force.z)
+        force = getattr(message.wrench, self._quantity)
+        size = math.hypot(force.x, force.y, force.z)
         stamp_ns = messages.nanoseconds(message.header.stamp)
         refusal = self._sensor.refusal(stamp_ns, message.header.frame_id)
         if refusal is None:
-            self._controller.force(newton)
+            self._controller.force(size)
             return
         self._controller.count('force_refused')
         self._refused(plain_text(refusal))
-        if not newton <= self._limit_n:
-            self._controller.force(newton)
+        if not size <= self._limit:
+            self._controller.force(size)

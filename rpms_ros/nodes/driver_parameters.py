@@ -5,7 +5,10 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import NodeError
+from rpms_ros.nodes.parameters import LARGEST_SEED
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
 from rpms_ros.stimulation import Schedule
@@ -86,7 +89,11 @@ class DriverParameters(NodeParameters):
         10.0, 'From the first step of arming to the second.', unit='s', minimum=1.0, maximum=60.0
     )
     force_limit: float = parameter(
-        0.0, 'Stop above this force; 0 does not listen to the force.', unit='N', minimum=0.0
+        0.0,
+        'Stop above this force; 0 does not listen to the force.',
+        unit='N',
+        minimum=0.0,
+        maximum=1e5,
     )
     force_timeout: float = parameter(
         0.2,
@@ -96,6 +103,11 @@ class DriverParameters(NodeParameters):
         maximum=10.0,
     )
     force_frame: str = parameter('force_sensor', 'Frame of the force that is limited.')
+    quantity: str = parameter(
+        FORCE,
+        'What the sensor measures and force_limit limits: a force, or a torque in newton metres.',
+        choices=tuple(UNITS),
+    )
     temperature_limit: float = parameter(
         40.0, 'Stop above this coil temperature.', unit='Celsius', minimum=0.0, maximum=100.0
     )
@@ -118,7 +130,10 @@ class DriverParameters(NodeParameters):
         False, 'Configure, activate and run the schedule below; simulated device only.'
     )
     minimum_subscribers: int = parameter(
-        1, 'Subscribers of the pulses to wait for before an automatic start.', minimum=0
+        1,
+        'Subscribers of the pulses to wait for before an automatic start.',
+        minimum=0,
+        maximum=100,
     )
     schedule_file: str = parameter('', 'YAML file of the schedule; empty takes the one below.')
     schedule: str = parameter('uniform_random', 'Kind of schedule.', choices=_SCHEDULES)
@@ -128,9 +143,11 @@ class DriverParameters(NodeParameters):
     high: float = parameter(
         1.0, 'Highest intensity; the one of a constant schedule.', minimum=0.0, maximum=1.0
     )
-    period: float = parameter(9.0, 'Period of a sinusoid.', unit='s', minimum=0.01)
+    period: float = parameter(
+        9.0, 'Period of a sinusoid.', unit='s', minimum=0.01, maximum=86400.0
+    )
     steps: int = parameter(6, 'Steps of a staircase.', minimum=1, maximum=1000)
-    seed: int = parameter(1, 'Seed of a random schedule.', minimum=0)
+    seed: int = parameter(1, 'Seed of a random schedule.', minimum=0, maximum=LARGEST_SEED)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -227,6 +244,7 @@ def driver_settings_of(settings: DriverParameters) -> DriverSettings:
         # the operator's heartbeat is judged by the node, which knows whose it is
         heartbeat_timeout_s=0.0,
         force_limit_n=settings.force_limit,
+        force_unit=UNITS[settings.quantity],
         force_timeout_s=settings.force_timeout,
         temperature_limit=settings.temperature_limit,
     )

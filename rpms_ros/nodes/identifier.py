@@ -1,10 +1,13 @@
 """Node that identifies the muscle: `force` and `pulses` in, `estimate` out.
 
 Callbacks only collect; a timer hands what has come to the stream.  How it is cut into blocks has
-no influence on the estimates, so a replay of a recording gives them bit for bit.
+no influence on the estimates, so a replay of a recording gives them bit for bit.  The services
+`~/reset`, `~/hold` (predict, do not learn) and `~/resume` are not in a recording.
 """
 
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,16 +21,22 @@ from std_srvs.srv import Trigger
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
+from rpms_ros.axis import UNITS
 from rpms_ros.identification import Estimate
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
-from rpms_ros.nodes.identifier_diagnostics import diagnostics_message
+from rpms_ros.nodes.diagnostics import PERIOD_S
+from rpms_ros.nodes.diagnostics import diagnostics_message
+from rpms_ros.nodes.identifier_diagnostics import identifier_health
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
 from rpms_ros.nodes.identifier_parameters import build_stream
 from rpms_ros.nodes.identifier_parameters import stream_settings
 from rpms_ros.nodes.identifier_publishers import Publishers
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.overridable import is_best_effort
+from rpms_ros.nodes.overridable import subscribe
+from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.runner import run
@@ -50,29 +59,46 @@ class Identifier(Node):
         _warm_up(self.settings)
         self.stream = build_stream(self.settings)
         self._axis = messages.axis_of(self.settings.axis, self.settings.sign)
+        self._unit = UNITS[self.settings.quantity]
+        self._sensor_frame = ''
         self._stamps: list[int] = []
         self._forces: list[float] = []
         self._pulses: list[Pulse] = []
         self._reported: dict[str, int] = {}
         self._heard = time.monotonic()
         self._last: Estimate | None = None
-        self._estimate = self.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE)
+        self._estimate = self.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE_KEPT)
+        self._disturbance = self.create_publisher(
+            WrenchStamped, topics.DISTURBANCE, qos.DISTURBANCE
+        )
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
-        self.create_subscription(PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
+        subscribe(self, PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
         profile = qos.FORCE_BEST_EFFORT if self.settings.best_effort_force else qos.FORCE
-        self.create_subscription(WrenchStamped, topics.FORCE, self._on_force, profile)
+        self._force = subscribe(self, WrenchStamped, topics.FORCE, self._on_force, profile)
+        warn_of_unused(self)
         self._senders = Publishers(self)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
+            self.create_service(Trigger, f'~/{name}', _answering(act))
         follow_parameters(self, self.settings, self._change)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.processing_period, self._process, clock=steady)
-        self.create_timer(1.0, self._report, clock=steady)
+        self.create_timer(PERIOD_S, self._report, clock=steady)
+        self._say_what_is_done()
+
+    def _say_what_is_done(self) -> None:
+        force, pulses = (self.resolve_topic_name(name) for name in (topics.FORCE, topics.PULSES))
+        settings = self.settings
+        logger_of(self).info(
+            f'identifying with {self.stream.estimator.name}: {settings.quantity} [{self._unit}] '
+            f'on {force} along {settings.axis}, sign {settings.sign}; pulses on {pulses}'
+        )
 
     def _on_pulse(self, message: PulseMessage) -> None:
         self._pulses.append(messages.pulse_of(message))
 
     def _on_force(self, message: WrenchStamped) -> None:
-        stamp_ns, force = messages.force_of(message, self._axis)
+        stamp_ns, force = messages.force_of(message, self._axis, self.settings.quantity)
+        self._sensor_frame = message.header.frame_id
         self._stamps.append(stamp_ns)
         self._forces.append(force)
 
@@ -81,22 +107,36 @@ class Identifier(Node):
         if self._senders.best_effort_alone:
             self._on_force(message)
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _reset(self) -> str:
         """Forget everything and begin anew, as after a change of the electrode or the coil."""
         self.stream = build_stream(self.settings)
         self._stamps, self._forces, self._pulses = [], [], []
         self._reported = {}
         self._last = None
-        logger_of(self).info('reset: the identification begins anew')
-        response.success = True
-        return response
+        return self._said('reset: the identification begins anew')
+
+    def _hold(self) -> str:
+        """Predict and do not learn, while somebody moves the coil, say."""
+        self._take()
+        self.stream.hold()
+        return self._said('held: predicts, does not learn')
+
+    def _resume(self) -> str:
+        self._take()
+        self.stream.resume()
+        return self._said('resumed: learns')
+
+    def _said(self, line: str) -> str:
+        logger_of(self).info(line)
+        return line
 
     def _change(self, settings: IdentifierParameters) -> None:
         self.settings = settings
         self.stream.change(stream_settings(settings))
         logger_of(self).info(f'estimates every {settings.estimate_period:g} s from now on')
 
-    def _process(self) -> None:
+    def _take(self) -> None:
+        """Hand what has come to the stream."""
         if self._pulses:
             # First: a pulse that came a little later than its force, after a stall, is not late.
             self.stream.add_pulses(PulseTrain.of(self._pulses))
@@ -106,13 +146,32 @@ class Identifier(Node):
             stamps = np.array(self._stamps, dtype=np.int64)
             self.stream.add_forces(ForceTrace(stamps, np.array(self._forces)))
             self._stamps, self._forces = [], []
+
+    def _process(self) -> None:
+        self._take()
         for estimate in self.stream.advance():
-            self._last = self._senders.noted(estimate)
+            self._last = replace(self._senders.noted(estimate), unit=self._unit)
             frame_id = self.settings.frame_id
             self._estimate.publish(messages.estimate_message(self._last, MESSAGE_TYPES, frame_id))
+            if estimate.disturbance_deviation > 0.0:
+                self._publish_disturbance(estimate)
+
+    def _publish_disturbance(self, estimate: Estimate) -> None:
+        """Publish what the stimulation does not cause, as the sensor would show it alone."""
+        self._disturbance.publish(
+            messages.force_message(
+                estimate.stamp_ns,
+                estimate.disturbance,
+                self._axis,
+                MESSAGE_TYPES,
+                self._sensor_frame,
+                self.settings.quantity,
+            )
+        )
 
     def _report(self) -> None:
-        if self._senders.look() and self._senders.best_effort is None:
+        unheard = self._senders.look() and not is_best_effort(self._force)
+        if unheard and self._senders.best_effort is None:
             self._senders.best_effort = self.create_subscription(
                 WrenchStamped, topics.FORCE, self._on_best_effort_force, qos.FORCE_BEST_EFFORT
             )
@@ -133,11 +192,26 @@ class Identifier(Node):
                 f'no force on {topic} for {silence:.0f} s ({publishers} publishers)',
                 throttle_duration_sec=_SILENCE,
             )
-        name = self.get_fully_qualified_name()
-        stamp = self.get_clock().now().to_msg()
+        health = identifier_health(self._last, faults, silence > _SILENCE, self.stream.held)
         self._diagnostics.publish(
-            diagnostics_message(name, stamp, self._last, faults, silence > _SILENCE)
+            diagnostics_message(
+                f'{self.get_fully_qualified_name()}: identification',
+                f'sensor of {self.resolve_topic_name(topics.FORCE)}',
+                self.get_clock().now().to_msg(),
+                health,
+            )
         )
+
+
+def _answering(act: Callable[[], str]) -> Callable[[Trigger.Request, Any], Trigger.Response]:
+    """Return the callback of a service that does something and says what."""
+
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = act()
+        response.success = True
+        return response
+
+    return answer
 
 
 def _warm_up(settings: IdentifierParameters) -> None:

@@ -1,45 +1,38 @@
-"""Diagnostics of an identifier: one status with a level, and the figures behind it."""
+"""How an identifier is: whether force comes, and whether the estimate can be trusted."""
 
 from collections.abc import Mapping
-from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
 
 from rpms_ros.identification import Estimate
+from rpms_ros.nodes.diagnostics import Health
 
 
-def diagnostics_message(
-    name: str, stamp: Any, estimate: Estimate | None, faults: Mapping[str, int], silent: bool
-) -> DiagnosticArray:
-    """Return the diagnostics of the identifier `name` at `stamp`.
+def identifier_health(
+    estimate: Estimate | None, faults: Mapping[str, int], silent: bool, held: bool
+) -> Health:
+    """Return how an identifier is.
 
     Stale while no force comes, a warning while the newest estimate is in doubt, ok otherwise.
     """
-    level, text = DiagnosticStatus.OK, 'identifying'
+    level, text = DiagnosticStatus.OK, 'held: predicts, does not learn' if held else 'identifying'
     if estimate is None:
         text = 'no estimate yet'
     elif estimate.doubts:
         level, text = DiagnosticStatus.WARN, f'in doubt: {", ".join(estimate.doubts)}'
     if silent:
         level, text = DiagnosticStatus.STALE, 'no force'
-    figures: dict[str, object] = {}
+    figures: dict[str, object] = {'held': held}
     if estimate is not None:
-        figures = {
+        figures |= {
             'estimator': estimate.estimator,
             'samples': estimate.samples,
             'pulses': estimate.pulses,
             'output error': f'{estimate.output_error:.4g}',
             'curve known': estimate.curve_known,
+            'changes': estimate.changes,
         }
+        if estimate.reasons:
+            figures['reasons'] = '; '.join(estimate.reasons)
     figures |= {f'fault {fault}': count for fault, count in faults.items()}
-    status = DiagnosticStatus(
-        level=level,
-        name=f'{name}: identification',
-        message=text,
-        values=[KeyValue(key=key, value=str(value)) for key, value in figures.items()],
-    )
-    array = DiagnosticArray(status=[status])
-    array.header.stamp = stamp
-    return array
+    return Health(text, level, figures)

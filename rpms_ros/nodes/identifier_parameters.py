@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 from rpms_ros import messages
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import IdentificationError
 from rpms_ros.errors import MessageError
 from rpms_ros.errors import NodeError
@@ -14,6 +16,7 @@ from rpms_ros.identification import StreamSettings
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.catalogue import on_line_names
 from rpms_ros.identification.monitors import monitors_by_name
+from rpms_ros.nodes.parameters import LARGEST_SEED
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
 
@@ -26,7 +29,9 @@ class IdentifierParameters(NodeParameters):
 
     estimator: str = parameter('recursive', 'Algorithm.', choices=on_line_names())
     preset: str = parameter('table_4', 'Design parameters by name.', choices=tuple(PRESETS))
-    seed: int = parameter(0, 'Seed of the random start of the Hessian.', minimum=0)
+    seed: int = parameter(
+        0, 'Seed of the random start of the Hessian.', minimum=0, maximum=LARGEST_SEED
+    )
     repetition_rate: float = parameter(
         DEFAULT_RATE,
         'Rate for which the recruitment curve is stated.',
@@ -37,9 +42,16 @@ class IdentifierParameters(NodeParameters):
     axis: str = parameter(
         'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'
     )
+    quantity: str = parameter(
+        FORCE,
+        'What the sensor measures: a force, or a torque as an isometric dynamometer does.',
+        choices=tuple(UNITS),
+    )
     sign: int = parameter(1, '1 or -1: the pull of the muscle is positive.', minimum=-1, maximum=1)
     best_effort_force: bool = parameter(
-        False, 'Hear a force sensor that publishes best effort; samples may then be lost.'
+        False,
+        'Hear a force sensor that publishes best effort from the start; without it, from a second '
+        'after it was found. Samples may be lost.',
     )
     reorder_delay: float = parameter(
         _STREAM.reorder_delay,
@@ -61,6 +73,7 @@ class IdentifierParameters(NodeParameters):
         'Stamps between two estimates; may be changed while the node runs.',
         unit='s',
         minimum=0.001,
+        maximum=3600.0,
         dynamic=True,
     )
     longest_gap: float = parameter(
@@ -68,12 +81,14 @@ class IdentifierParameters(NodeParameters):
         'Longest pause of the force that does not count as a gap.',
         unit='s',
         minimum=0.001,
+        maximum=3600.0,
     )
     largest_force: float = parameter(
         _STREAM.largest_force,
         'Larger forces of either sign are no muscle and are dropped.',
         unit='N',
         minimum=0.001,
+        maximum=1e6,
     )
     monitors: tuple[str, ...] = parameter(
         _STREAM.monitors, 'Monitors of the stream, of this package or registered by others.'

@@ -106,7 +106,9 @@ class OperatorConsole(Node):
         self._pending: Future | None = None
         self._started = False
         self._shown = ''
-        self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS)
+        self.create_subscription(
+            DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS_LATEST
+        )
         self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         logger_of(self).info(
             f'{ASK} asks for a token, hold {ENABLE} to arm and run, {RELEASE} resets, '

@@ -38,6 +38,9 @@ _LARGEST_INTEGER = 2**63 - 1
 _LARGEST_DOUBLE = 1.7976931348623157e308
 _METADATA = 'parameter'
 
+LARGEST_SEED = 2**53
+"""Of any random start: every program that handles it holds such a number exactly."""
+
 _TYPES = {
     bool: Parameter.Type.BOOL,
     int: Parameter.Type.INTEGER,

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import MuscleError
 from rpms_ros.errors import NodeError
 from rpms_ros.muscle import SUBJECTS
@@ -18,11 +20,13 @@ from rpms_ros.muscle.plant import SampledPlant
 from rpms_ros.muscle.scenario import Scenario
 from rpms_ros.muscle.scenario import load_scenario
 from rpms_ros.muscle.surroundings import Surroundings
+from rpms_ros.nodes.parameters import LARGEST_SEED
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
 
 RANDOM = 'random'
 _LARGEST_FORCE = 1e6
+_EITHER_SIGN = {'minimum': -_LARGEST_FORCE, 'maximum': _LARGEST_FORCE}
 _KEEP = 'negative keeps the preset'
 
 
@@ -34,9 +38,15 @@ class PlantParameters(NodeParameters):
         1000.0, 'Force samples a second.', unit='Hz', minimum=1.0, maximum=20000.0
     )
     subject: str = parameter('rpms', 'Preset of the muscle.', choices=(*SUBJECTS, RANDOM))
-    seed: int = parameter(1, 'Seed of the noise, and of a random subject.', minimum=0)
+    seed: int = parameter(
+        1, 'Seed of the noise, and of a random subject.', minimum=0, maximum=LARGEST_SEED
+    )
     maximum_force: float = parameter(
-        -1.0, f'Steady mean force at full intensity and 20 Hz; {_KEEP}.', unit='N', minimum=-1.0
+        -1.0,
+        f'Steady mean force at full intensity and 20 Hz; {_KEEP}.',
+        unit='N',
+        minimum=-1.0,
+        maximum=_LARGEST_FORCE,
     )
     time_constant: float = parameter(
         -1.0, f'Time constant of the twitch; {_KEEP}.', unit='s', minimum=-1.0, maximum=10.0
@@ -51,10 +61,10 @@ class PlantParameters(NodeParameters):
         -1.0, f'Saturation of recruitment; {_KEEP}.', minimum=-1.0, maximum=2.0
     )
     threshold_slope: float = parameter(
-        -1.0, f'Sharpness of the bend at the threshold; {_KEEP}.', minimum=-1.0
+        -1.0, f'Sharpness of the bend at the threshold; {_KEEP}.', minimum=-1.0, maximum=1e4
     )
     saturation_slope: float = parameter(
-        -1.0, f'Sharpness of the bend at the saturation; {_KEEP}.', minimum=-1.0
+        -1.0, f'Sharpness of the bend at the saturation; {_KEEP}.', minimum=-1.0, maximum=1e4
     )
     fixed_rate: float = parameter(
         0.0,
@@ -63,20 +73,33 @@ class PlantParameters(NodeParameters):
         minimum=0.0,
         maximum=1000.0,
     )
-    noise: float = parameter(0.0, 'Standard deviation of the noise.', unit='N', minimum=0.0)
-    offset: float = parameter(0.0, 'Constant baseline.', unit='N')
-    drift: float = parameter(0.0, 'Amplitude of a slow sinusoidal baseline.', unit='N')
-    drift_period: float = parameter(120.0, 'Its period.', unit='s', minimum=0.1)
+    noise: float = parameter(
+        0.0, 'Standard deviation of the noise.', unit='N', minimum=0.0, maximum=_LARGEST_FORCE
+    )
+    offset: float = parameter(0.0, 'Constant baseline.', unit='N', **_EITHER_SIGN)
+    drift: float = parameter(
+        0.0, 'Amplitude of a slow sinusoidal baseline.', unit='N', **_EITHER_SIGN
+    )
+    drift_period: float = parameter(120.0, 'Its period.', unit='s', minimum=0.1, maximum=86400.0)
     artifact: float = parameter(
-        0.0, 'Peak of the stimulation artifact at full intensity.', unit='N'
+        0.0, 'Peak of the stimulation artifact at full intensity.', unit='N', **_EITHER_SIGN
     )
     artifact_decay: float = parameter(
         0.0005, 'Time constant of the artifact.', unit='s', minimum=1e-6, maximum=0.005
     )
     largest_force: float = parameter(
-        _LARGEST_FORCE, 'Largest force that the sensor shows.', unit='N', minimum=1e-3
+        _LARGEST_FORCE,
+        'Largest force that the sensor shows.',
+        unit='N',
+        minimum=1e-3,
+        maximum=_LARGEST_FORCE,
     )
     axis: str = parameter('z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'))
+    quantity: str = parameter(
+        FORCE,
+        'What the sensor measures; of a torque the newtons here are newton metres.',
+        choices=tuple(UNITS),
+    )
     frame_id: str = parameter('force_sensor', 'Frame of the wrench.')
     publication_delay: float = parameter(
         0.01,
@@ -98,7 +121,7 @@ class PlantParameters(NodeParameters):
         maximum=100.0,
     )
     minimum_subscribers: int = parameter(
-        0, 'Subscribers of the force to wait for before the first sample.', minimum=0
+        0, 'Subscribers of the force to wait for before the first sample.', minimum=0, maximum=100
     )
     publish_clock: bool = parameter(False, 'Publish /clock and stamp the samples by it.')
     real_time_factor: float = parameter(

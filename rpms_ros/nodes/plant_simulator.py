@@ -8,6 +8,8 @@ late tick delays samples but neither loses one nor changes its stamp.
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
@@ -17,9 +19,14 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from rpms_msgs.msg import MuscleTruth
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
+from rpms_ros.axis import UNITS
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.clock_jump import JumpDetector
+from rpms_ros.nodes.diagnostics import PERIOD_S
+from rpms_ros.nodes.diagnostics import Health
+from rpms_ros.nodes.diagnostics import RecentChange
+from rpms_ros.nodes.diagnostics import diagnostics_message
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
@@ -46,10 +53,12 @@ class PlantSimulator(Node):
         _warm_up(self.settings)
         self.plant = build_plant(self.settings)
         self._begun = False
+        self._recent = RecentChange()
         self._axis = messages.AXES[self.settings.axis]
         self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self._truth = self.create_publisher(MuscleTruth, topics.TRUTH, qos.TRUTH)
         self._next_truth_ns = 0
+        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
             if self.settings.publish_clock
@@ -61,7 +70,14 @@ class PlantSimulator(Node):
         self._origin_ns = self.get_clock().now().nanoseconds
         self._steady_origin_ns = time.monotonic_ns()
         period = 1.0 / min(self.settings.rate, _FASTEST_TICK)
-        self.create_timer(period, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(period, self._tick, clock=steady)
+        self.create_timer(PERIOD_S, self._report, clock=steady)
+        settings = self.settings
+        logger_of(self).info(
+            f'simulating subject {settings.subject}: {settings.quantity} '
+            f'[{UNITS[settings.quantity]}] along {settings.axis} at {settings.rate:g} Hz'
+        )
 
     def _now_ns(self) -> int:
         if self._clock_publisher is None:
@@ -106,7 +122,9 @@ class PlantSimulator(Node):
         frame_id = self.settings.frame_id
         for stamp_ns, force in zip(trace.stamp_ns.tolist(), trace.force.tolist(), strict=True):
             self._force.publish(
-                messages.force_message(stamp_ns, force, self._axis, MESSAGE_TYPES, frame_id)
+                messages.force_message(
+                    stamp_ns, force, self._axis, MESSAGE_TYPES, frame_id, self.settings.quantity
+                )
             )
         newest_ns = self.plant.newest_ns
         if self.settings.truth_rate > 0 and newest_ns >= self._next_truth_ns:
@@ -116,6 +134,27 @@ class PlantSimulator(Node):
             self._truth.publish(
                 messages.truth_message(self.plant.truth(), MESSAGE_TYPES, frame_id)
             )
+
+    def _report(self) -> None:
+        """Say how the simulator is: a warning for ten seconds after a pulse was not as it must."""
+        faults = dict(self.plant.faults)
+        recent = self._recent.seen(sum(faults.values()), time.monotonic_ns())
+        figures = {
+            'subject': self.settings.subject,
+            'newest sample [ns]': self.plant.newest_ns if self._begun else 'none',
+            **{f'fault {fault}': count for fault, count in faults.items()},
+        }
+        name = self.get_fully_qualified_name()
+        said = 'simulating' if self._begun else 'waits for subscribers of the force'
+        level = DiagnosticStatus.WARN if recent else DiagnosticStatus.OK
+        self._diagnostics.publish(
+            diagnostics_message(
+                f'{name}: simulation',
+                f'simulated muscle {name}',
+                messages.time_message(time.time_ns(), MESSAGE_TYPES),
+                Health(f'{said}; a pulse was wrong or late' if recent else said, level, figures),
+            )
+        )
 
 
 def _warm_up(settings: PlantParameters) -> None:

@@ -110,14 +110,16 @@ NODES: dict[str, Interfaces] = {
     ),
     'stop_button': Interfaces(publish=(topics.EMERGENCY_STOP,), subscribe=(topics.JOY,)),
     'identifier': Interfaces(
-        publish=(topics.ESTIMATE, topics.DIAGNOSTICS),
+        publish=(topics.ESTIMATE, topics.DISTURBANCE, topics.DIAGNOSTICS),
         subscribe=(topics.PULSES, topics.FORCE),
-        serve=('~/reset',),
+        serve=('~/hold', '~/reset', '~/resume'),
     ),
     'plant_simulator': Interfaces(
-        publish=(topics.FORCE, topics.TRUTH, '/clock'), subscribe=(topics.PULSES,)
+        publish=(topics.FORCE, topics.TRUTH, topics.DIAGNOSTICS, '/clock'),
+        subscribe=(topics.PULSES,),
     ),
     'recorder': Interfaces(
+        publish=(topics.DIAGNOSTICS,),
         subscribe=(
             topics.PULSES,
             topics.PULSES_COMMANDED,
@@ -126,7 +128,7 @@ NODES: dict[str, Interfaces] = {
             topics.TRUTH,
             topics.DRIVER_STATUS,
             topics.ACCEPTED_SCHEDULE,
-        )
+        ),
     ),
 }
 """What each node does, by its name."""

@@ -33,9 +33,19 @@ FORCE_BEST_EFFORT = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 PULSES = _profile(5000)
 
 ESTIMATE = _profile(1000)
+"""For those who hear estimates from now on."""
 
-# The latest state, also for those who join after it was published.
-STATUS = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+# Who joins late and asks for it gets the newest at once.
+ESTIMATE_KEPT = _profile(1000, DurabilityPolicy.TRANSIENT_LOCAL)
+
+DISTURBANCE = _profile(1000)
+
+# Every state, and those of the last seconds also for those who join later; a burst of changes must
+# not push any of them out before it is read.
+STATUS = _profile(100, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# For those to whom the newest state matters alone.
+STATUS_LATEST = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
 # The schedule that runs, also for a recorder that is started after it.
 ACCEPTED_SCHEDULE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)

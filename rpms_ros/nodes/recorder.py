@@ -7,16 +7,20 @@ type of any other is learnt from whoever publishes it.
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 from rpms_msgs.msg import AcceptedSchedule
 from rpms_msgs.msg import DriverStatus
@@ -28,7 +32,13 @@ from rpms_ros.errors import NodeError
 from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.diagnostics import PERIOD_S
+from rpms_ros.nodes.diagnostics import diagnostics_message
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.overridable import is_best_effort
+from rpms_ros.nodes.overridable import subscribe
+from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import parameter
@@ -37,6 +47,7 @@ from rpms_ros.nodes.recorded_types import message_class
 from rpms_ros.nodes.recorded_types import offered_qos
 from rpms_ros.nodes.recorded_types import subscription_qos
 from rpms_ros.nodes.recorded_types import type_name_of
+from rpms_ros.nodes.recorder_health import recorder_health
 from rpms_ros.nodes.runner import run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
@@ -48,6 +59,7 @@ _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     topics.PULSES_COMMANDED: (Pulse, qos.PULSES),
     topics.FORCE: (WrenchStamped, qos.FORCE),
     topics.ESTIMATE: (MuscleEstimate, qos.ESTIMATE),
+    topics.DISTURBANCE: (WrenchStamped, qos.DISTURBANCE),
     topics.TRUTH: (MuscleTruth, qos.TRUTH),
     topics.DRIVER_STATUS: (DriverStatus, qos.STATUS),
     topics.ACCEPTED_SCHEDULE: (AcceptedSchedule, qos.ACCEPTED_SCHEDULE),
@@ -72,7 +84,9 @@ class RecorderParameters(NodeParameters):
         tuple(_TOPICS), 'Topics of any type; those that nobody publishes stay empty.'
     )
     best_effort_force: bool = parameter(
-        False, 'Hear a force sensor that publishes best effort; samples may then be lost.'
+        False,
+        'Hear a force sensor that publishes best effort from the start; without it, from a second '
+        'after it was found. Samples may be lost.',
     )
     key_file: str = parameter(
         '', 'File with the key that signs the recording; empty leaves it unsigned.'
@@ -113,8 +127,40 @@ class TopicCount:
         return round(span * rate) + 1 - self.messages
 
 
+@dataclass
+class Heard:
+    """A topic that is recorded.
+
+    Attributes
+    ----------
+    first : Subscription
+        The one that was made at the start.
+    kind : type
+        Message class.
+    take : callable
+        Takes the bytes of a message.
+    second : Subscription, optional
+        Hears best effort, where nobody publishes in another way.
+    alone : bool
+        Whether nobody does.
+    """
+
+    first: Subscription
+    kind: Any
+    take: Callable[[bytes], None]
+    second: Subscription | None = None
+    alone: bool = False
+
+    def take_alone(self, data: bytes) -> None:
+        """Take what the first subscription does not hear."""
+        if self.alone:
+            self.take(data)
+
+
 class Recorder(Node):
     """Recorder of a session; keyword arguments go to `rclpy.node.Node`."""
+
+    settings_type = RecorderParameters
 
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', **options)
@@ -127,20 +173,35 @@ class Recorder(Node):
         self.counts = {name: TopicCount() for name in self.settings.topics}
         self._publisher_counts: dict[str, int] = {}
         self._unknown: list[str] = []
-        for name in self.settings.topics:
-            if name in _TOPICS:
-                self._subscribe(name, *_TOPICS[name])
-            else:
-                self._unknown.append(name)
+        self._refused: list[str] = []
+        self._heard: dict[str, Heard] = {}
+        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        try:
+            self._subscribe_to_known()
+        except NodeError:
+            # a recording that nobody writes to must not stay open
+            self.destroy_node()
+            raise
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.flush_period, self._flush, clock=steady)
+        self.create_timer(PERIOD_S, self._report, clock=steady)
         if self._unknown:
             self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
+        warn_of_unused(self)
+        heard = ', '.join(self.resolve_topic_name(name) for name in self.settings.topics)
+        logger_of(self).info(f'recording to {self.path}: {heard}')
 
     @property
     def path(self) -> Path:
         """Folder of the recording."""
         return self._writer.path
+
+    def _subscribe_to_known(self) -> None:
+        for name in self.settings.topics:
+            if name in _TOPICS:
+                self._subscribe(name, *_TOPICS[name])
+            else:
+                self._unknown.append(name)
 
     def _opened(self) -> RecordingWriter:
         """Return the writer; of recorders that make the same name, each takes another one."""
@@ -175,6 +236,7 @@ class Recorder(Node):
                 kind = message_class(found[0])
                 definition_of(found[0])
             except RecordingError as error:
+                self._refused.append(name)
                 logger_of(self).error(f'{name} is not recorded: {error}')
                 continue
             self._subscribe(name, kind, subscription_qos(infos))
@@ -198,7 +260,39 @@ class Recorder(Node):
             count.take(messages.stamp_of_bytes(data) if stamped else now_ns)
             self._writer.append(topic, now_ns, data)
 
-        self.create_subscription(kind, name, take, profile, raw=True)
+        self._heard[name] = Heard(subscribe(self, kind, name, take, profile, raw=True), kind, take)
+
+    def _hear_best_effort(self) -> None:
+        """Hear what is published best effort alone, which a reliable subscription does not."""
+        for name, heard in self._heard.items():
+            infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
+            heard.alone = bool(infos) and all(
+                one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
+            )
+            if heard.alone and heard.second is None and not is_best_effort(heard.first):
+                heard.second = self.create_subscription(
+                    heard.kind, name, heard.take_alone, subscription_qos(infos), raw=True
+                )
+                logger_of(self).warning(
+                    f'{self.resolve_topic_name(name)} is published best effort: it is recorded, '
+                    'and messages may be lost'
+                )
+
+    def _report(self) -> None:
+        """Look at who publishes, and say how the recorder is."""
+        if self._closed:
+            return
+        self._hear_best_effort()
+        name = self.get_fully_qualified_name()
+        counts = {topic: count.messages for topic, count in self.counts.items()}
+        self._diagnostics.publish(
+            diagnostics_message(
+                f'{name}: recording',
+                f'recording {self.path.resolve()}',
+                messages.time_message(time.time_ns(), MESSAGE_TYPES),
+                recorder_health(self.path, counts, self._refused),
+            )
+        )
 
     def _add_topic(self, name: str, kind: Any) -> int:
         type_name = type_name_of(kind)
@@ -232,6 +326,9 @@ class Recorder(Node):
             self._writer.close()
         except RecordingError as error:
             logger_of(self).error(str(error))
+            return
+        total = sum(count.messages for count in self.counts.values())
+        logger_of(self).info(f'closed {self.path}: {total} messages')
 
     def destroy_node(self) -> None:
         """Close the recording, then go."""

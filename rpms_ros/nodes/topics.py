@@ -12,6 +12,9 @@ FORCE = 'force'
 ESTIMATE = 'estimate'
 """rpms_msgs/MuscleEstimate: what is known of the muscle."""
 
+DISTURBANCE = 'disturbance'
+"""geometry_msgs/WrenchStamped: estimated force that the stimulation does not cause."""
+
 TRUTH = 'truth'
 """rpms_msgs/MuscleTruth: what is true of a simulated muscle."""
 

@@ -165,7 +165,7 @@ class SafetyMonitor:
     def force(self, newton: float) -> None:
         """Hold a force sample [N] against its limit; not a number counts as too much."""
         self.seen(FORCE)
-        self.measured(_FORCE_LIMIT, newton, self.settings.force_limit_n, 'N')
+        self.measured(_FORCE_LIMIT, newton, self.settings.force_limit_n, self.settings.force_unit)
 
     def temperature(self, celsius: float) -> None:
         """Hold a coil temperature [Celsius], measured or modelled, against its limit."""

@@ -36,9 +36,11 @@ class DriverSettings:
     heartbeat_timeout_s : float
         Longest silence of the heartbeat [s]; 0 asks for none.
     force_limit_n : float
-        Largest force [N]; 0 watches none.
+        Largest force, or torque [N, or `force_unit`]; 0 watches none.
     force_timeout_s : float
         Longest silence of the force sensor when a force limit is set [s].
+    force_unit : str
+        In which the sensor measures, for messages.
     keep_alive_s : float
         Time between two signs of life to an armed device [s].
     temperature_limit : float
@@ -62,6 +64,7 @@ class DriverSettings:
     heartbeat_timeout_s: float = bounded(_SECONDS_OR_OFF, 0.5)
     force_limit_n: float = bounded(Bound(0.0, 1e5, 'N'), 0.0)
     force_timeout_s: float = bounded(_SECONDS, 0.2)
+    force_unit: str = 'N'
     keep_alive_s: float = bounded(_SECONDS, 0.4)
     temperature_limit: float = bounded(Bound(-20.0, 100.0, 'Celsius'), 40.0)
     prepare_s: float = bounded(_SECONDS, 0.1)

@@ -318,3 +318,36 @@ def test_samples_that_hardly_advance_are_bounded() -> None:
     count = 150_000
     run.feed(ForceTrace(START_NS + np.arange(count, dtype=np.int64), np.zeros(count)))
     assert run.stream.fault_counts == {'force_queue_full': 50_000}
+
+
+@pytest.mark.parametrize('step', [1000, 37])
+def test_what_is_held_is_predicted_and_not_learnt_from(record, step: int) -> None:
+    pulses, forces = record(uniform(100), START_NS)
+    run = Run()
+    run.stream.add_pulses(pulses)
+    for start in range(0, 5000, step):
+        stop = min(start + step, 5000)
+        for edge, act in ((2000, run.stream.hold), (3000, run.stream.resume)):
+            if start < edge <= stop:
+                run.feed(part(forces, start, edge))
+                act()
+                assert run.stream.held is (edge == 2000)
+                start = edge
+        run.feed(part(forces, start, stop))
+    found = run.finish()
+    # those in between, and one memory of 350.5 ms after them
+    held = np.flatnonzero(~run.column(3).astype(bool))
+    assert held.tolist() == list(range(2000, 3350))
+    assert found.faults == {'samples_excluded': 1350}
+    assert np.isfinite(run.column(2)).all()
+
+
+def test_a_jump_of_the_clock_does_not_let_go_of_what_is_held(record) -> None:
+    first_pulses, first = record(uniform(20), START_NS)
+    later_pulses, later = record(uniform(40, 8), START_NS - 3600 * SECOND, sequence=20)
+    run = Run()
+    run.stream.hold()
+    run.feed(first, first_pulses)
+    run.feed(part(later, 0, 2)).feed(part(later, 2, 2000), later_pulses)
+    run.finish()
+    assert not run.column(3).any()

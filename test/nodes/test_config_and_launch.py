@@ -24,16 +24,16 @@ NODES: dict[str, type[NodeParameters]] = {
 
 
 @pytest.mark.parametrize('name', NODES)
-@pytest.mark.parametrize('namespace', ['', '/left_leg'])
+@pytest.mark.parametrize(('namespace', 'renamed'), [('', ''), ('/left_leg', 'quadriceps')])
 def test_a_parameter_file_holds_every_parameter_at_its_default(
-    context: Context, capfd: pytest.CaptureFixture[str], name: str, namespace: str
+    context: Context, capfd: pytest.CaptureFixture[str], name: str, namespace: str, renamed: str
 ) -> None:
     path = ROOT / 'config' / f'{name}.yaml'
     (parameters,) = yaml.safe_load(path.read_text()).values()
     settings = NODES[name]
     assert list(parameters['ros__parameters']) == list(descriptions(settings))
     node = Node(
-        name,
+        renamed or name,
         namespace=namespace,
         context=context,
         cli_args=['--ros-args', '--params-file', str(path)],

@@ -9,10 +9,18 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpms_ros.errors import NodeError
+from rpms_ros.nodes.driver_parameters import DriverParameters
+from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+from rpms_ros.nodes.operator_console import ConsoleParameters
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.parameters import parameter
+from rpms_ros.nodes.parameters import type_of
+from rpms_ros.nodes.plant_parameters import PlantParameters
+from rpms_ros.nodes.recorder import RecorderParameters
+from rpms_ros.nodes.stop_button import StopButtonParameters
 
 
 @dataclass(frozen=True)
@@ -96,3 +104,23 @@ def test_dynamic_changes_are_followed_or_refused_with_a_reason(context: Context)
 def test_the_dataclass_holds_its_bounds_without_a_node() -> None:
     with pytest.raises(NodeError, match='count: expected at least 0, got -5'):
         Example(count=-5)
+
+
+@pytest.mark.parametrize(
+    'settings',
+    [
+        ConsoleParameters,
+        DriverParameters,
+        IdentifierParameters,
+        PlantParameters,
+        RecorderParameters,
+        StopButtonParameters,
+    ],
+)
+def test_every_number_of_a_node_has_a_range_with_two_ends(settings: type[NodeParameters]) -> None:
+    for name, description in descriptions(settings).items():
+        assert description.doc.endswith('.'), name
+        if type_of(settings, name) in (Parameter.Type.DOUBLE, Parameter.Type.INTEGER):
+            assert description.minimum is not None, name
+            assert description.maximum is not None, name
+            assert description.minimum <= getattr(settings, name) <= description.maximum

@@ -75,7 +75,7 @@ def test_the_page_names_every_kind_of_segment():
 
 
 def test_the_file_of_parameters_is_complete_and_names_defaults():
-    given = yaml.safe_load(CONFIG)['/**/stimulator_driver']['ros__parameters']
+    given = yaml.safe_load(CONFIG)['/**']['ros__parameters']
     assert list(given) == list(descriptions(DriverParameters))
     changed = {name for name, value in given.items() if getattr(DriverParameters, name) != value}
     # said so beside it: only a simulated device may do without

@@ -1,0 +1,42 @@
+"""How a recorder is: what it has, what it lacks, and how much room there is left."""
+
+import shutil
+from collections.abc import Mapping
+from collections.abc import Sequence
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from rpms_ros.nodes.diagnostics import Health
+
+LEAST_ROOM = 1_000_000_000
+"""Bytes on the disk; with less a session of an hour may not fit."""
+
+
+def recorder_health(path: Path, counts: Mapping[str, int], missing: Sequence[str]) -> Health:
+    """Return how a recorder is.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the recording.
+    counts : mapping of str to int
+        Messages so far, by topic.
+    missing : sequence of str
+        Topics that are published and not recorded.
+    """
+    free = shutil.disk_usage(path).free
+    total = sum(counts.values())
+    level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; nothing has come yet'
+    faults = [f'not recorded: {", ".join(missing)}'] if missing else []
+    if free < LEAST_ROOM:
+        faults.append(f'{free / 1e6:.0f} MB are left on the disk')
+    if faults:
+        level, said = DiagnosticStatus.WARN, '; '.join(faults)
+    figures = {
+        'path': path.resolve(),
+        'messages': total,
+        'free on the disk [MB]': f'{free / 1e6:.0f}',
+        **{f'messages of {name}': count for name, count in counts.items()},
+    }
+    return Health(said, level, figures)
