@@ -5,6 +5,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Vector3
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -142,19 +143,29 @@ def wrench(force, frame='force_sensor', stamp_ns=None):
     return message
 
 
-@pytest.mark.parametrize('force', [200.0, float('nan')])
-def test_force_over_the_limit_stops(graph, force):
-    bench = Bench(graph, force_limit=100.0)
+@pytest.mark.parametrize(
+    ('force', 'quantity', 'unit'),
+    [(200.0, 'force', 'N'), (float('nan'), 'force', 'N'), (200.0, 'torque', 'N m')],
+)
+def test_force_over_the_limit_stops(graph, force, quantity, unit):
+    bench = Bench(graph, force_limit=100.0, quantity=quantity)
     graph.wait_for(lambda: bench.sensor.get_subscription_count() == 1)
     felt = [10.0]
-    bench.other.create_timer(0.02, lambda: bench.sensor.publish(wrench(felt[0])))
+
+    def feel():
+        message = wrench(felt[0])
+        if quantity == 'torque':
+            message.wrench.torque, message.wrench.force = message.wrench.force, Vector3()
+        bench.sensor.publish(message)
+
+    bench.other.create_timer(0.02, feel)
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     graph.wait_for(lambda: bench.change(Transition.TRANSITION_ACTIVATE))
     bench.send()
     graph.wait_for(lambda: bool(bench.pulses))
     felt[0] = force
     bench.wait_for_state(DriverStatus.STOPPED)
-    assert 'force_limit: expected at most 100 N' in bench.statuses[-1].reason
+    assert f'force_limit: expected at most 100 {unit}, got' in bench.statuses[-1].reason
     assert not bench.call(bench.reset).success
     felt[0] = 10.0
     graph.wait_for(lambda: bench.call(bench.reset).success)
