@@ -125,6 +125,7 @@ NODES: dict[str, Interfaces] = {
             topics.PULSES_COMMANDED,
             topics.FORCE,
             topics.ESTIMATE,
+            topics.DISTURBANCE,
             topics.TRUTH,
             topics.DRIVER_STATUS,
             topics.ACCEPTED_SCHEDULE,

@@ -39,7 +39,8 @@ def test_a_page_has_the_place_for_each_table(page: str, marker: str) -> None:
 PROFILES = {
     topics.PULSES: qos.PULSES,
     topics.FORCE: qos.FORCE,
-    topics.ESTIMATE: qos.ESTIMATE,
+    topics.ESTIMATE: qos.ESTIMATE_KEPT,
+    topics.DISTURBANCE: qos.DISTURBANCE,
     topics.DRIVER_STATUS: qos.STATUS,
     topics.TRUTH: qos.TRUTH,
 }

@@ -10,7 +10,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse as PulseMessage
@@ -238,8 +237,7 @@ def test_reset_begins_anew_and_the_period_may_change(graph) -> None:
     bench.send_pulses(pulses)
     bench.send_forces(forces)
     before = bench.wait_until(START_NS + 1_699 * MILLISECOND)
-    response = bench.identifier._on_reset(Trigger.Request(), Trigger.Response())
-    assert response.success
+    bench.identifier._reset()
     (changed,) = bench.identifier.set_parameters([Parameter('estimate_period', value=0.5)])
     assert changed.successful
     (refused,) = bench.identifier.set_parameters([Parameter('estimator', value='horizon')])
