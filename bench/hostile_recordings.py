@@ -1,10 +1,10 @@
 """Recordings that were mutated or had a bit flipped: what the commands make of them.
 
 Mutations: bytes changed, cut out, doubled, cut off, of every file of small recordings in every
-storage, given to `rpms info`, `verify` and `identify`.  None may end in a traceback, take more
-than 10 s or more memory than 1 GB and four times the file, or return an exit code that is not
-documented.  Flips: one bit of a storage file or of metadata.yaml; either a fault is named, or
-nothing that is printed changes.
+storage, one of them packed as a whole, given to `rpms info`, `verify` and `identify`.  None may
+end in a traceback, take more than 10 s or more memory than 1 GB and four times the file, or return
+an exit code that is not documented.  Flips: one bit of a storage file or of metadata.yaml; either
+a fault is named, or nothing that is printed changes.
 
 python bench/hostile_recordings.py [--mutations 10000] [--flips 2000] [--seed 1]
 """
@@ -25,11 +25,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from backports import zstd
 
 from rpms_ros.cli import main as rpms
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import write_recording
+from rpms_ros.recording.checksums import write_checksums
+from rpms_ros.recording.metadata import NAME as METADATA
 
 STORAGES = (('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', ''))
 COMMANDS = ('info', 'verify', 'identify')
@@ -53,7 +56,20 @@ def simulated(folder: Path) -> list[Path]:
             path, pulses, forces, storage=storage, compression=compression, custom=custom
         )
         paths.append(path)
-    return paths
+    return [*paths, packed(paths[0], folder / 'mcapfile')]
+
+
+def packed(source: Path, path: Path) -> Path:
+    """Write a copy whose storage file is packed as a whole, as `ros2 bag record` can do it."""
+    path.mkdir()
+    name = f'{source.name}_0.mcap'
+    (path / f'{name}.zstd').write_bytes(zstd.compress((source / name).read_bytes()))
+    text = (source / METADATA).read_text().replace(name, f'{name}.zstd')
+    text = text.replace("compression_format: ''", 'compression_format: zstd')
+    text = text.replace("compression_mode: ''", 'compression_mode: FILE')
+    (path / METADATA).write_text(text)
+    write_checksums(path, (f'{name}.zstd', METADATA))
+    return path
 
 
 def mutated(content: bytes, generator: random.Random) -> bytes:
@@ -138,7 +154,9 @@ def try_flips(paths: list[Path], count: int, seed: int) -> Counter[str]:
     for number in range(count):
         path = generator.choice(paths)
         files = [
-            file for file in sorted(path.iterdir()) if file.suffix in ('.mcap', '.db3', '.yaml')
+            file
+            for file in sorted(path.iterdir())
+            if file.suffix in ('.mcap', '.db3', '.yaml', '.zstd')
         ]
         file = generator.choice(files)
         content = bytearray(file.read_bytes())

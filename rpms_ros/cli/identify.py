@@ -113,6 +113,8 @@ def as_text(document: dict[str, Any]) -> str:
     rows = [
         ('estimator', document['estimator']),
         ('data', f'{document["samples"]} samples, {document["pulses"]} pulses, {duration:.3f} s'),
+        ('session hash', document['session_hash']),
+        *(('schedule', f'{one["name"]}, sha256 {one["sha256"]}') for one in document['schedules']),
     ]
     if document['curve']:
         recruitment = document['recruitment'].items()

@@ -14,6 +14,7 @@ from rpms_ros.cli.options import progress
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.text import noted
 from rpms_ros.report.text import table
+from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
     from rpms_ros.recording import RecordingFacts
@@ -68,6 +69,7 @@ def as_document(facts: 'RecordingFacts') -> dict[str, Any]:
             for topic in facts.topics
         ],
         'custom': dict(facts.custom),
+        'schedules': plain(facts.schedules),
         'faults': dict(facts.faults),
         'remarks': list(facts.remarks),
     }
@@ -81,6 +83,8 @@ def as_text(facts: 'RecordingFacts') -> str:
         rate = f'{(topic.count - 1) / duration:.1f} Hz' if duration > 0 else ''
         rows.append((topic.name, topic.type_name, str(topic.count), f'{duration:.3f} s', rate))
     topics = table(('topic', 'type', 'messages', 'duration', 'rate'), rows, texts=2)
-    notes = noted([*facts.custom.items(), *(('warning', remark) for remark in facts.remarks)])
+    told = [('accepted', str(schedule)) for schedule in facts.schedules]
+    warnings = [('warning', remark) for remark in facts.remarks]
+    notes = noted([*facts.custom.items(), *told, *warnings])
     parts = (f'{facts.path}  ({facts.storage})', textwrap.indent(topics, '  '), notes)
     return '\n'.join(part for part in parts if part)

@@ -60,13 +60,16 @@ def run(arguments: argparse.Namespace) -> int:
     """Replay the recording; return 1 if estimates differ or are missing."""
     from rpms_ros.nodes.replay import replay
     from rpms_ros.nodes.replayer import ReplaySettings
+    from rpms_ros.recording.reading import held_bytes
     from rpms_ros.report.agreement import compare
     from rpms_ros.report.recorded import recorded_messages
 
     settings = ReplaySettings(arguments.factor)
     parameters = identifier_parameters(arguments)
     recording = read(arguments.bag, arguments)
-    recorded = recorded_messages(arguments.bag).estimates
+    recorded = recorded_messages(
+        arguments.bag, memory=arguments.max_memory, held=held_bytes(recording)
+    ).estimates
     total = len(recording.pulses) + len(recording.forces)
     with progress('replaying', total, 'messages', arguments.quiet) as advance:
         done = replay(recording, parameters, settings, advance)

@@ -103,6 +103,7 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.cli.identified import compile_estimator
     from rpms_ros.cli.identified import identified
     from rpms_ros.identification.catalogue import estimator_by_name
+    from rpms_ros.recording.reading import held_bytes
     from rpms_ros.report.recorded import recorded_messages
     from rpms_ros.report.result import result_of
     from rpms_ros.report.session import analyse
@@ -126,7 +127,9 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
         return analyse(
             arguments.title or arguments.bag.resolve().name,
             recording,
-            recorded_messages(arguments.bag),
+            recorded_messages(
+                arguments.bag, memory=arguments.max_memory, held=held_bytes(recording)
+            ),
             session,
             result_of(recording, session),
             lambda: estimator_by_name(

@@ -48,6 +48,27 @@ class Budget:
         if size > self.chunk or self._unpacked < 0:
             raise self.exceeded(f'{what} with {size} bytes unpacked')
 
+    def load(self, size: int, what: str) -> None:
+        """Look at what is held as a whole for a while [bytes].
+
+        Raises
+        ------
+        RecordingError
+            If it is too much.
+        """
+        if size > self.memory:
+            raise self.exceeded(f'{what} of {size} bytes')
+
+    def hold(self, size: int) -> None:
+        """Count what is kept beside the numbers of messages [bytes].
+
+        Raises
+        ------
+        RecordingError
+            If it is too much.
+        """
+        self.keep(-(-size // _PER_MESSAGE))
+
     def keep(self, messages: int) -> None:
         """Count messages whose numbers are kept.
 

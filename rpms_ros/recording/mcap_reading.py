@@ -100,6 +100,7 @@ class McapFile:
 
     def _unpacked(self, start: int, end: int, cut_off: bool) -> ByteArray | None:
         """Return the content of a chunk, or None where it must not be used."""
+        self._budget.load(end - start, 'a chunk')
         # Read, not mapped: a mapped page costs more than its copy, and stays in memory.
         record = np.fromfile(self._path, np.uint8, end - start, offset=start)
         head = Content(record[:_LONGEST_HEAD].tobytes())

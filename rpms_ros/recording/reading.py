@@ -18,6 +18,8 @@ from rpms_ros.recording.axis import force_along
 from rpms_ros.recording.scan import Progress
 from rpms_ros.recording.scan import Scan
 from rpms_ros.recording.scan import TopicFacts
+from rpms_ros.recording.schedules import RecordedSchedule
+from rpms_ros.recording.schedules import ScheduleReading
 from rpms_ros.recording.topic_reading import FORCE_TYPES
 from rpms_ros.recording.topic_reading import PULSE_TYPES
 from rpms_ros.recording.topic_reading import TopicReading
@@ -60,6 +62,8 @@ class RecordingFacts:
         One line on each.
     files : tuple of str
         Names of the storage files.
+    schedules : tuple of RecordedSchedule
+        Schedules that a driver accepted.
     """
 
     path: Path
@@ -70,6 +74,7 @@ class RecordingFacts:
     faults: Mapping[str, int] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
+    schedules: tuple[RecordedSchedule, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,9 +116,10 @@ def read_facts(
         If it cannot be read.
     """
     scan = Scan(Path(path), memory)
-    for _ in scan.blocks(progress):
-        pass
-    return _facts(scan)
+    schedules = ScheduleReading(scan.findings, scan.budget)
+    for channel, records in scan.blocks(progress):
+        schedules.take(channel, records)
+    return _facts(scan, schedules)
 
 
 def read_recording(
@@ -156,7 +162,9 @@ def read_recording(
     force = TopicReading(
         topics.force, {kind: fields.along(direction) for kind, fields in FORCE_TYPES.items()}
     )
+    schedules = ScheduleReading(scan.findings, scan.budget)
     for channel, records in scan.blocks(progress):
+        schedules.take(channel, records)
         scan.budget.keep(pulses.take(channel, records) + force.take(channel, records))
     if not any(facts.count for facts in scan.topics.values()):
         raise RecordingError(f'expected messages in {path}, got none')
@@ -167,8 +175,24 @@ def read_recording(
         pulse_values.received_ns,
         force_values.received_ns,
         _samples_before_pulse(pulse_values, force_values),
-        _facts(scan, {'pulses': pulse_values.frame_ids, 'force': force_values.frame_ids}),
+        _facts(
+            scan,
+            schedules,
+            {'pulses': pulse_values.frame_ids, 'force': force_values.frame_ids},
+        ),
     )
+
+
+def held_bytes(recording: Recording) -> int:
+    """Return what the arrays of a recording take [bytes]."""
+    pulses, forces = recording.pulses, recording.forces
+    arrays = (
+        *(pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width),
+        *(forces.stamp_ns, forces.force),
+        *(recording.pulse_received_ns, recording.force_received_ns),
+        recording.samples_before_pulse,
+    )
+    return sum(array.nbytes for array in arrays)
 
 
 def _samples_before_pulse(pulses: TopicValues, force: TopicValues) -> IntArray:
@@ -184,7 +208,11 @@ def _samples_before_pulse(pulses: TopicValues, force: TopicValues) -> IntArray:
     return np.searchsorted(force.place, pulses.place)
 
 
-def _facts(scan: Scan, frame_ids: Mapping[str, tuple[str, ...]] | None = None) -> RecordingFacts:
+def _facts(
+    scan: Scan,
+    schedules: ScheduleReading,
+    frame_ids: Mapping[str, tuple[str, ...]] | None = None,
+) -> RecordingFacts:
     return RecordingFacts(
         scan.path,
         scan.files.storage,
@@ -194,6 +222,7 @@ def _facts(scan: Scan, frame_ids: Mapping[str, tuple[str, ...]] | None = None) -
         dict(scan.findings.counts),
         tuple(scan.findings.remarks),
         tuple(path.name for path in scan.files.paths),
+        schedules.schedules,
     )
 
 

@@ -74,7 +74,7 @@ def verify(
     """
     facts = read_facts(path, memory=memory)
     findings = [*_structure(facts), *_checksums(path, facts), _signature(path, key)]
-    findings += _publishers(facts)
+    findings += [*_publishers(facts), *_schedules(facts)]
     try:
         recording = read_recording(path, topics, memory=memory)
     except RecordingError as error:
@@ -143,6 +143,13 @@ def _publishers(facts: RecordingFacts) -> list[Finding]:
         Finding('publishers', FAULT, printable(f'{topic} had {count} publishers'))
         for topic, count in several.items()
     ] or [Finding('publishers', OK, 'one for each topic')]
+
+
+def _schedules(facts: RecordingFacts) -> list[Finding]:
+    """Say what was accepted; a text that does not fit its hash is among the remarks already."""
+    return [Finding('schedule', OK, str(one)) for one in facts.schedules] or [
+        Finding('schedule', UNKNOWN, 'the recording does not tell')
+    ]
 
 
 def _clock(recording: Recording) -> list[Finding]:

@@ -17,6 +17,10 @@ from rpms_ros.recording.scan import Progress
 from rpms_ros.recording.scan import Scan
 
 DRIVER_STATUS = 'rpms_msgs/msg/DriverStatus'
+# What an estimate takes besides its arrays [bytes]: objects of Python, and heads of arrays.
+_PER_ESTIMATE = 8000
+# What a message raises that lacks a field, or whose fields are not what they should be.
+_NOT_THERE = (MessageError, AttributeError, OverflowError, TypeError, ValueError)
 
 
 @dataclass(frozen=True)
@@ -67,8 +71,24 @@ class RecordedMessages:
     unreadable: int
 
 
-def recorded_messages(path: Path | str, progress: Progress | None = None) -> RecordedMessages:
+def recorded_messages(
+    path: Path | str,
+    progress: Progress | None = None,
+    memory: int | None = None,
+    held: int = 0,
+) -> RecordedMessages:
     """Return the messages of an identifier and a driver in a recording.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder or file.
+    progress : callable, optional
+        Is told how many messages were read.
+    memory : int, optional
+        What reading may take, as of `read_recording` [bytes].
+    held : int
+        How much of it is in use already [bytes].
 
     Raises
     ------
@@ -76,53 +96,68 @@ def recorded_messages(path: Path | str, progress: Progress | None = None) -> Rec
         If the recording cannot be read, or several nodes published estimates.
     """
     estimates: list[Estimate] = []
-    statuses: list[Any] = []
+    totals = _Totals()
     topics: set[str] = set()
     unreadable = 0
-    for topic, type_name, message in _decoded(Path(path), progress):
-        if message is None:
+    scan = Scan(Path(path), memory)
+    scan.budget.hold(held)
+    for topic, type_name, size, message in _decoded(scan, progress):
+        try:
+            if type_name == DRIVER_STATUS:
+                totals.take(message)
+                continue
+            estimate = messages.estimate_of(message)
+        except _NOT_THERE:
             unreadable += 1
-        elif type_name == DRIVER_STATUS:
-            statuses.append(message)
-        else:
-            topics.add(topic)
-            try:
-                estimates.append(messages.estimate_of(message))
-            except (MessageError, ValueError):
-                unreadable += 1
+            continue
+        scan.budget.hold(_PER_ESTIMATE + size)
+        topics.add(topic)
+        estimates.append(estimate)
     if len(topics) > 1:
         raise RecordingError(
             f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
         )
-    return RecordedMessages(estimates, _totals_of(statuses), unreadable)
+    return RecordedMessages(estimates, totals.found, unreadable)
 
 
-def _decoded(path: Path, progress: Progress | None) -> Iterator[tuple[str, str, Any]]:
-    """Yield topic, type and message, None in place of one that cannot be decoded."""
-    for channel, records in Scan(path).blocks(progress):
+def _decoded(scan: Scan, progress: Progress | None) -> Iterator[tuple[str, str, int, Any]]:
+    """Yield topic, type, size [bytes] and message, None in place of one that cannot be decoded."""
+    for channel, records in scan.blocks(progress):
         if channel.type_name not in (MUSCLE_ESTIMATE, DRIVER_STATUS):
             continue
-        types = types_of(channel.type_name, channel.definition, channel.definition_encoding)
+        try:
+            types = types_of(channel.type_name, channel.definition, channel.definition_encoding)
+        except RecordingError:
+            types = None
         for index in range(len(records)):
+            data = records.message(index)
             try:
-                message = types.deserialize_cdr(records.message(index), channel.type_name)
+                message = types.deserialize_cdr(data, channel.type_name) if types else None
             except (SerdeError, ValueError, IndexError):
                 message = None
-            yield channel.topic, channel.type_name, message
+            yield channel.topic, channel.type_name, len(data), message
 
 
-def _totals_of(statuses: list[Any]) -> DriverTotals | None:
-    if not statuses:
-        return None
-    last = statuses[-1]
-    counts = (int(count) for count in last.fault_counts)
-    names = [str(status.schedule) for status in statuses if status.schedule]
-    return DriverTotals(
-        pulses_delivered=int(last.pulses_delivered),
-        pulses_dropped=int(last.pulses_dropped),
-        coil_energy_j=float(last.coil_energy),
-        highest_temperature_celsius=max(float(status.coil_temperature) for status in statuses),
-        lateness_max_s=float(last.lateness_max),
-        schedule=names[-1] if names else None,
-        faults=dict(zip(map(str, last.fault_names), counts, strict=True)),
-    )
+class _Totals:
+    """What the statuses of a driver come to, taken one by one: an hour of them is not kept."""
+
+    def __init__(self) -> None:
+        self.found: DriverTotals | None = None
+
+    def take(self, status: Any) -> None:
+        """Take the next status; an exception of `_NOT_THERE` if it is none."""
+        before = self.found
+        counts = [int(count) for count in status.fault_counts]
+        hottest = float(status.coil_temperature)
+        if before is not None and before.highest_temperature_celsius >= hottest:
+            hottest = before.highest_temperature_celsius
+        earlier = None if before is None else before.schedule
+        self.found = DriverTotals(
+            pulses_delivered=int(status.pulses_delivered),
+            pulses_dropped=int(status.pulses_dropped),
+            coil_energy_j=float(status.coil_energy),
+            highest_temperature_celsius=hottest,
+            lateness_max_s=float(status.lateness_max),
+            schedule=str(status.schedule) or earlier,
+            faults=dict(zip(map(str, status.fault_names), counts, strict=True)),
+        )

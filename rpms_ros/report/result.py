@@ -19,6 +19,7 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import Recording
 from rpms_ros.recording import session_hash
+from rpms_ros.recording.schedules import RecordedSchedule
 from rpms_ros.schema import documented
 
 ONE_INTENSITY = (
@@ -64,6 +65,9 @@ class IdentificationResult:
     """What a recording says about the muscle; what cannot be known is null."""
 
     session_hash: str = documented('hash of pulses and force: the same data, the same hash')
+    schedules: list[RecordedSchedule] = documented(
+        'what a driver was about to run, as far as the recording has it'
+    )
     estimator: str = documented('name of the algorithm')
     samples: int = documented('force samples that were processed')
     pulses: int = documented('pulses that were used')
@@ -107,6 +111,7 @@ def result_of(recording: Recording, session: IdentifiedSession) -> Identificatio
         raise ReportError('expected data that lead to finite forces, got a response without')
     return IdentificationResult(
         session_hash=session_hash(recording),
+        schedules=list(recording.facts.schedules),
         estimator=last.estimator,
         samples=len(session.stamp_ns),
         pulses=last.pulses,

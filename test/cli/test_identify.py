@@ -20,6 +20,7 @@ Rpms = Callable[..., tuple[int, str, str]]
 AsJson = Callable[..., dict[str, Any]]
 KEYS = [
     'session_hash',
+    'schedules',
     'estimator',
     'samples',
     'pulses',

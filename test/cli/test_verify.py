@@ -15,8 +15,8 @@ from rpms_ros.recording.verifying import PUBLISHERS_KEY
 
 Rpms = Callable[..., tuple[int, str, str]]
 MILLISECOND = 1_000_000
-CHECKS = ['structure', 'checksums', 'signature', 'publishers', 'clock', 'gaps', 'doubles']
-CHECKS += ['values', 'hash']
+CHECKS = ['structure', 'checksums', 'signature', 'publishers', 'schedule', 'clock', 'gaps']
+CHECKS += ['doubles', 'values', 'hash']
 KEY = b'a key of the laboratory'
 
 
@@ -113,5 +113,6 @@ def test_what_cannot_be_read(rpms: Rpms, tmp_path: Path) -> None:
     code, out, _ = rpms('verify', tmp_path / 'bag')
     assert code == 1
     assert 'FAULT    expected messages on topic /force' in lines_of(out)['session']
-    code, _, err = rpms('info', tmp_path / 'bag', '--max-memory', '1e-9')
-    assert code in (0, 1)
+    code, out, err = rpms('info', tmp_path / 'bag', '--max-memory', '1e-9')
+    assert (code, out) == (2, '')
+    assert 'read within 1e-09 GB (--max-memory allows more), got a chunk of' in err

@@ -123,11 +123,14 @@ def _measured(dose: Dose) -> dict[str, str]:
     if dose.rate_hz:
         paradigm += f' at {dose.rate_hz["median"]:.4g} Hz (median)'
     intensity = _range(dose.intensity['lowest'], dose.intensity['highest'], 100.0, '%')
-    return {
+    known = {
         'number_of_pulses': str(dose.pulses),
         'paradigm': f'{paradigm}, {dose.stimulated_s:.4g} s within trains, intensity {intensity}',
-        'pulse_duration': _range(dose.pulse_width_s[0], dose.pulse_width_s[-1], 1e6, 'µs'),
     }
+    if dose.pulse_width_s:
+        widths = dose.pulse_width_s[0], dose.pulse_width_s[-1]
+        known['pulse_duration'] = _range(*widths, 1e6, 'µs')
+    return known
 
 
 def _range(low: float, high: float, scale: float, unit: str) -> str:

@@ -35,7 +35,7 @@ class Dose:
     intensity : dict of str to float, or None
         ``lowest``, ``mean`` and ``highest`` share of the maximum; None without pulses.
     pulse_width_s : tuple of float
-        Widths that occur [s].
+        Widths that occur, without those that are no number [s].
     full_intensity_pulses : float
         Sum of squared intensities: the energy in units of a pulse at full intensity.
     onset_s, intensities : ndarray (pulses,)
@@ -92,6 +92,7 @@ def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
     valid = (pulses.intensity >= 0.0) & (pulses.intensity <= 1.0)
     order = np.argsort(pulses.onset_ns[valid], kind='stable')
     onset, intensity = pulses.onset_ns[valid][order], pulses.intensity[valid][order]
+    width = pulses.width[valid]
     steps = np.diff(onset) / NANOSECONDS_PER_SECOND
     within = (steps <= TRAIN_GAP) & (steps > 0)
     return Dose(
@@ -100,7 +101,7 @@ def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
         stimulated_s=float(steps[within].sum()),
         rate_hz=_spread(1.0 / steps[within], 'median'),
         intensity=_spread(intensity, 'mean'),
-        pulse_width_s=tuple(np.unique(pulses.width[valid]).tolist()),
+        pulse_width_s=tuple(np.unique(width[np.isfinite(width)]).tolist()),
         full_intensity_pulses=float(np.sum(intensity**2)),
         onset_s=(onset - start_ns) / NANOSECONDS_PER_SECOND,
         intensities=intensity,

@@ -1,0 +1,226 @@
+"""What a driver was about to run, and the hash of the session, in every command that tells facts.
+
+Besides, what hostile messages of nodes do to a report, and that reading stays within its bound.
+"""
+
+import hashlib
+import json
+import math
+from array import array
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import session_hash
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.definitions import known_types
+from rpms_ros.recording.schedules import ACCEPTED_SCHEDULE
+from rpms_ros.recording.writing import FurtherTopic
+from rpms_ros.report.session.page import embedded
+
+Rpms = Callable[..., tuple[int, str, str]]
+TEXT = 'name: warm-up\nsegments: [{kind: single}]\n'
+HASH = hashlib.sha256(TEXT.encode()).hexdigest()
+
+
+def serialised(kind: str, *fields: Any) -> bytes:
+    store = known_types()
+    return bytes(store.serialize_cdr(store.types[kind](*fields), kind))
+
+
+def header(stamp_ns: int) -> Any:
+    types = known_types().types
+    time = types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
+    return types['std_msgs/msg/Header'](time, 'coil')
+
+
+def accepted(name: str = 'warm-up', digest: str = HASH, duration: float = 10.0) -> bytes:
+    fields = (header(10**18), name, TEXT, digest, 'ada', 200, duration)
+    return serialised(ACCEPTED_SCHEDULE, *fields)
+
+
+def with_messages(source: Path, path: Path, kind: str, *messages: bytes, **options: Any) -> Path:
+    """Return a copy of a recording with messages of one more topic, received before the rest."""
+    recording = read_recording(source)
+    name = '/accepted_schedule' if kind == ACCEPTED_SCHEDULE else '/more'
+    time_ns = [int(recording.pulses.onset_ns[0])] * len(messages)
+    further = [FurtherTopic(name, kind, time_ns, messages)]
+    pulses = options.pop('pulses', recording.pulses)
+    write_recording(path, pulses, recording.forces, further=further, **options)
+    return path
+
+
+@pytest.fixture
+def announced(short_session: Path, tmp_path: Path) -> Path:
+    return with_messages(short_session, tmp_path / 'announced', ACCEPTED_SCHEDULE, accepted())
+
+
+def test_info_and_verify_show_name_and_hash(rpms: Rpms, announced: Path) -> None:
+    code, out, err = rpms('info', announced)
+    assert (code, err) == (0, '')
+    line = f'warm-up, 200 pulses, 10 s, asked for by ada, sha256 {HASH}'
+    assert f'accepted: {line}' in ' '.join(out.split())
+    code, out, _ = rpms('verify', announced)
+    assert code == 0
+    assert f'ok       {line}' in out
+    (schedule,) = json.loads(rpms('info', announced, '--json')[1])['schedules']
+    assert (schedule['name'], schedule['sha256']) == ('warm-up', HASH)
+    assert (schedule['pulses'], schedule['accepted_ns']) == (200, 10**18)
+
+
+def test_identify_shows_schedule_and_session(rpms: Rpms, announced: Path) -> None:
+    code, out, _ = rpms('identify', announced)
+    assert code == 0
+    assert f'warm-up, sha256 {HASH}' in ' '.join(out.split())
+    assert session_hash(read_recording(announced)) in out
+    document = json.loads(rpms('identify', announced, '--json')[1])
+    assert [one['sha256'] for one in document['schedules']] == [HASH]
+
+
+def test_a_text_that_does_not_fit_its_hash_is_named(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    changed = accepted(digest='0' * 64)
+    path = with_messages(short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, changed)
+    code, out, _ = rpms('verify', path)
+    assert code == 1
+    assert 'FAULT    /accepted_schedule: the text of warm-up is not the one whose hash' in out
+    assert json.loads(rpms('info', path, '--json')[1])['faults'] == {'altered_schedule': 1}
+
+
+def test_hostile_schedules_are_left_out_or_made_harmless(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    moving = accepted('\x1b[2J\n' + 'x' * 5000, duration=math.nan)
+    path = with_messages(
+        short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, moving, accepted()[:30], b'\0\1'
+    )
+    code, out, _ = rpms('info', path, '--json')
+    document = json.loads(out, parse_constant=pytest.fail)
+    assert code == 1
+    assert document['faults'] == {'undecodable_message': 2}
+    (schedule,) = document['schedules']
+    assert schedule['name'].isprintable()
+    assert len(schedule['name']) == 200
+    assert schedule['duration_s'] is None
+
+
+def test_a_report_holds_hash_and_schedule_and_takes_widths_that_are_no_number(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    pulses = read_recording(short_session).pulses
+    without = replace(pulses, width=np.full(len(pulses), math.nan))
+    path = with_messages(
+        short_session, tmp_path / 'bag', ACCEPTED_SCHEDULE, accepted(), pulses=without
+    )
+    code, _, err = rpms('report', path, '--out', tmp_path / 'page.html')
+    assert (code, err) == (0, '')
+    page = (tmp_path / 'page.html').read_text()
+    visible = page[: page.index('<script type="application/json"')]
+    assert session_hash(read_recording(path)) in visible
+    assert HASH in visible
+    assert 'warm-up: 200 pulses' in visible
+    report = embedded(page, 'report')
+    assert report['schedule']['pulse_width_s'] == []
+    width = next(item for item in report['checklist']['items'] if item['key'] == 'pulse_duration')
+    assert width['value'] is None
+
+
+STATUS = 'rpms_msgs/msg/DriverStatus'
+
+
+def status_bytes(names: list[str], counts: list[int]) -> bytes:
+    """A status whose names and counts of faults need not fit each other."""
+    store = known_types()
+    fields = store.fielddefs[STATUS][1]
+    zero = {'string': '', 'bool': False, 'float64': 0.0}
+    values = []
+    for name, (kind, detail) in fields:
+        if name == 'header':
+            values.append(header(10**18))
+        elif kind.name in ('ARRAY', 'SEQUENCE'):
+            values.append({'fault_names': names, 'button_names': []}.get(name))
+            if values[-1] is None:
+                given = counts if name == 'fault_counts' else []
+                values[-1] = np.array(given, np.uint64 if given is counts else np.uint8)
+        else:
+            values.append(zero.get(detail[0], 0))
+    return serialised(STATUS, *values)
+
+
+def test_a_status_that_contradicts_itself_is_counted_not_believed(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    odd = status_bytes(['a', 'b'], [1])
+    path = with_messages(short_session, tmp_path / 'bag', STATUS, odd)
+    code, _, err = rpms('report', path, '--out', tmp_path / 'page.html')
+    assert code == 0
+    assert '1 messages of nodes could not be decoded' in err
+
+
+def test_every_command_that_reads_keeps_to_its_memory(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    bound = ['--max-memory', '0.0001']
+    refused = 'expected a recording that can be read within 0.0001 GB (--max-memory allows more)'
+    commands = [
+        ['info', short_session],
+        ['verify', short_session],
+        ['identify', short_session],
+        ['analyze', short_session],
+        ['report', short_session, '--out', tmp_path / 'page.html'],
+        ['replay', short_session],
+    ]
+    for command in commands:
+        code, out, err = rpms(*command, *bound)
+        assert (code, out) == (2, ''), command
+        assert refused in err
+        assert err.count('\n') == 1
+    code, _, err = rpms('study', short_session, '--out', tmp_path / 'study', '--jobs', 1, *bound)
+    assert code == 1
+    assert refused in err
+
+
+def test_the_second_scan_of_a_report_keeps_to_the_memory_too(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    kind = 'rpms_msgs/msg/MuscleEstimate'
+    estimate = estimate_bytes()
+    path = with_messages(
+        short_session, tmp_path / 'bag', kind, *[estimate] * 1000, compression='zstd'
+    )
+    # Pulses and force take 1 MB and a chunk less than 1.2 MB; a thousand estimates take 8 MB.
+    code, _, err = rpms('report', path, '--out', tmp_path / 'page.html', '--max-memory', '0.01')
+    assert code == 2
+    assert 'expected a recording that can be read within 0.01 GB' in err
+    code, _, _ = rpms('report', path, '--out', tmp_path / 'page.html', '--max-memory', '0.1')
+    assert code == 0
+
+
+def estimate_bytes() -> bytes:
+    from rpms_ros import messages
+    from rpms_ros.identification import StreamSettings
+    from rpms_ros.identification.catalogue import estimator_by_name
+    from rpms_ros.identification.session import identify
+    from rpms_ros.pulses import ForceTrace
+    from rpms_ros.pulses import PulseTrain
+
+    stamps = np.arange(2000, dtype=np.int64) * 1_000_000
+    forces = ForceTrace(stamps, 1.0 - np.cos(stamps * 1e-8))
+    pulses = PulseTrain.regular([0.2, 0.5, 0.8, 1.0] * 10, 20.0)
+    session = identify(
+        estimator_by_name('recursive', 'table_4', 0, 20.0), pulses, forces, StreamSettings()
+    )
+    store = known_types()
+    message = messages.estimate_message(session.last, store.types, 'muscle')
+    # rosbags writes arrays of NumPy only
+    numbers = {
+        name: np.array(value) for name, value in vars(message).items() if isinstance(value, array)
+    }
+    message = replace(message, **numbers)
+    return bytes(store.serialize_cdr(message, 'rpms_msgs/msg/MuscleEstimate'))
