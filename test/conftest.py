@@ -25,8 +25,8 @@ os.environ.setdefault('OMP_NUM_THREADS', '1')
 
 if TYPE_CHECKING:
     from rclpy.context import Context
-    from rclpy.executors import Executor
-    from rclpy.node import Node
+
+    from rpms_ros.testing import Graph
 
 WaitFor = Callable[..., None]
 
@@ -81,70 +81,28 @@ def patient_file(tmp_path: Path) -> Path:
 @pytest.fixture
 def domain() -> Iterator[int]:
     """A DDS domain that no other test uses meanwhile, in this process or in another."""
-    from rpms_ros.nodes.discovery import reserved_domain
-    from rpms_ros.nodes.discovery import use_fast_discovery
+    from rpms_ros.testing import private_domain
 
-    use_fast_discovery()
-    with reserved_domain() as number:
+    with private_domain() as number:
         yield number
 
 
 @pytest.fixture
 def context(domain: int) -> Iterator['Context']:
     """A private context in a private domain."""
-    import rclpy
-    from rclpy.context import Context
+    from rpms_ros.testing import private_context
 
-    private = Context()
-    rclpy.init(args=[], context=private, domain_id=domain)
-    yield private
-    private.try_shutdown()
-
-
-class Graph:
-    """Nodes of one test in one persistent executor, stepped by the test itself."""
-
-    def __init__(self, context: 'Context', executor: 'Executor') -> None:
-        self.context = context
-        self._executor = executor
-        self._nodes: list[Node] = []
-
-    def add(self, build: Callable[..., 'Node'], **parameters: object) -> 'Node':
-        """Build a node in the private context with these parameters and add it."""
-        from rclpy.parameter import Parameter
-
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        node = build(
-            context=self.context, parameter_overrides=overrides, use_global_arguments=False
-        )
-        self._nodes.append(node)
-        self._executor.add_node(node)
-        return node
-
-    def wait_for(self, predicate: Callable[[], bool], timeout: float = 10.0) -> None:
-        """Step the executor until `predicate` holds; fail the test after `timeout` seconds."""
-        end = time.monotonic() + timeout
-        while not predicate():
-            if time.monotonic() > end:
-                pytest.fail(f'still waiting after {timeout} s')
-            self._executor.spin_once(timeout_sec=0.01)
-
-    def close(self) -> None:
-        """Destroy the nodes, newest first."""
-        for node in reversed(self._nodes):
-            self._executor.remove_node(node)
-            node.destroy_node()
-        self._executor.shutdown()
+    with private_context(domain) as private:
+        yield private
 
 
 @pytest.fixture
-def graph(context: 'Context') -> Iterator[Graph]:
+def graph(context: 'Context') -> Iterator['Graph']:
     """A persistent executor for the nodes of this test, in the private context."""
-    from rclpy.experimental.events_executor import EventsExecutor
+    from rpms_ros.testing import running_graph
 
-    running = Graph(context, EventsExecutor(context=context))
-    yield running
-    running.close()
+    with running_graph(context) as running:
+        yield running
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ COMMANDS = (
     'protocol',
     'check',
     'audit',
+    'layout',
 )
 """Modules of this package, in the order of the help."""
 

@@ -1,0 +1,232 @@
+"""Launch files: what they describe is started with real nodes; `ros2 launch` where it is there."""
+
+import importlib.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml
+from rclpy.node import Node
+
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import MuscleEstimate
+from rpms_ros.nodes import qos
+from rpms_ros.nodes.identifier import Identifier
+from rpms_ros.nodes.plant_simulator import PlantSimulator
+from rpms_ros.nodes.recorder import Recorder
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+
+ROOT = Path(__file__).resolve().parents[2]
+KINDS: dict[str, Callable[..., Node]] = {
+    'identifier': Identifier,
+    'plant_simulator': PlantSimulator,
+    'recorder': Recorder,
+    'stimulator_driver': StimulatorDriver,
+}
+PATIENT = 'executor_timeout: 5.0, watch_timeout: 5.0, lateness_limit: 0.1'
+
+
+class Launched:
+    """A launch file with its arguments, and the nodes that it would start."""
+
+    def __init__(self, module: ModuleType, folder: Path, **arguments: str) -> None:
+        described = module.generate_launch_description().entities
+        *declared, started = described
+        self.declared = {argument.name: argument for argument in declared}
+        assert set(arguments) <= set(self.declared)
+        values = {name: argument.default_value for name, argument in self.declared.items()}
+        context = sys.modules['launch'].LaunchContext({**values, **arguments})
+        self.nodes = {node.options['name']: node.options for node in started.function(context)}
+        self._folder = folder
+
+    def arguments_of(self, name: str) -> list[str]:
+        """Return the command line that launch gives a node."""
+        options = self.nodes[name]
+        line = ['--ros-args', '-r', f'__node:={name}']
+        if options['namespace']:
+            line += ['-r', f'__ns:=/{options["namespace"]}']
+        for number, given in enumerate(options['parameters']):
+            path = given
+            if isinstance(given, dict):
+                path = str(self._folder / f'{name}_{number}.yaml')
+                Path(path).write_text(yaml.safe_dump({'/**': {'ros__parameters': given}}))
+            line += ['--params-file', path]
+        for old, new in options.get('remappings', []):
+            line += ['-r', f'{old}:={new}']
+        return line
+
+    def add_to(self, graph: Any) -> dict[str, Any]:
+        """Build every node as its process would, on the graph of a test."""
+        return {name: graph.add(self._builder(name)) for name in self.nodes}
+
+    def _builder(self, name: str) -> Callable[..., Node]:
+        line = self.arguments_of(name)
+        return lambda **options: KINDS[name](cli_args=line, **options)
+
+
+@pytest.fixture
+def load(
+    beside: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Callable[..., Launched]:
+    """Read a launch file with these arguments."""
+    monkeypatch.setenv('AMENT_PREFIX_PATH', os.environ.get('AMENT_PREFIX_PATH', sys.prefix))
+    beside('launch_stand_in').install(monkeypatch.setitem)
+
+    def read(name: str, **arguments: str) -> Launched:
+        path = ROOT / 'launch' / f'{name}.launch.py'
+        specification = importlib.util.spec_from_file_location(name, path)
+        assert specification is not None
+        assert specification.loader is not None
+        module = importlib.util.module_from_spec(specification)
+        specification.loader.exec_module(module)
+        return Launched(module, tmp_path, **arguments)
+
+    return read
+
+
+@pytest.mark.parametrize('name', ['identifier', 'simulation'])
+def test_every_argument_is_documented_here_and_on_the_page(load, name: str) -> None:
+    page = (ROOT / 'docs' / 'nodes.md').read_text()
+    launched = load(name)
+    for argument in launched.declared.values():
+        assert argument.description.endswith('.')
+        assert f'`{argument.name}`' in page
+    setup = (ROOT / 'setup.py').read_text()
+    for node in launched.nodes:
+        assert f"'{node} = rpms_ros.nodes.executables:{node}'" in setup
+
+
+def test_without_arguments_the_files_of_config_hold(graph, load) -> None:
+    launched = load('identifier')
+    assert list(launched.nodes) == ['identifier']
+    (identifier,) = launched.add_to(graph).values()
+    assert identifier.settings == type(identifier.settings)()
+
+
+def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Path) -> None:
+    own = tmp_path / 'own.yaml'
+    own.write_text('/**: {ros__parameters: {repetition_rate: 30.0, estimator: recursive}}')
+    launched = load(
+        'identifier',
+        namespace='left_leg',
+        force='/cell/wrench',
+        pulses='triggers',
+        estimator='horizon',
+        axis='0.6,0,0.8',
+        sign='-1',
+        quantity='torque',
+        best_effort='true',
+        use_sim_time='true',
+        parameters=str(own),
+        record='true',
+        path=str(tmp_path / 'session'),
+    )
+    nodes = launched.add_to(graph)
+    identifier, recorder = nodes['identifier'], nodes['recorder']
+    settings = identifier.settings
+    assert identifier.get_fully_qualified_name() == '/left_leg/identifier'
+    assert (settings.estimator, settings.axis, settings.sign) == ('horizon', '0.6,0,0.8', -1)
+    assert (settings.quantity, settings.best_effort_force) == ('torque', True)
+    # the file of the user comes after that of config/, an argument after both
+    assert settings.repetition_rate == 30.0
+    assert recorder.settings.best_effort_force
+    assert recorder.path == tmp_path / 'session'
+    for node in nodes.values():
+        assert node.get_parameter('use_sim_time').value
+        assert node.resolve_topic_name('force') == '/cell/wrench'
+        assert node.resolve_topic_name('pulses') == '/left_leg/triggers'
+    recorder.close()
+
+
+def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: Path) -> None:
+    schedule = tmp_path / 'short.yaml'
+    schedule.write_text('segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 2.0}]')
+    own = tmp_path / 'own.yaml'
+    own.write_text(f'/**/stimulator_driver: {{ros__parameters: {{{PATIENT}}}}}')
+    launched = load(
+        'simulation',
+        namespace='ward/left_leg',
+        estimator='horizon',
+        subject='simulation',
+        scenario='steady',
+        quantity='torque',
+        schedule=str(schedule),
+        parameters=str(own),
+        record='true',
+        path=str(tmp_path / 'session'),
+    )
+    statuses: list[DriverStatus] = []
+    estimates: list[MuscleEstimate] = []
+    probe = graph.add(lambda **options: Node('probe', namespace='ward/left_leg', **options))
+    probe.create_subscription(DriverStatus, 'driver_status', statuses.append, qos.STATUS)
+    probe.create_subscription(MuscleEstimate, 'estimate', estimates.append, qos.ESTIMATE)
+    nodes = launched.add_to(graph)
+    assert {node.get_namespace() for node in nodes.values()} == {'/ward/left_leg'}
+    graph.wait_for(lambda: bool(statuses) and statuses[-1].pulses_delivered == 40, 30.0)
+    graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20, 30.0)
+    assert (estimates[-1].unit, estimates[-1].estimator) == ('N m', 'horizon')
+    nodes['recorder'].close()
+    counts = nodes['recorder'].counts
+    assert counts['pulses'].messages == 40
+    assert counts['accepted_schedule'].messages == 1
+
+
+def test_without_a_schedule_the_driver_waits_for_a_goal(load) -> None:
+    (driver,) = (n for name, n in load('simulation').nodes.items() if name == 'stimulator_driver')
+    assert driver['parameters'][1] == {'minimum_subscribers': 2}
+    (driver,) = (
+        n
+        for name, n in load('simulation', schedule='sinusoid').nodes.items()
+        if name == 'stimulator_driver'
+    )
+    assert driver['parameters'][1] == {
+        'autostart': True,
+        'schedule': 'sinusoid',
+        'minimum_subscribers': 2,
+    }
+
+
+if shutil.which('ros2'):
+    # ROS 2 from Debian packages, or put together from its sources
+
+    @pytest.fixture
+    def ros2(domain: int) -> Iterator[Callable[..., 'subprocess.Popen[str]']]:
+        """Run the real command in the domain of this test."""
+        running: list[subprocess.Popen[str]] = []
+
+        def run(*arguments: str) -> 'subprocess.Popen[str]':
+            environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+            running.append(
+                subprocess.Popen(
+                    ['ros2', *arguments], env=environment, stdout=subprocess.PIPE, text=True
+                )
+            )
+            return running[-1]
+
+        yield run
+        for process in running:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=30)
+
+    @pytest.mark.parametrize('name', ['identifier', 'simulation'])
+    def test_ros2_launch_shows_the_arguments(ros2, load, name: str) -> None:
+        said, _ = ros2('launch', 'rpms_ros', f'{name}.launch.py', '--show-args').communicate()
+        for argument in load(name).declared:
+            assert f"'{argument}':" in said
+
+    def test_ros2_launch_runs_the_simulation(graph, ros2) -> None:
+        estimates: list[MuscleEstimate] = []
+        probe = graph.add(lambda **options: Node('probe', namespace='left_leg', **options))
+        probe.create_subscription(MuscleEstimate, 'estimate', estimates.append, qos.ESTIMATE)
+        arguments = ('namespace:=left_leg', 'schedule:=uniform_random', 'estimator:=horizon')
+        ros2('launch', 'rpms_ros', 'simulation.launch.py', *arguments)
+        graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20, 120.0)
+        assert estimates[-1].estimator == 'horizon'
