@@ -26,8 +26,7 @@ ARGUMENTS = (
     (
         'schedule',
         '',
-        'YAML file, or constant, uniform_random, sinusoid, staircase: run by itself once everybody '
-        'listens. Empty: the driver waits for a goal.',
+        'YAML file or name of a kind, run once everybody listens. Empty: a goal is waited for.',
     ),
     ('parameters', '', 'YAML of parameters that replace those of config/.'),
     ('record', 'false', 'Record as well.'),

@@ -24,9 +24,7 @@ class LayoutError(RpmsError):
     """A layout cannot be written."""
 
 
-def layout(
-    program: str, namespace: str = '', axis: str = 'z', quantity: str = 'force'
-) -> str:
+def layout(program: str, namespace: str = '', axis: str = 'z', quantity: str = 'force') -> str:
     """Return the layout of a program, as its file has it.
 
     Parameters

@@ -1,6 +1,7 @@
-"""Fixtures for pytest: a simulated muscle whose truth is known, on the real graph, for your tests.
+"""Fixtures for pytest: a simulated muscle whose truth is known, on the real graph.
 
-Take them as a plugin, in the module of a test or in the ``conftest.py`` at the root of your tests::
+Take them as a plugin, in the module of a test or in the ``conftest.py`` at the root of your
+tests::
 
     pytest_plugins = ['rpms_ros.testing']
 
@@ -150,7 +151,9 @@ class SimulatedMuscle:
         listen(MuscleEstimate, topics.ESTIMATE, self._on_estimate, qos.ESTIMATE)
         self._pulses = self._node.create_publisher(Pulse, topics.PULSES, qos.PULSES)
         chosen = identifier if isinstance(identifier, dict) else {}
-        self.identifier = graph.add(within(Identifier), **chosen) if identifier is not False else None
+        self.identifier = (
+            graph.add(within(Identifier), **chosen) if identifier is not False else None
+        )
         listeners = 1 if self.identifier is None else 2
         self.plant = graph.add(within(PlantSimulator), minimum_subscribers=listeners, **plant)
         graph.wait_for(lambda: self._pulses.get_subscription_count() >= listeners)
@@ -159,7 +162,8 @@ class SimulatedMuscle:
     @property
     def truth(self) -> 'Truth':
         """What is true of the muscle now: curve, thresholds, time constant, latency."""
-        return self.plant.plant.truth()
+        truth: Truth = self.plant.plant.truth()
+        return truth
 
     def stimulate(self, intensity: Sequence[float], rate_hz: float = 20.0) -> int:
         """Give pulses from a moment after the newest sample on; return the onset of the last [ns].

@@ -1,4 +1,4 @@
-"""The fixtures that users import, as docs/nodes.md shows them: a plugin of somebody else's tests."""
+"""The fixtures that users import, as docs/nodes.md shows them: a plugin of other tests."""
 
 import os
 import re

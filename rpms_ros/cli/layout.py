@@ -31,9 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.layouts import LayoutError
     from rpms_ros.layouts import layout
 
-    text = layout(
-        arguments.program, arguments.namespace, arguments.axis, arguments.quantity
-    )
+    text = layout(arguments.program, arguments.namespace, arguments.axis, arguments.quantity)
     if arguments.out is None:
         print(text, end='')
         return 0

@@ -1,13 +1,14 @@
 """Node that identifies the muscle: `force` and `pulses` in, `estimate` out.
 
 Callbacks only collect; a timer hands what has come to the stream.  How it is cut into blocks has
-no influence on the estimates, so a replay of a recording gives them bit for bit.  The services
-`~/reset`, `~/hold` (predict, do not learn) and `~/resume` are not in a recording.
+no influence on the estimates, so a replay of a recording gives them bit for bit.  What its
+services do is not in a recording.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.axis import UNITS
 from rpms_ros.identification import Estimate
+from rpms_ros.identification import IdentificationStream
+from rpms_ros.identification.checkpoint import load
+from rpms_ros.identification.checkpoint import save
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.diagnostics import PERIOD_S
@@ -40,6 +44,7 @@ from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.runner import run
+from rpms_ros.nodes.state_services import StateServices
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import PulseTrain
@@ -79,6 +84,7 @@ class Identifier(Node):
         self._senders = Publishers(self)
         for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
             self.create_service(Trigger, f'~/{name}', _answering(act))
+        StateServices(self, self.settings.state_folder, self._save, self._load)
         follow_parameters(self, self.settings, self._change)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.settings.processing_period, self._process, clock=steady)
@@ -109,11 +115,26 @@ class Identifier(Node):
 
     def _reset(self) -> str:
         """Forget everything and begin anew, as after a change of the electrode or the coil."""
-        self.stream = build_stream(self.settings)
+        self._begin(build_stream(self.settings))
+        return self._said('reset: the identification begins anew')
+
+    def _begin(self, stream: IdentificationStream) -> None:
+        self.stream = stream
         self._stamps, self._forces, self._pulses = [], [], []
         self._reported = {}
         self._last = None
-        return self._said('reset: the identification begins anew')
+
+    def _save(self, path: Path) -> None:
+        """Save what is known after all that has come."""
+        # estimates that are due belong to what was before
+        self._process()
+        save(path, self.stream)
+
+    def _load(self, path: Path) -> None:
+        """Go on from a saved state; if it is refused, from the present one."""
+        stream = build_stream(self.settings)
+        load(path, stream)
+        self._begin(stream)
 
     def _hold(self) -> str:
         """Predict and do not learn, while somebody moves the coil, say."""

@@ -100,6 +100,9 @@ class IdentifierParameters(NodeParameters):
         minimum=0.001,
         maximum=1.0,
     )
+    state_folder: str = parameter(
+        '', 'Folder in which save_state and load_state keep their files; empty refuses both.'
+    )
     frame_id: str = parameter('muscle', 'Frame of the estimate.')
 
     def __post_init__(self) -> None:

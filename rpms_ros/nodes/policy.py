@@ -112,7 +112,7 @@ NODES: dict[str, Interfaces] = {
     'identifier': Interfaces(
         publish=(topics.ESTIMATE, topics.DISTURBANCE, topics.DIAGNOSTICS),
         subscribe=(topics.PULSES, topics.FORCE),
-        serve=('~/hold', '~/reset', '~/resume'),
+        serve=('~/hold', '~/load_state', '~/reset', '~/resume', '~/save_state'),
     ),
     'plant_simulator': Interfaces(
         publish=(topics.FORCE, topics.TRUTH, topics.DIAGNOSTICS, '/clock'),

@@ -1,7 +1,9 @@
 """What an identifier offers beside estimates: services, disturbance, a late look, torque."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_msgs.srv import StateFile
 from rpms_ros import messages
+from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
 from rpms_ros.nodes import qos
 from rpms_ros.nodes.identifier import Identifier
@@ -152,3 +156,78 @@ def test_who_is_told_of_a_best_effort_sensor_hears_it_once(graph) -> None:
     graph.wait_for(lambda: forces.get_subscription_count() == 1)
     graph.wait_for(lambda: identifier._senders.best_effort_alone)
     assert forces.get_subscription_count() == 1
+
+
+class Keeper(Sensor):
+    """A sensor that also asks for states."""
+
+    def ask(self, name: str, path: str) -> tuple[bool, str]:
+        client = self.node.create_client(StateFile, f'identifier/{name}')
+        self.graph.wait_for(client.service_is_ready)
+        future = client.call_async(StateFile.Request(path=path))
+        self.graph.wait_for(future.done)
+        return future.result().success, future.result().message
+
+
+def test_a_state_is_saved_and_gone_on_from(graph, tmp_path: Path) -> None:
+    keeper = Keeper(graph, estimator='horizon', state_folder=str(tmp_path))
+    keeper.send(1000)
+    known = keeper.estimates[-1]
+    assert keeper.ask('save_state', 'ada.state') == (True, f'saved to {tmp_path / "ada.state"}')
+    keeper.call('reset')
+    assert keeper.identifier.stream.estimate().samples == 0
+    assert keeper.ask('load_state', 'ada.state') == (True, f'loaded from {tmp_path / "ada.state"}')
+    assert keeper.identifier.stream.estimate().samples >= known.samples
+    keeper.send(500)
+    assert keeper.estimates[-1].samples > known.samples
+
+
+@pytest.mark.parametrize(
+    ('path', 'message'),
+    [
+        ('../out.state', 'expected a file within .*, got ../out.state'),
+        ('/etc/passwd', 'expected a file within .*, got /etc/passwd'),
+        ('link/out.state', 'expected a file within .*, got link/out.state'),
+        ('.', 'expected a file within'),
+        ('', 'expected a path of 1 to 255 printable characters, got 0'),
+        ('a\x07', 'expected a path of 1 to 255 printable characters, got 2'),
+        ('x' * 256, 'expected a path of 1 to 255 printable characters, got 256'),
+        ('nobody.state', 'expected a file with a saved state'),
+    ],
+)
+def test_a_path_that_leads_elsewhere_is_refused(
+    graph, tmp_path: Path, path: str, message: str
+) -> None:
+    folder = tmp_path / 'states'
+    folder.mkdir()
+    (folder / 'link').symlink_to(tmp_path)
+    (tmp_path / 'out.state').write_text('somebody else')
+    keeper = Keeper(graph, state_folder=str(folder))
+    for name in ('load_state', *(('save_state',) if path != 'nobody.state' else ())):
+        success, said = keeper.ask(name, path)
+        assert not success
+        assert re.search(message, said)
+    assert (tmp_path / 'out.state').read_text() == 'somebody else'
+    assert sorted(each.name for each in folder.iterdir()) == ['link']
+
+
+def test_a_state_that_is_none_leaves_the_identifier_as_it_was(graph, tmp_path: Path) -> None:
+    (tmp_path / 'bad.state').write_text('no state')
+    keeper = Keeper(graph, state_folder=str(tmp_path))
+    keeper.send(600)
+    success, said = keeper.ask('load_state', 'bad.state')
+    assert not success
+    assert 'expected a state that was saved' in said
+    assert keeper.identifier.stream.estimate().samples > 200
+
+
+def test_without_a_folder_there_are_no_states(graph) -> None:
+    assert Keeper(graph).ask('save_state', 'a') == (
+        False,
+        'expected parameter state_folder, in which states are kept, got none',
+    )
+
+
+def test_a_folder_that_is_none_is_refused(graph) -> None:
+    with pytest.raises(NodeError, match=r"state_folder: expected a folder, got '/no/such'"):
+        graph.add(Identifier, state_folder='/no/such')

@@ -15,12 +15,14 @@ from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.recorder import RecorderParameters
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 TYPES = {
     topics.PULSES: Pulse,
     topics.PULSES_COMMANDED: Pulse,
     topics.FORCE: WrenchStamped,
+    topics.DISTURBANCE: WrenchStamped,
     topics.ESTIMATE: MuscleEstimate,
     topics.DRIVER_STATUS: DriverStatus,
 }
@@ -84,6 +86,7 @@ def test_every_panel_of_foxglove_is_placed_once(foxglove: dict[str, Any]) -> Non
 def test_foxglove_shows_numbers_that_exist(foxglove: dict[str, Any]) -> None:
     shown = set()
     for name, panel in foxglove['configById'].items():
+        assert panel['foxglovePanelTitle']
         if name.startswith('RawMessages!'):
             assert panel['topicPath'].lstrip('/') in TYPES
             continue
@@ -141,3 +144,7 @@ def test_the_parameters_are_labelled_in_their_order(foxglove: dict[str, Any]) ->
     paths = panels['Plot!intensities']['paths'] + panels['Plot!slopes']['paths']
     assert tuple(path['label'] for path in paths) == PARAMETER_NAMES
     assert [path['value'] for path in paths] == [f'/estimate.nonlinear[{i}]' for i in range(4)]
+
+
+def test_the_recorder_records_what_is_shown() -> None:
+    assert set(TYPES) <= set(RecorderParameters().topics)

@@ -190,6 +190,26 @@ def test_every_import_is_a_declared_dependency() -> None:
     assert needed <= depends(package_xml(ROOT), 'depend', 'exec_depend')
 
 
+def test_what_launch_files_need_is_declared() -> None:
+    used = {'ros2launch'}
+    for path in (ROOT / 'launch').glob('*.py'):
+        used |= set(re.findall(r'^from (\w+)', path.read_text(), re.MULTILINE))
+    used -= {'collections', 'pathlib'}
+    keys = {ROSDEP.get(name, name) for name in used}
+    assert keys <= depends(package_xml(ROOT), 'exec_depend')
+
+
+def test_the_image_is_built_as_the_page_builds_a_workspace() -> None:
+    readme, lines = (ROOT / 'README.md').read_text(), (ROOT / 'Dockerfile').read_text()
+    steps = re.findall(r'^    ((?:rosdep install|colcon build) .*)$', readme, re.MULTILINE)
+    assert len(steps) == 2
+    for step in steps:
+        assert step in lines
+    assert 'FROM ros:jazzy-ros-base' in lines
+    pinned = re.findall(r'`python3 -m pip install (mcap==[\d.]+)`', readme)
+    assert f'pip install --break-system-packages {pinned[0]}' in lines
+
+
 def test_locks_pin_every_package_once() -> None:
     pins = []
     for name in ('rpms.lock', 'colcon.lock'):
