@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from rpms_ros import __version__
 from rpms_ros.errors import RpmsError
+from rpms_ros.printable import printable
 
 COMMANDS = (
     'demo',
@@ -94,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code: int = arguments.run(arguments)
         sys.stdout.flush()
     except RpmsError as error:
-        print(f'rpms: error: {error}', file=sys.stderr)
+        print(f'rpms: error: {printable(str(error))}', file=sys.stderr)
         return FAILURE
     except ModuleNotFoundError as error:
         root = (error.name or '').partition('.')[0]

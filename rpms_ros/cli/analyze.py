@@ -88,6 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(documents if len(documents) > 1 else documents[0], allow_nan=False))
     else:
         print(analysis_text(analyses, names))
+    warn(('warning', text) for recording in recordings for text in recording.facts.remarks)
     warn(
         (name, finding)
         for name, one in zip(names, analyses, strict=True)

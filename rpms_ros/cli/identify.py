@@ -16,6 +16,7 @@ from rpms_ros.cli.options import read
 from rpms_ros.cli.options import told_if_slow
 from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
+from rpms_ros.printable import printable
 from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(document, allow_nan=False))
     else:
-        print(f'{arguments.bag}\n{as_text(document)}')
+        print(f'{printable(str(arguments.bag))}\n{as_text(document)}')
     warn(('warning', text) for text in document['notes'])
     if arguments.out:
         _write(arguments.out, document, recording, session, str(arguments.bag))

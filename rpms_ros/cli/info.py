@@ -11,6 +11,7 @@ from typing import Any
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_memory_option
 from rpms_ros.cli.options import progress
+from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.text import noted
 from rpms_ros.report.text import table
@@ -86,5 +87,6 @@ def as_text(facts: 'RecordingFacts') -> str:
     told = [('accepted', str(schedule)) for schedule in facts.schedules]
     warnings = [('warning', remark) for remark in facts.remarks]
     notes = noted([*facts.custom.items(), *told, *warnings])
-    parts = (f'{facts.path}  ({facts.storage})', textwrap.indent(topics, '  '), notes)
+    head = f'{printable(str(facts.path))}  ({facts.storage})'
+    parts = (head, textwrap.indent(topics, '  '), notes)
     return '\n'.join(part for part in parts if part)

@@ -11,6 +11,7 @@ from threading import Timer
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.printable import printable
 from rpms_ros.report.text import collapsed
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
 def warn(findings: Iterable[tuple[str, str]]) -> None:
     """Print each ``name: text`` on stderr, one line for all that say the same."""
     for line in collapsed(findings):
-        print(f'rpms: {line}', file=sys.stderr)
+        print(f'rpms: {printable(line)}', file=sys.stderr)
 
 
 @contextmanager

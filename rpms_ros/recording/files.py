@@ -78,6 +78,13 @@ def find_files(path: Path, findings: Findings) -> RecordingFiles:
     RecordingError
         If there is nothing that could be read.
     """
+    try:
+        return _found(path, findings)
+    except OSError as error:
+        raise RecordingError(f'expected a recording that may be read, got {error}') from error
+
+
+def _found(path: Path, findings: Findings) -> RecordingFiles:
     if not path.exists():
         raise RecordingError(f'expected a recording at {path}, got no such file or folder')
     metadata: dict[str, Any] = {}
@@ -87,14 +94,20 @@ def find_files(path: Path, findings: Findings) -> RecordingFiles:
     else:
         paths = [path] if _is_storage(path) else []
         metadata = _beside_file(path)
+    named = metadata.get('storage_identifier')
     if not paths:
-        raise RecordingError(f'expected .mcap or .db3 files at {path}, got none')
+        other = f' ({NAME} names the storage {named!r:.40})' if named else ''
+        raise RecordingError(f'expected .mcap or .db3 files at {path}, got none{other}')
+    storage = 'mcap' if _suffix(paths[0]) == '.mcap' else 'sqlite3'
+    if named not in (None, storage):
+        remark = f'{NAME} names the storage {named!r:.40}, got files of {storage}'
+        findings.add('damaged_metadata', remark)
     topics = [entry['topic_metadata'] for entry in metadata.get('topics_with_message_count', [])]
     custom = {str(key): str(value) for key, value in (metadata.get('custom_data') or {}).items()}
     crc32 = custom.pop(CRC_KEY, '')
     return RecordingFiles(
         tuple(paths),
-        'mcap' if _suffix(paths[0]) == '.mcap' else 'sqlite3',
+        storage,
         {topic['name']: topic['type'] for topic in topics},
         custom,
         metadata.get('message_count') if path.is_dir() else None,

@@ -4,15 +4,10 @@ from collections import Counter
 from dataclasses import dataclass
 from dataclasses import field
 
+from rpms_ros.printable import printable
+
 # A file of damaged chunks must not become a screen full of lines, nor a memory full of them.
 _MOST_REMARKS = 10
-
-
-def printable(text: str) -> str:
-    """Return text in which nothing moves the cursor or breaks the line of a terminal."""
-    return ''.join(
-        char if char.isprintable() else char.encode('unicode_escape').decode() for char in text
-    )
 
 
 @dataclass

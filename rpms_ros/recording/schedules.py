@@ -7,11 +7,11 @@ from typing import Any
 from rosbags.serde import SerdeError
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording.budget import Budget
 from rpms_ros.recording.definitions import types_of
 from rpms_ros.recording.findings import Findings
-from rpms_ros.recording.findings import printable
 from rpms_ros.recording.records import Channel
 from rpms_ros.recording.records import Records
 from rpms_ros.schema import documented

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.printable import printable
 from rpms_ros.pulses import IntArray
 from rpms_ros.recording.checksums import SUMS_NAME
 from rpms_ros.recording.checksums import read_checksums
 from rpms_ros.recording.checksums import sha256
 from rpms_ros.recording.checksums import signature_fits
-from rpms_ros.recording.findings import printable
 from rpms_ros.recording.reading import Recording
 from rpms_ros.recording.reading import RecordingFacts
 from rpms_ros.recording.reading import Topics
@@ -108,7 +108,7 @@ def _checksums(path: Path, facts: RecordingFacts) -> Iterator[Finding]:
         return
     wrong = [name for name, digest in sums.items() if not _fits(folder / name, digest)]
     for name in wrong:
-        text = f'{name} is missing or is not what was written: its SHA-256 differs'
+        text = f'{name} is missing, cannot be read or is not what was written'
         yield Finding('checksums', FAULT, printable(text))
     for name in sorted(set(facts.files) - sums.keys()):
         yield Finding('checksums', FAULT, printable(f'{name} is not listed in {SUMS_NAME}'))
@@ -117,12 +117,18 @@ def _checksums(path: Path, facts: RecordingFacts) -> Iterator[Finding]:
 
 
 def _fits(path: Path, digest: str) -> bool:
-    return path.is_file() and sha256(path) == digest
+    try:
+        return path.is_file() and sha256(path) == digest
+    except OSError:
+        return False
 
 
 def _signature(path: Path, key: bytes | None) -> Finding:
     folder = path if path.is_dir() else path.parent
-    fits = signature_fits(folder, key or b'')
+    try:
+        fits = signature_fits(folder, key or b'')
+    except (OSError, RecordingError) as error:
+        return Finding('signature', FAULT, printable(str(error)))
     if key is None:
         text = 'not signed' if fits is None else 'signed; --key checks it'
         return Finding('signature', UNKNOWN, text)

@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Iterable
 from collections.abc import Sequence
 
+from rpms_ros.printable import printable
+
 _WIDEST = 100
 
 
@@ -28,7 +30,7 @@ def noted(rows: Iterable[tuple[str, str]]) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> str:
     """Return a table; the first `texts` columns are aligned left, the numbers after them right."""
-    cells = [head, *rows]
+    cells = [head, *([printable(cell) for cell in row] for row in rows)]
     widths = [max(len(row[column]) for row in cells) for column in range(len(head))]
     return '\n'.join(
         '  '.join(

@@ -1,0 +1,261 @@
+"""An hour in simulated time with all nodes and random faults: nothing lost, memory flat.
+
+Plant, identifier and recorder follow a clock that moves on as fast as they are; the driver, which
+refuses simulated time, works beside them in real time, with console, stop button, plant and
+recorder of its own.  All of them are in one process, on one executor and real DDS.  Every message
+that was sent must have been heard by the identifier, and be in a recording; and each estimate must
+be, bit for bit, the one that `rpms identify` makes of the recording, if no second sensor spoke.
+
+Ctrl-C ends it early, with the figures of what was done.
+
+python bench/soak.py [--hours 1] [--rate 200] [--estimator recursive] [--seed 1]
+"""
+
+import argparse
+import contextlib
+import gc
+import math
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from soak_clinic import Clinic
+from soak_laboratory import FAULTS
+from soak_laboratory import STEP_NS
+from soak_laboratory import Laboratory
+
+from rpms_ros.cli.identified import IdentificationOptions
+from rpms_ros.cli.identified import identified
+from rpms_ros.identification import StreamSettings
+from rpms_ros.identification import faults
+from rpms_ros.recording import read_recording
+from rpms_ros.report.agreement import differences
+from rpms_ros.report.recorded import recorded_messages
+
+FAULT_SHARE = 0.1
+RESTART_EVERY_S = 300.0
+LARGEST_SLOPE_MB = 30.0
+_SAMPLE_STEPS = 20
+_STREAM = StreamSettings()
+_WAITING = 2 + math.ceil(_STREAM.reorder_delay / _STREAM.estimate_period)
+_NODE_ONLY = (faults.FORCE_PUBLISHERS, faults.PULSE_PUBLISHERS)
+
+
+class Graph:
+    """Nodes in one persistent executor, in a domain of their own."""
+
+    def __init__(self, context):
+        from rclpy.experimental.events_executor import EventsExecutor
+
+        self.context = context
+        self.between = []
+        self._executor = EventsExecutor(context=context)
+        self._nodes = []
+
+    def add(self, build, **parameters):
+        from rclpy.parameter import Parameter
+
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        node = build(
+            context=self.context, parameter_overrides=overrides, use_global_arguments=False
+        )
+        self._nodes.append(node)
+        self._executor.add_node(node)
+        return node
+
+    def remove(self, node):
+        self._nodes.remove(node)
+        self._executor.remove_node(node)
+        node.destroy_node()
+
+    def wait_for(self, predicate, timeout_s=120.0):
+        end = time.monotonic() + timeout_s
+        while not predicate():
+            if time.monotonic() > end:
+                raise TimeoutError(f'expected an event within {timeout_s} s, got none')
+            self._executor.spin_once(timeout_sec=0.002)
+            for call in self.between:
+                call()
+
+    def close(self):
+        for node in reversed(self._nodes):
+            self._executor.remove_node(node)
+            node.destroy_node()
+        self._executor.shutdown()
+
+
+@contextlib.contextmanager
+def running_graph():
+    """A graph in a private domain."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    from rpms_ros.nodes.discovery import reserved_domain
+    from rpms_ros.nodes.discovery import use_fast_discovery
+
+    use_fast_discovery()
+    with reserved_domain() as domain:
+        import rclpy
+        from rclpy.context import Context
+
+        context = Context()
+        rclpy.init(args=[], context=context, domain_id=domain)
+        graph = Graph(context)
+        try:
+            yield graph
+        finally:
+            graph.close()
+            context.try_shutdown()
+
+
+def resident_mb():
+    """Memory of this process [MB]."""
+    pages = int(Path('/proc/self/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def simulate(laboratory, seconds, restart_every_s, fault_share):
+    """Let the time pass; return time [s] and memory [MB] of the process, (samples, 2)."""
+    memory = []
+    steps = round(seconds * 1e9 / STEP_NS)
+    restart_steps = round(restart_every_s * 1e9 / STEP_NS)
+    generator, interrupted = laboratory.generator, []
+    before = signal.signal(signal.SIGINT, lambda *_: interrupted.append(True))
+    for step in range(steps):
+        if interrupted:
+            # What was done by now counts as well.
+            break
+        fault = generator.choice(FAULTS) if generator.random() < fault_share else ''
+        laboratory.step(fault)
+        if step % restart_steps == restart_steps - 1 and step < steps - 1:
+            laboratory.restart_recording()
+        elif step % restart_steps == restart_steps // 2:
+            laboratory.start_plant()
+        if step % _SAMPLE_STEPS == 0:
+            gc.collect()
+            memory.append(((step + 1) * STEP_NS / 1e9, resident_mb()))
+    signal.signal(signal.SIGINT, before)
+    laboratory.end_recording()
+    return np.array(memory)
+
+
+def slope_mb(memory):
+    """Slope of the memory over simulated time [MB/h], without the first fifth."""
+    kept = memory[len(memory) // 5 :]
+    return float(np.polyfit(kept[:, 0] / 3600.0, kept[:, 1], 1)[0]) if len(kept) > 1 else 0.0
+
+
+def without_publishers(estimate):
+    """The estimate without what only a node can know."""
+    return replace(
+        estimate,
+        faults={name: n for name, n in estimate.faults.items() if name not in _NODE_ONLY},
+        doubts=tuple(name for name in estimate.doubts if name not in _NODE_ONLY),
+    )
+
+
+def check_recordings(paths, estimator):
+    """Return what is in the recordings, and how many estimates are not the same off line."""
+    found = Counter()
+    for number, path in enumerate(paths):
+        recording = read_recording(path)
+        found['faults of recordings'] += sum(recording.facts.faults.values())
+        found['pulses recorded'] += len(recording.pulses)
+        found['force recorded'] += len(recording.forces)
+        live = recorded_messages(path).estimates
+        found['estimates recorded'] += len(live)
+        if number % 2:
+            # A second sensor spoke: a recording does not tell its samples from the others.
+            continue
+        found['estimates made again off line'] += len(live)
+        session = identified(recording, IdentificationOptions(estimator))
+        # Off line more are made of what still waited at the end, and a last one.
+        found['estimates that differ'] += not 1 <= len(session.estimates) - len(live) <= _WAITING
+        found['estimates that differ'] += sum(
+            bool(differences(without_publishers(here), without_publishers(there)))
+            for here, there in zip(live, session.estimates, strict=False)
+        )
+    return found
+
+
+def soak(
+    folder,
+    seconds,
+    rate,
+    seed,
+    estimator='recursive',
+    restart_every_s=RESTART_EVERY_S,
+    fault_share=FAULT_SHARE,
+):
+    """Run everything; return counts and memory over simulated time."""
+    with running_graph() as graph:
+        clinic = Clinic(graph, folder, seed)
+        graph.between.append(clinic.poll)
+        laboratory = Laboratory(graph, folder, rate, estimator, seed)
+        memory = simulate(laboratory, seconds, restart_every_s, fault_share)
+        graph.between.clear()
+        clinic.end()
+    counts = laboratory.totals + check_recordings(laboratory.recordings, estimator)
+    for name, count in clinic.counts.items():
+        counts[f'driver: {name}'] = count
+    for name, count in laboratory.restarts.items():
+        counts[f'restarts of {name}'] = count
+    return counts, laboratory.link.injected, laboratory.named, memory
+
+
+def failures(counts):
+    """Return what does not fit, in words."""
+    same = [
+        ('force sent', 'force heard', 'force recorded'),
+        ('pulses sent', 'pulses heard', 'pulses recorded'),
+        ('estimates said', 'estimates recorded'),
+        ('driver: delivered', 'driver: pulses recorded'),
+        ('driver: runs', 'driver: schedules recorded'),
+    ]
+    wrong = [
+        ', '.join(f'{name} {counts[name]}' for name in names)
+        for names in same
+        if len({counts[name] for name in names}) > 1
+    ]
+    none = ('estimates that differ', 'faults of recordings')
+    return wrong + [f'{name} {counts[name]}' for name in none if counts[name]]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--hours', type=float, default=1.0)
+    parser.add_argument('--rate', type=float, default=200.0, help='force samples a second')
+    parser.add_argument('--estimator', default='recursive')
+    parser.add_argument('--seed', type=int, default=1)
+    arguments = parser.parse_args()
+    seconds = 3600.0 * arguments.hours
+    begun = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        counts, injected, named, memory = soak(
+            Path(folder), seconds, arguments.rate, arguments.seed, arguments.estimator
+        )
+    span, seconds = time.monotonic() - begun, memory[-1, 0]
+    slope = slope_mb(memory)
+    print(
+        f'{seconds:g} s simulated in {span:.0f} s ({seconds / span:.2g} times real time), '
+        f'{arguments.rate:g} Hz, {arguments.estimator}, load {os.getloadavg()[0]:.1f}'
+    )
+    print(f'  injected: {dict(sorted(injected.items()))}')
+    print(f'  named by the identifier: {dict(sorted(named.items()))}')
+    for name, count in sorted(counts.items()):
+        print(f'  {name:<38}{count:>10}')
+    tenths = memory[np.linspace(0, len(memory) - 1, 11).astype(int), 1]
+    print(f'  memory at every tenth: {", ".join(f"{value:.0f}" for value in tenths)} MB')
+    print(f'  slope {slope:.1f} MB an hour after a fifth (target below {LARGEST_SLOPE_MB:g})')
+    wrong = failures(counts)
+    for line in wrong:
+        print(f'  LOST: {line}')
+    return 0 if not wrong and slope < LARGEST_SLOPE_MB else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
