@@ -1,10 +1,56 @@
-"""On-line identification of magnetically or electrically stimulated muscle."""
+"""On-line identification of magnetically or electrically stimulated muscle.
 
+In a script or a notebook::
+
+    import rpms_ros
+
+    rpms_ros.load('bags/sample').identify().plot()
+
+What can be used so is described in `rpms_ros.api`; it is loaded when it is first asked for.
+"""
+
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
+from typing import Any
 
 from rpms_ros.compiled_cache import use_cache_of
 
+if TYPE_CHECKING:
+    from rpms_ros.api import Curve
+    from rpms_ros.api import Identification
+    from rpms_ros.api import ImpulseResponse
+    from rpms_ros.api import Parameter
+    from rpms_ros.api import RpmsError
+    from rpms_ros.api import Session
+    from rpms_ros.api import Stated
+    from rpms_ros.api import load
+    from rpms_ros.api import simulate
+
 __version__ = '0.1.0'
+__all__ = [
+    'Curve',
+    'Identification',
+    'ImpulseResponse',
+    'Parameter',
+    'RpmsError',
+    'Session',
+    'Stated',
+    'load',
+    'simulate',
+]
 
 # Before anything is compiled, and before any room imports numba.
 use_cache_of(Path(__file__).parent)
+
+
+def __getattr__(name: str) -> Any:
+    """Return a name of `rpms_ros.api`, which loads numpy, scipy and numba."""
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module('rpms_ros.api'), name)
+
+
+def __dir__() -> list[str]:
+    """Return the names for completion."""
+    return sorted({*globals(), *__all__})

@@ -179,11 +179,11 @@ def _report(
     launcher: 'SimulationLauncher', subject: 'Subject', settings: 'SimulationSettings'
 ) -> int:
     """Identify the recording, print what came out, draw the figure; return the exit code."""
-    from rpms_ros.cli.identified import IdentificationOptions
-    from rpms_ros.cli.identified import identified
     from rpms_ros.nodes.simulation_launcher import RECORDING
     from rpms_ros.recording import read_recording
     from rpms_ros.report.agreement import compare
+    from rpms_ros.report.identified import IdentificationOptions
+    from rpms_ros.report.identified import identified
     from rpms_ros.report.session_figure import draw_session
     from rpms_ros.report.truth_table import truth_table
 

@@ -78,9 +78,9 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the recording; return 1 if something was wrong with the recording itself."""
-    from rpms_ros.cli.identified import IdentificationOptions
-    from rpms_ros.cli.identified import compile_estimator
-    from rpms_ros.cli.identified import identified
+    from rpms_ros.report.identified import IdentificationOptions
+    from rpms_ros.report.identified import compile_estimator
+    from rpms_ros.report.identified import identified
     from rpms_ros.report.result import result_of
     from rpms_ros.schema import plain
 

@@ -99,11 +99,11 @@ def stated_items(texts: list[str]) -> dict[str, str]:
 
 
 def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
-    from rpms_ros.cli.identified import IdentificationOptions
-    from rpms_ros.cli.identified import compile_estimator
-    from rpms_ros.cli.identified import identified
     from rpms_ros.identification.catalogue import estimator_by_name
     from rpms_ros.recording.reading import held_bytes
+    from rpms_ros.report.identified import IdentificationOptions
+    from rpms_ros.report.identified import compile_estimator
+    from rpms_ros.report.identified import identified
     from rpms_ros.report.recorded import recorded_messages
     from rpms_ros.report.result import result_of
     from rpms_ros.report.session import analyse

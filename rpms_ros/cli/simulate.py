@@ -8,16 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import progress
 from rpms_ros.errors import RecordingError
-from rpms_ros.errors import StimulationError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 
 if TYPE_CHECKING:
@@ -36,7 +31,6 @@ _EXAMPLES = """\
   rpms simulate --out session --subject random --schedule my_schedule.yaml --drift 0.1
   rpms identify session
 """
-_SCHEDULES = ('uniform_random', 'sinusoid', 'staircase', 'constant')
 _SUBJECTS = ('simulation', 'rpms', 'fes', 'random')
 _DISTURBANCES = {
     'noise': 'standard deviation of white noise',
@@ -44,12 +38,8 @@ _DISTURBANCES = {
     'drift': 'amplitude of a slow baseline',
     'artifact': 'peak of the stimulation artifact at full intensity',
 }
-_STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
-_HIGHEST_RATE = 1e6
 # How often the truth is recorded [Hz].
 _TRUTH_RATE = 10.0
-# A fixed time, so that the same options make the same recording in every byte [ns].
-_START_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
 
 
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
@@ -62,7 +52,10 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(parser, '--compression', '', 'of mcap', choices=('', 'lz4', 'zstd'))
     group = parser.add_argument_group('stimulation')
     add_option(
-        group, '--schedule NAME|FILE', 'uniform_random', f'{", ".join(_SCHEDULES)}, or a YAML file'
+        group,
+        '--schedule NAME|FILE',
+        'uniform_random',
+        'uniform_random, sinusoid, staircase, constant, or a YAML file',
     )
     add_option(group, '--duration S', 90.0, 'length [s]')
     add_option(group, '--pulse-rate HZ', 20.0, '[Hz]')
@@ -98,6 +91,11 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and record the session."""
+    from rpms_ros.api.simulating import SCHEDULES
+    from rpms_ros.api.simulating import START_NS
+    from rpms_ros.api.simulating import named_schedule
+    from rpms_ros.api.simulating import named_subject
+    from rpms_ros.api.simulating import sample_times
     from rpms_ros.muscle.living import muscle_of
     from rpms_ros.muscle.simulation import simulate_session
     from rpms_ros.muscle.surroundings import Surroundings
@@ -105,12 +103,18 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out.exists():
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
     scenario = _scenario(arguments)
-    schedule = _schedule(arguments)
-    subject = _subject(arguments)
-    from_file = arguments.schedule not in _SCHEDULES
+    schedule = named_schedule(
+        arguments.schedule,
+        arguments.duration,
+        arguments.pulse_rate,
+        arguments.seed,
+        arguments.intensity,
+    )
+    subject = named_subject(arguments.subject, arguments.seed)
+    from_file = arguments.schedule not in SCHEDULES
     fixed_rate = None if arguments.own_rates or from_file else arguments.pulse_rate
-    pulses = schedule.pulses(_START_NS)
-    stamp_ns = _grid(schedule.length_s, arguments.rate)
+    pulses = schedule.pulses(START_NS)
+    stamp_ns = sample_times(schedule.length_s, arguments.rate)
     with progress('simulating', len(stamp_ns), 'samples', arguments.quiet) as advance:
         forces, truths = simulate_session(
             muscle_of(subject, scenario.living, fixed_rate),
@@ -133,51 +137,6 @@ def _scenario(arguments: argparse.Namespace) -> 'Scenario':
     scenario = load_scenario(arguments.scenario) if arguments.scenario else Scenario()
     given = {name: getattr(arguments, name) for name in _DISTURBANCES if getattr(arguments, name)}
     return replace(scenario, disturbances=replace(scenario.disturbances, **given))
-
-
-def _grid(length_s: float, rate_hz: float) -> IntArray:
-    """Return the stamps (samples,) [ns] of a session from its start up to its end."""
-    if not 0 < rate_hz <= _HIGHEST_RATE:
-        raise RecordingError(
-            f'expected a rate of the force up to {_HIGHEST_RATE:g} Hz, got {rate_hz}'
-        )
-    count = np.arange(round(length_s * rate_hz), dtype=np.int64)
-    elapsed: IntArray = np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
-    return elapsed + _START_NS
-
-
-def _schedule(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation import constant
-    from rpms_ros.stimulation import load_schedule
-    from rpms_ros.stimulation import paper_random
-    from rpms_ros.stimulation import paper_sinusoid
-    from rpms_ros.stimulation import staircase
-
-    duration, rate = arguments.duration, arguments.pulse_rate
-    match arguments.schedule:
-        case 'uniform_random':
-            return paper_random(duration, rate, arguments.seed)
-        case 'sinusoid':
-            return paper_sinusoid(duration, rate)
-        case 'staircase':
-            return staircase(step_s=duration / len(_STAIRS), rate_hz=rate, levels=_STAIRS)
-        case 'constant':
-            return constant(arguments.intensity, duration, rate)
-    path = Path(arguments.schedule)
-    if not path.exists():
-        raise StimulationError(
-            f'expected a schedule of {", ".join(_SCHEDULES)} or a file, got {arguments.schedule}'
-        )
-    return load_schedule(path)
-
-
-def _subject(arguments: argparse.Namespace) -> 'Subject':
-    from rpms_ros.muscle import random_subject
-    from rpms_ros.muscle import subject_by_name
-
-    if arguments.subject == 'random':
-        return random_subject(np.random.default_rng(arguments.seed))
-    return subject_by_name(arguments.subject)
 
 
 def _notes(

@@ -16,12 +16,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from rpms_ros.cli.identified import IdentificationOptions
-from rpms_ros.cli.identified import identified
 from rpms_ros.errors import RecordingError
 from rpms_ros.errors import RpmsError
 from rpms_ros.recording import Topics
 from rpms_ros.recording import read_recording
+from rpms_ros.report.identified import IdentificationOptions
+from rpms_ros.report.identified import identified
 from rpms_ros.report.result import result_of
 from rpms_ros.schema import plain
 

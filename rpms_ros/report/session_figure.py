@@ -46,9 +46,26 @@ def draw_session(
     ReportError
         If a file cannot be written.
     """
+    figure = Figure(figsize=(12.0, 8.4), layout='constrained', dpi=130)
+    fill_session_figure(figure, session, pulses, subject, title)
+    with style():
+        for path in paths:
+            try:
+                figure.savefig(path)
+            except (OSError, ValueError) as error:
+                raise ReportError(f'expected to write a figure to {path}, got {error}') from error
+
+
+def fill_session_figure(
+    figure: Figure,
+    session: IdentifiedSession,
+    pulses: PulseTrain,
+    subject: Subject | None = None,
+    title: str = '',
+) -> None:
+    """Draw a session into an empty figure; parameters as of `draw_session`."""
     dose = dose_of(pulses, int(session.stamp_ns[0]))
     with style():
-        figure = Figure(figsize=(12.0, 8.4), layout='constrained', dpi=130)
         grid = figure.add_gridspec(4, 2, height_ratios=(1.0, 1.0, 1.4, 0.6))
         columns = []
         for column in (0, 1):
@@ -62,8 +79,3 @@ def draw_session(
         panels.draw_response(figure.add_subplot(grid[2:, 1]), session, force, subject)
         label(figure)
         figure.suptitle(title, fontsize=12)
-        for path in paths:
-            try:
-                figure.savefig(path)
-            except (OSError, ValueError) as error:
-                raise ReportError(f'expected to write a figure to {path}, got {error}') from error

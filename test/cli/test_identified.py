@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpms_ros.cli.identified import IdentificationOptions
-from rpms_ros.cli.identified import identified
 from rpms_ros.identification import Estimate
 from rpms_ros.recording import read_recording
+from rpms_ros.report.identified import IdentificationOptions
+from rpms_ros.report.identified import identified
 
 
 def assert_same_bits(one: Estimate, other: Estimate) -> None:

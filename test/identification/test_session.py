@@ -4,11 +4,14 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import BatchEstimator
+from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import identify
@@ -72,6 +75,25 @@ def test_nothing_to_learn_from_is_refused(force: np.ndarray) -> None:
     forces = ForceTrace(np.arange(len(force)), force)
     with pytest.raises(IdentificationError, match='expected at least one finite force sample'):
         identify(RecursiveEstimator(), PulseTrain.of([]), forces)
+
+
+def test_the_batch_from_python_fits_once_for_the_whole_recording(
+    record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pulses, forces = record(np.random.default_rng(7).uniform(size=240))
+    estimator = BatchEstimator()
+    made: list[int] = []
+    estimate = estimator.estimate
+
+    def counted(stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        made.append(stamp_ns)
+        return estimate(stamp_ns, faults)
+
+    monkeypatch.setattr(estimator, 'estimate', counted)
+    session = identify(estimator, pulses, forces)
+    # not ten a second, which would take as long as the recording is squared
+    assert made == [int(forces.stamp_ns[-1])]
+    assert len(session.estimates) == 1
 
 
 def test_no_force_has_no_relative_error() -> None:

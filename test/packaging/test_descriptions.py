@@ -88,7 +88,7 @@ def test_package_xml_is_complete(folder: Path) -> None:
 
 
 # catkin_pkg calls docutils by an old name
-@pytest.mark.filterwarnings('ignore:nodes.Node.traverse:DeprecationWarning')
+@pytest.mark.filterwarnings('ignore:nodes.Node.traverse')
 @pytest.mark.parametrize('folder', [ROOT, MSGS], ids=['rpms_ros', 'rpms_msgs'])
 def test_a_release_finds_the_changes_of_its_version(folder: Path) -> None:
     root = package_xml(folder)

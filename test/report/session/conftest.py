@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpms_ros.cli.identified import IdentificationOptions
-from rpms_ros.cli.identified import identified
 from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import simulation_subject
@@ -16,6 +14,8 @@ from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
+from rpms_ros.report.identified import IdentificationOptions
+from rpms_ros.report.identified import identified
 from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import result_of
 from rpms_ros.report.session import SessionAnalysis

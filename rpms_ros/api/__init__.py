@@ -1,0 +1,35 @@
+"""The package in a script or a notebook: load, identify, plot, hand on.
+
+Everything here is also found in `rpms_ros` itself::
+
+    import rpms_ros
+
+    session = rpms_ros.load('bags/sample')
+    result = session.identify()
+    result.plot()
+
+These names and their parameters are stable; what lies below them in other modules may change.
+Nothing here needs ROS.
+"""
+
+from rpms_ros.api.identification import Identification
+from rpms_ros.api.identification import Parameter
+from rpms_ros.api.loading import load
+from rpms_ros.api.session import Session
+from rpms_ros.api.simulating import simulate
+from rpms_ros.errors import RpmsError
+from rpms_ros.report.result import Curve
+from rpms_ros.report.result import ImpulseResponse
+from rpms_ros.report.result import Stated
+
+__all__ = [
+    'Curve',
+    'Identification',
+    'ImpulseResponse',
+    'Parameter',
+    'RpmsError',
+    'Session',
+    'Stated',
+    'load',
+    'simulate',
+]

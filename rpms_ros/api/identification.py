@@ -1,0 +1,238 @@
+"""What was found of the muscle: curve, response, parameters, figure, tables."""
+
+import json
+from dataclasses import dataclass
+from dataclasses import field
+from pathlib import Path
+from statistics import NormalDist
+from typing import TYPE_CHECKING
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.api.session import Session
+from rpms_ros.errors import ReportError
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.pulses import FloatArray
+from rpms_ros.report.result import Curve
+from rpms_ros.report.result import IdentificationResult
+from rpms_ros.report.result import ImpulseResponse
+from rpms_ros.report.result import Stated
+from rpms_ros.schema import plain
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+NAN = float('nan')
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the muscle with its interval.
+
+    Attributes
+    ----------
+    value, lower, upper : float
+        Estimate and ends of the interval, in `unit`; the ends are NaN if the estimator states
+        none.
+    unit : str
+        ``1`` for a share of the maximum and other plain numbers, ``s`` or ``N``.
+    determined : str
+        Whether the data determine it: ``converged``, ``informed``, ``not informed``, or empty if
+        the estimator does not say.
+    """
+
+    value: float
+    lower: float
+    upper: float
+    unit: str
+    determined: str = ''
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Recruitment and dynamics of the muscle of one session; made by `Session.identify`.
+
+    Attributes
+    ----------
+    session : Session
+        What was identified.
+    estimates : IdentifiedSession
+        Every estimate that was kept, and the trace of force and prediction.
+    result : IdentificationResult
+        What `to_dict` returns, as an object.
+    """
+
+    session: Session
+    estimates: IdentifiedSession = field(repr=False)
+    result: IdentificationResult = field(repr=False)
+
+    @property
+    def estimator(self) -> str:
+        """Name of the algorithm."""
+        return self.result.estimator
+
+    @property
+    def curve(self) -> Curve | None:
+        """Recruitment curve as steady mean force at ``result.rate_hz``, with its interval.
+
+        None if the pulses have nearly one intensity: then the data do not tell it.
+        """
+        return self.result.curve
+
+    @property
+    def response(self) -> ImpulseResponse:
+        """Force after one pulse at full intensity, with its interval."""
+        return self.result.impulse_response
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Parameters of the recruitment curve and of the response, by name.
+
+        Intervals are on the level ``result.confidence``.  Those of the slopes alpha are symmetric
+        in their logarithm, in which they are estimated.
+        """
+        found = {}
+        flags, deviations = self.result.identifiability or {}, self.result.deviation or {}
+        level = self.result.confidence
+        quantile = NormalDist().inv_cdf(0.5 + 0.5 * level) if level else NAN
+        for name, value in (self.result.recruitment or {}).items():
+            width = quantile * deviations.get(name, NAN)
+            ends = (value - width, value + width)
+            if name.startswith('alpha') and value > 0:
+                factor = float(np.exp(width / value))
+                ends = (value / factor, value * factor)
+            found[name] = Parameter(value, *ends, '1', flags.get(name, ''))
+        for name, stated in (self.result.physiology or {}).items():
+            found[name] = Parameter(stated.value, stated.lower, stated.upper, _unit(name))
+        return found
+
+    def force_at(self, intensity: float) -> Stated:
+        """Return the steady mean force at an intensity with its interval [N].
+
+        Parameters
+        ----------
+        intensity : float
+            Share of the stimulator's maximum, 0 to 1.
+
+        Returns
+        -------
+        Stated
+            ``value``, ``lower`` and ``upper``; the ends are NaN if the estimator states none.
+
+        Raises
+        ------
+        ReportError
+            If the intensity is not from 0 to 1, or the data do not tell the curve.
+        """
+        if not 0 <= intensity <= 1:
+            raise ReportError(f'expected an intensity from 0 to 1, got {intensity}')
+        curve = self.curve
+        if curve is None:
+            raise ReportError('expected pulses of several intensities, got nearly one intensity')
+
+        def at(values: FloatArray | None) -> float:
+            return NAN if values is None else float(np.interp(intensity, curve.intensity, values))
+
+        return Stated(at(curve.force), at(curve.lower), at(curve.upper))
+
+    def plot(self, figure: 'Figure | None' = None) -> 'Figure':
+        """Draw parameters, force, recruitment curve and response; return the figure.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure, optional
+            An empty figure to draw into; else one is made by ``matplotlib.pyplot``, which shows
+            it in a notebook, and in a script with ``plt.show()``.
+        """
+        from rpms_ros.report.session_figure import fill_session_figure
+
+        if figure is None:
+            from matplotlib import pyplot as plt
+
+            figure = plt.figure(figsize=(12.0, 8.4), layout='constrained')
+        one = self.session
+        fill_session_figure(figure, self.estimates, one.pulses, one.subject, one.name)
+        return figure
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as ``rpms identify --json`` prints it: plain values, None for NaN."""
+        document: dict[str, Any] = plain(self.result)
+        return document
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """Return the result as JSON, and write it to `path` if one is given.
+
+        Raises
+        ------
+        ReportError
+            If the file cannot be written.
+        """
+        text = json.dumps(self.to_dict(), allow_nan=False, indent=1)
+        if path is not None:
+            try:
+                Path(path).write_text(text, encoding='utf-8')
+            except OSError as error:
+                raise ReportError(f'expected to write {path}, got {error}') from error
+        return text
+
+    def to_pandas(self, table: str = 'parameters') -> 'pd.DataFrame':
+        """Return one of the results as a table; needs pandas.
+
+        Parameters
+        ----------
+        table : str
+            ``parameters`` (one row each: value, lower, upper, unit, determined), ``curve`` (by
+            intensity), ``response`` (by time after the pulse [s]) or ``force`` (by time after the
+            first sample [s]: force, prediction and whether the sample was used).
+
+        Raises
+        ------
+        ReportError
+            If there is no such table, the data do not tell it, or pandas is not installed.
+        """
+        from rpms_ros.api.tables import as_frame
+
+        return as_frame(self, table)
+
+    def to_xarray(self) -> 'xr.Dataset':
+        """Return all results as one data set with units; needs xarray.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``curve`` over ``intensity``, ``response`` over ``response_time``, ``parameter_value``
+            over ``parameter``, each with ``..._lower`` and ``..._upper``; ``force``,
+            ``prediction`` and ``usable`` over ``time``.
+
+        Raises
+        ------
+        ReportError
+            If xarray is not installed.
+        """
+        from rpms_ros.api.tables import as_dataset
+
+        return as_dataset(self)
+
+    def __str__(self) -> str:
+        rows = [f'{self.session.name}: {self.estimator}']
+        for name, one in self.parameters.items():
+            unit = '' if one.unit == '1' else f' {one.unit}'
+            text = f'{name} {one.value:.4g}{unit}'
+            if np.isfinite([one.lower, one.upper]).all():
+                text += f' ({one.lower:.4g} to {one.upper:.4g})'
+            rows.append(text + (f', {one.determined}' if one.determined else ''))
+        rows += [*self.result.notes, *(f'{name}: {count}' for name, count in self.faults.items())]
+        return '\n  '.join(rows)
+
+    @property
+    def faults(self) -> dict[str, int]:
+        """What was wrong with the data, and how often."""
+        return dict(self.result.faults)
+
+
+def _unit(name: str) -> str:
+    """Return the unit in which a number of the response is given; its name ends with it."""
+    return {'s': 's', 'n': 'N'}.get(name.rpartition('_')[2], '1')

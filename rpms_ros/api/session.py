@@ -1,0 +1,245 @@
+"""One session: pulses, force, and what can be asked of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.identification import DEFAULT_RATE
+from rpms_ros.muscle import Subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import Recording
+from rpms_ros.recording import Topics
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.verifying import Finding
+from rpms_ros.recording.verifying import verify
+
+if TYPE_CHECKING:
+    from rpms_ros.api.identification import Identification
+
+Fact = str | int | float | list[str] | dict[str, int] | None
+
+
+@dataclass(frozen=True)
+class Session:
+    """Pulses and force of one session; made by `load` and `simulate`.
+
+    Attributes
+    ----------
+    name : str
+        What people call it; the title of figures.
+    recording : Recording
+        Everything that was read.
+    topics : Topics
+        Names of the topics that were read.
+    subject : Subject or None
+        The true muscle, of a simulated session.
+    """
+
+    name: str
+    recording: Recording = field(repr=False)
+    topics: Topics = field(default_factory=Topics, repr=False)
+    subject: Subject | None = field(default=None, repr=False)
+
+    @property
+    def pulses(self) -> PulseTrain:
+        """Delivered pulses: ``onset_ns`` [ns], ``intensity`` (0 to 1), ``width`` [s]."""
+        return self.recording.pulses
+
+    @property
+    def force(self) -> ForceTrace:
+        """Force samples: ``stamp_ns`` [ns], ``force`` [N]."""
+        return self.recording.forces
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last force sample [s]; 0 without samples."""
+        stamps = self.force.stamp_ns
+        return float(np.ptp(stamps)) / NANOSECONDS_PER_SECOND if len(stamps) else 0.0
+
+    def info(self) -> dict[str, Fact]:
+        """Return what the session holds, in a few numbers.
+
+        Returns
+        -------
+        dict
+            ``name``, ``path``, ``storage``, ``samples``, ``pulses``, ``duration_s``,
+            ``force_rate_hz`` and ``pulse_rate_hz`` (medians), ``lowest_force_n``,
+            ``highest_force_n``, ``lowest_intensity``, ``highest_intensity``, ``faults`` of the
+            recording by kind, and ``remarks`` on them.  What cannot be told is None.
+        """
+        forces = self.force.force[np.isfinite(self.force.force)]
+        facts = self.recording.facts
+        return {
+            'name': self.name,
+            'path': str(facts.path),
+            'storage': facts.storage,
+            'samples': len(self.force),
+            'pulses': len(self.pulses),
+            'duration_s': self.duration,
+            'force_rate_hz': _rate(self.force.stamp_ns),
+            'pulse_rate_hz': _rate(self.pulses.onset_ns),
+            'lowest_force_n': float(forces.min()) if len(forces) else None,
+            'highest_force_n': float(forces.max()) if len(forces) else None,
+            'lowest_intensity': _end(self.pulses.intensity, np.min),
+            'highest_intensity': _end(self.pulses.intensity, np.max),
+            'faults': dict(facts.faults),
+            'remarks': list(facts.remarks),
+        }
+
+    def verify(self, key: bytes | None = None) -> list[Finding]:
+        """Return what every check of the recording found: ``check``, ``state`` and ``text`` each.
+
+        Parameters
+        ----------
+        key : bytes, optional
+            What the recording must have been signed with.
+
+        Raises
+        ------
+        RecordingError
+            If the session is not a recording on the disk (`save` writes one) or cannot be read.
+        """
+        if self.recording.facts.storage not in ('mcap', 'sqlite3'):
+            raise RecordingError(
+                f'expected a session that was loaded from a recording, got one of '
+                f'{self.recording.facts.storage}; save() writes a recording'
+            )
+        return verify(self.recording.facts.path, self.topics, key)
+
+    def save(self, path: str | Path, storage: str = 'mcap', compression: str = '') -> None:
+        """Write pulses and force as a recording with checksums.
+
+        Parameters
+        ----------
+        path : str or Path
+            Folder that does not exist yet.
+        storage : str
+            ``mcap`` or ``sqlite3``.
+        compression : str
+            Of mcap: empty, ``lz4`` or ``zstd``.
+
+        Raises
+        ------
+        RecordingError
+            If the folder exists or cannot be written.
+        """
+        write_recording(
+            path,
+            self.pulses,
+            self.force,
+            storage=storage,
+            compression=compression,
+            custom={'source': self.name},
+        )
+
+    def between(self, start: float, end: float) -> 'Session':
+        """Return the part of the session from `start` to `end`, in s after its first sample.
+
+        Raises
+        ------
+        RecordingError
+            If `end` is not after `start`, or there is no sample in between.
+        """
+        if not start < end:
+            raise RecordingError(f'expected a start before the end, got {start} s and {end} s')
+        first_ns = int(self.force.stamp_ns.min()) if len(self.force) else 0
+        low, high = (first_ns + round(at * NANOSECONDS_PER_SECOND) for at in (start, end))
+        here = (self.force.stamp_ns >= low) & (self.force.stamp_ns <= high)
+        chosen = (self.pulses.onset_ns >= low) & (self.pulses.onset_ns <= high)
+        if not here.any():
+            raise RecordingError(
+                f'expected force between {start} s and {end} s, got {self.duration:.3f} s of it'
+            )
+        before = np.concatenate(([0], np.cumsum(here)))
+        part = replace(
+            self.recording,
+            pulses=self.pulses[chosen],
+            forces=ForceTrace(
+                self.force.stamp_ns[here], self.force.force[here], self.force.frame_id
+            ),
+            pulse_received_ns=self.recording.pulse_received_ns[chosen],
+            force_received_ns=self.recording.force_received_ns[here],
+            samples_before_pulse=before[self.recording.samples_before_pulse[chosen]],
+            facts=replace(self.recording.facts, storage='part'),
+        )
+        return replace(self, name=f'{self.name}, {start:g} to {end:g} s', recording=part)
+
+    def identify(
+        self,
+        estimator: str = 'batch',
+        *,
+        rate_hz: float = DEFAULT_RATE,
+        preset: str | None = None,
+        seed: int = 0,
+        most_estimates: int = 1000,
+        progress: Callable[[int], object] | None = None,
+    ) -> 'Identification':
+        """Return recruitment and dynamics of the muscle.
+
+        Parameters
+        ----------
+        estimator : str
+            ``batch`` (the whole session at once, with intervals), ``horizon`` (as on line, the
+            last 20 s, with intervals), ``recursive`` (the paper's), or one that another
+            distribution registers.
+        rate_hz : float
+            Repetition rate for which the recruitment curve is stated [Hz].
+        preset : str, optional
+            Design parameters by name; those of ``rpms identify`` if it is not given.
+        seed : int
+            Of the random start of ``recursive``.
+        most_estimates : int
+            About so many estimates at most are kept of an estimator that runs on line, evenly
+            spaced; ``batch`` makes one.  The last one is the same in any case.
+        progress : callable, optional
+            Called with the number of samples that were taken since the last call.
+
+        Raises
+        ------
+        IdentificationError
+            If there is no such estimator or preset, the rate is not above zero, or there is no
+            force to learn from.
+        ReportError
+            If the data do not lead to finite forces.
+
+        Examples
+        --------
+        >>> import rpms_ros
+        >>> result = rpms_ros.load('bags/sample').identify()
+        >>> result.estimator
+        'batch'
+        >>> bool(result.force_at(0.5).lower <= result.force_at(0.5).value)
+        True
+        """
+        from rpms_ros.api.identification import Identification
+        from rpms_ros.report.identified import IdentificationOptions
+        from rpms_ros.report.identified import identified
+        from rpms_ros.report.result import result_of
+
+        options = IdentificationOptions(estimator=estimator, rate_hz=rate_hz, seed=seed)
+        if preset is not None:
+            options = replace(options, preset=preset)
+        estimates = identified(self.recording, options, progress, most_estimates)
+        return Identification(self, estimates, result_of(self.recording, estimates))
+
+
+def _rate(stamp_ns: IntArray) -> float | None:
+    """Return the median rate of ascending stamps [Hz], None if there is none."""
+    steps = np.diff(stamp_ns)
+    median = float(np.median(steps)) if len(steps) else 0.0
+    return NANOSECONDS_PER_SECOND / median if median > 0 else None
+
+
+def _end(values: FloatArray, which: Callable[[FloatArray], npt.ArrayLike]) -> float | None:
+    return float(np.asarray(which(values))) if len(values) else None

@@ -1,0 +1,166 @@
+"""Sessions with a simulated muscle, whose truth is known."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.api.loading import as_recording
+from rpms_ros.api.session import Session
+from rpms_ros.errors import RecordingError
+from rpms_ros.errors import StimulationError
+from rpms_ros.muscle import Subject
+from rpms_ros.muscle import random_subject
+from rpms_ros.muscle import subject_by_name
+from rpms_ros.muscle.living import muscle_of
+from rpms_ros.muscle.scenario import Scenario
+from rpms_ros.muscle.scenario import load_scenario
+from rpms_ros.muscle.simulation import simulate_session
+from rpms_ros.muscle.surroundings import Surroundings
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import IntArray
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import constant
+from rpms_ros.stimulation import load_schedule
+from rpms_ros.stimulation import paper_random
+from rpms_ros.stimulation import paper_sinusoid
+from rpms_ros.stimulation import staircase
+
+SCHEDULES = ('uniform_random', 'sinusoid', 'staircase', 'constant')
+"""Schedules that have a name here."""
+START_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
+"""A fixed time, so that the same options make the same session in every bit [ns]."""
+_STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+_HIGHEST_RATE = 1e6
+
+
+def simulate(
+    schedule: str | Path | Schedule = 'uniform_random',
+    *,
+    duration: float = 60.0,
+    subject: str | Subject = 'simulation',
+    pulse_rate_hz: float = 20.0,
+    intensity: float = 1.0,
+    noise: float = 0.0,
+    drift: float = 0.0,
+    scenario: str | Path | Scenario | None = None,
+    force_rate_hz: float = 1000.0,
+    seed: int = 1,
+) -> Session:
+    """Return a session with a simulated muscle; ``session.subject`` is the truth.
+
+    Parameters
+    ----------
+    schedule : str, Path or Schedule
+        ``uniform_random``, ``sinusoid``, ``staircase``, ``constant``, a YAML file or a schedule.
+    duration : float
+        Length of a schedule that is given by its name [s].
+    subject : str or Subject
+        ``simulation`` (the plant of the paper's simulations), ``rpms`` or ``fes`` (the averages
+        of its subjects), ``random`` (drawn from their ranges), or a muscle.
+    pulse_rate_hz : float
+        Repetition rate of a schedule that is given by its name [Hz]; every pulse has the weight of
+        this rate.  In other schedules it is that of its own rate.
+    intensity : float
+        Of the constant schedule, share of the maximum.
+    noise, drift : float
+        Standard deviation of white noise and amplitude of a slow baseline [N]; 0 leaves those of
+        the scenario.
+    scenario : str, Path or Scenario, optional
+        What happens: ``fatigue``, ``coil-moved``, ``voluntary``, ``restless``, ``bad-sensor``, a
+        YAML file or a scenario; a steady muscle if it is not given.
+    force_rate_hz : float
+        Rate of the force samples [Hz].
+    seed : int
+        Of pulses, noise and a random subject.
+
+    Raises
+    ------
+    MuscleError, StimulationError, RecordingError
+        If there is no such subject, scenario or schedule, or a value is not possible.
+
+    Examples
+    --------
+    >>> import rpms_ros
+    >>> session = rpms_ros.simulate('sinusoid', duration=9.0, noise=0.05)
+    >>> len(session.pulses), session.info()['force_rate_hz']
+    (180, 1000.0)
+    """
+    muscle = subject if isinstance(subject, Subject) else named_subject(subject, seed)
+    named = isinstance(schedule, str) and schedule in SCHEDULES
+    plan = (
+        schedule
+        if isinstance(schedule, Schedule)
+        else named_schedule(str(schedule), duration, pulse_rate_hz, seed, intensity)
+    )
+    happens = scenario if isinstance(scenario, Scenario) else Scenario()
+    if isinstance(scenario, str | Path):
+        happens = load_scenario(str(scenario))
+    given = {name: value for name, value in (('noise', noise), ('drift', drift)) if value}
+    happens = replace(happens, disturbances=replace(happens.disturbances, **given))
+    pulses = plan.pulses(START_NS)
+    forces, _ = simulate_session(
+        muscle_of(muscle, happens.living, pulse_rate_hz if named else None),
+        Surroundings(happens, seed),
+        pulses,
+        sample_times(plan.length_s, force_rate_hz),
+    )
+    recording = as_recording(pulses, forces, Path('simulated'), 'simulation')
+    return Session(name=f'simulated, {plan.name}', recording=recording, subject=muscle)
+
+
+def named_schedule(
+    name: str, duration: float, rate_hz: float, seed: int, intensity: float = 1.0
+) -> Schedule:
+    """Return a schedule of `SCHEDULES`, or that of a YAML file; parameters as of `simulate`.
+
+    Raises
+    ------
+    StimulationError
+        If there is neither, or the schedule is not possible.
+    """
+    known: dict[str, Callable[[], Schedule]] = {
+        'uniform_random': lambda: paper_random(duration, rate_hz, seed),
+        'sinusoid': lambda: paper_sinusoid(duration, rate_hz),
+        'staircase': lambda: staircase(_STAIRS, duration / len(_STAIRS), rate_hz),
+        'constant': lambda: constant(intensity, duration, rate_hz),
+    }
+    if name in known:
+        return known[name]()
+    path = Path(name)
+    if not path.exists():
+        raise StimulationError(
+            f'expected a schedule of {", ".join(SCHEDULES)} or a file, got {name}'
+        )
+    return load_schedule(path)
+
+
+def named_subject(name: str, seed: int) -> Subject:
+    """Return a subject by its name; ``random`` draws one.
+
+    Raises
+    ------
+    MuscleError
+        If there is no such subject.
+    """
+    return (
+        random_subject(np.random.default_rng(seed)) if name == 'random' else subject_by_name(name)
+    )
+
+
+def sample_times(length_s: float, rate_hz: float) -> IntArray:
+    """Return the stamps (samples,) [ns] of a session from `START_NS` up to its end.
+
+    Raises
+    ------
+    RecordingError
+        If the rate is not possible.
+    """
+    if not 0 < rate_hz <= _HIGHEST_RATE:
+        raise RecordingError(
+            f'expected a rate of the force up to {_HIGHEST_RATE:g} Hz, got {rate_hz}'
+        )
+    count = np.arange(round(length_s * rate_hz), dtype=np.int64)
+    elapsed: IntArray = np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
+    return elapsed + START_NS

@@ -1,0 +1,19 @@
+"""A simulated session and what was found of it, made once."""
+
+import pytest
+
+import rpms_ros
+from rpms_ros import Identification
+from rpms_ros import Session
+
+
+@pytest.fixture(scope='package')
+def simulated() -> Session:
+    """Fifteen seconds of the paper's simulated identification, with noise."""
+    return rpms_ros.simulate(duration=15.0, noise=0.02)
+
+
+@pytest.fixture(scope='package')
+def found(simulated: Session) -> Identification:
+    """What the batch finds of it."""
+    return simulated.identify()

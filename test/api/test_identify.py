@@ -1,0 +1,169 @@
+"""The result of an identification in Python is that of the command, with its truth inside."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+import rpms_ros
+from rpms_ros import Identification
+from rpms_ros import RpmsError
+from rpms_ros import Session
+from rpms_ros.cli import main
+
+SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
+
+
+def test_it_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['identify', str(SAMPLE), '--estimator', 'batch', '--json', '--quiet']) == 0
+    printed = json.loads(capsys.readouterr().out)
+    result = rpms_ros.load(SAMPLE).identify()
+    assert result.estimator == 'batch'
+    assert result.to_dict() == printed
+    assert json.loads(result.to_json()) == printed
+
+
+def test_the_result_is_written(found: Identification, tmp_path: Path) -> None:
+    text = found.to_json(tmp_path / 'result.json')
+    assert (tmp_path / 'result.json').read_text() == text
+    with pytest.raises(RpmsError, match=r'expected to write .*missing'):
+        found.to_json(tmp_path / 'missing' / 'result.json')
+
+
+def test_the_truth_of_a_simulated_muscle_is_found(found: Identification) -> None:
+    subject = found.session.subject
+    assert subject is not None
+    assert found.curve is not None
+    for intensity in (0.5, 0.75, 1.0):
+        stated = found.force_at(intensity)
+        truth = float(subject.steady_force(intensity, 20.0))
+        # 0.02 N of noise on 10 N; the interval is about 0.3 % of that
+        assert stated.value == pytest.approx(truth, abs=0.05)
+        assert stated.lower < stated.value < stated.upper
+    assert found.parameters['u_thr'].value == pytest.approx(0.48, abs=0.01)
+    assert found.parameters['u_sat'].value == pytest.approx(0.98, abs=0.01)
+    assert found.parameters['twitch_peak_n'].unit == 'N'
+
+
+def test_intervals_of_parameters_hold_their_values(found: Identification) -> None:
+    for name, one in found.parameters.items():
+        assert one.lower < one.value < one.upper, name
+    slope = found.parameters['alpha_sat']
+    # symmetric in the logarithm
+    assert slope.upper / slope.value == pytest.approx(slope.value / slope.lower, rel=1e-12)
+    deviation = found.result.deviation
+    assert deviation is not None
+    width = found.parameters['u_thr'].upper - found.parameters['u_thr'].value
+    assert width == pytest.approx(1.959964 * deviation['u_thr'], rel=1e-6)
+
+
+def test_the_text_names_every_parameter_and_fault(found: Identification) -> None:
+    text = str(found)
+    assert all(name in text for name in found.parameters)
+    assert text.startswith('simulated, uniform_random: batch')
+    assert '(nan' not in text
+
+
+def test_one_intensity_has_no_curve_but_a_response() -> None:
+    result = rpms_ros.simulate('constant', duration=5.0, intensity=0.7).identify()
+    assert result.curve is None
+    assert len(result.response.force) == len(result.response.time_s) > 50
+    assert any('one intensity' in note for note in result.result.notes)
+    assert 'u_thr' not in result.parameters
+    assert 'curve' not in result.to_xarray()
+    for refused in (lambda: result.force_at(0.5), lambda: result.to_pandas('curve')):
+        with pytest.raises(RpmsError, match='expected pulses of several intensities'):
+            refused()
+
+
+@pytest.mark.parametrize('intensity', [-0.1, 1.1, float('nan')])
+def test_a_force_outside_the_curve_is_refused(found: Identification, intensity: float) -> None:
+    with pytest.raises(RpmsError, match='expected an intensity from 0 to 1'):
+        found.force_at(intensity)
+
+
+def test_an_estimator_on_line_keeps_a_path_of_estimates(simulated: Session) -> None:
+    taken: list[int] = []
+    result = simulated.identify('horizon', most_estimates=10, progress=taken.append)
+    # fifteen seconds every 1.5 s, and the one after the last sample
+    assert len(result.estimates.estimates) == 11
+    assert sum(taken) == len(simulated.force)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'estimator': 'magic'}, "expected an estimator of .*, got 'magic'"),
+        ({'preset': 'table_7'}, 'expected .*table_7'),
+        ({'rate_hz': 0.0}, 'expected .*rate.*0'),
+    ],
+)
+def test_a_wrong_option_is_named(
+    simulated: Session, options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(RpmsError, match=message):
+        simulated.identify(**options)  # type: ignore[arg-type]
+
+
+def test_the_figure_can_be_shown_and_saved(found: Identification, tmp_path: Path) -> None:
+    figure = found.plot()
+    try:
+        assert plt.fignum_exists(figure.number)
+        assert len(figure.axes) == 6
+        assert figure.get_suptitle() == 'simulated, uniform_random'
+    finally:
+        plt.close(figure)
+    own = Figure()
+    assert found.plot(own) is own
+    own.savefig(tmp_path / 'own.png')
+    assert (tmp_path / 'own.png').stat().st_size > 10_000
+
+
+def test_tables_hold_the_numbers_of_the_result(found: Identification) -> None:
+    parameters = found.to_pandas()
+    assert parameters.loc['u_thr', 'value'] == found.parameters['u_thr'].value
+    assert parameters.columns.tolist() == ['value', 'lower', 'upper', 'unit', 'determined']
+    curve = found.to_pandas('curve')
+    assert found.curve is not None
+    assert curve['force'].tolist() == found.curve.force.tolist()
+    assert (curve['lower'] <= curve['upper']).all()
+    assert found.to_pandas('response').index.name == 'time_s'
+    force = found.to_pandas('force')
+    assert len(force) == len(found.session.force)
+    assert force['usable'].all()
+    with pytest.raises(RpmsError, match=r"expected a table of .*, got 'twitch'"):
+        found.to_pandas('twitch')
+
+
+def test_the_data_set_has_units_and_intervals(found: Identification) -> None:
+    dataset = found.to_xarray()
+    assert dataset['curve'].attrs['units'] == 'N'
+    middle = dataset['curve'].sel(intensity=0.5)
+    assert float(middle) == found.force_at(0.5).value
+    assert (dataset['response_lower'] <= dataset['response_upper']).all()
+    chosen = dataset['parameter_value'].sel(parameter='u_sat')
+    assert float(chosen) == found.parameters['u_sat'].value
+    assert dataset.attrs['estimator'] == 'batch'
+    assert dataset.sizes['time'] == len(found.session.force)
+
+
+def test_an_estimator_without_intervals_has_none(simulated: Session) -> None:
+    result = simulated.identify('recursive', most_estimates=1)
+    frame = result.to_pandas('response')
+    if result.response.lower is None:
+        assert np.isnan(frame['lower']).all()
+    else:
+        assert (frame['lower'] <= frame['upper']).all()
+
+
+@pytest.mark.parametrize('name', ['pandas', 'xarray'])
+def test_a_missing_package_is_one_clear_line(
+    found: Identification, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(RpmsError, match=rf'expected {name}.*pip install "rpms_ros\[notebooks\]"'):
+        found.to_pandas() if name == 'pandas' else found.to_xarray()

@@ -1,0 +1,126 @@
+"""What is loaded is what was recorded, and can be written again."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpms_ros
+from rpms_ros import RpmsError
+from rpms_ros import Session
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import session_hash
+
+SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
+COLUMNS = ('t', 'F', 'gate')
+
+
+def table(path: Path, name: str = 'trial.csv') -> Path:
+    rows = [f'{i / 1000},{0.5 * i},{int(i % 50 < 2)}' for i in range(200)]
+    (path / name).write_text('\n'.join(('t,F,gate', *rows)) + '\n')
+    return path / name
+
+
+def test_a_recording_is_read_as_the_commands_read_it() -> None:
+    session = rpms_ros.load(SAMPLE)
+    recording = read_recording(SAMPLE)
+    assert session.name == 'sample'
+    assert session_hash(session.recording) == session_hash(recording)
+    np.testing.assert_array_equal(session.force.force, recording.forces.force)
+    assert session.duration == pytest.approx(29.999, abs=1e-9)
+
+
+def test_axis_and_sign_are_those_of_the_sensor() -> None:
+    upright, turned = rpms_ros.load(SAMPLE), rpms_ros.load(SAMPLE, axis='z', sign=-1)
+    np.testing.assert_array_equal(turned.force.force, -upright.force.force)
+    assert not rpms_ros.load(SAMPLE, axis='x').force.force.any()
+
+
+def test_info_says_what_the_session_holds() -> None:
+    info = rpms_ros.load(str(SAMPLE)).info()
+    assert info['path'] == str(SAMPLE)
+    numbers = ('samples', 'pulses', 'force_rate_hz', 'pulse_rate_hz')
+    assert [info[name] for name in numbers] == [30_000, 600, 1000.0, 20.0]
+    assert (info['faults'], info['remarks']) == ({}, [])
+
+
+def test_a_table_becomes_a_session(tmp_path: Path) -> None:
+    session = rpms_ros.load(table(tmp_path), columns=COLUMNS, intensity=0.8, sign=-1)
+    assert session.info()['storage'] == 'table'
+    # the gate is up from the first row on, which is no rising edge that was seen
+    assert session.pulses.intensity.tolist() == [0.8] * len(session.pulses)
+    assert session.force.force.tolist() == [-0.5 * i for i in range(200)]
+
+
+def test_a_session_is_written_and_read_again(simulated: Session, tmp_path: Path) -> None:
+    simulated.save(tmp_path / 'kept', compression='zstd')
+    again = rpms_ros.load(tmp_path / 'kept')
+    assert session_hash(again.recording) == session_hash(simulated.recording)
+    assert {finding.state for finding in again.verify()} == {'ok', 'unknown'}
+    with pytest.raises(RpmsError, match='expected'):
+        simulated.save(tmp_path / 'kept')
+
+
+def test_a_flipped_bit_is_found(simulated: Session, tmp_path: Path) -> None:
+    simulated.save(tmp_path / 'kept')
+    session = rpms_ros.load(tmp_path / 'kept')
+    (file,) = (tmp_path / 'kept').glob('*.mcap')
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    assert 'FAULT' in {finding.state for finding in session.verify()}
+
+
+def test_what_is_not_on_the_disk_cannot_be_verified(simulated: Session) -> None:
+    for session in (simulated, rpms_ros.load(SAMPLE).between(0.0, 1.0)):
+        with pytest.raises(RpmsError, match=r'expected a session that was loaded.*save\(\)'):
+            session.verify()
+
+
+def test_a_part_has_the_samples_and_pulses_of_its_time(simulated: Session) -> None:
+    part = simulated.between(2.0, 5.0)
+    assert len(part.force) == 3001
+    assert len(part.pulses) == 61
+    assert part.duration == pytest.approx(3.0, abs=1e-9)
+    before = part.recording.samples_before_pulse
+    stamps = part.force.stamp_ns
+    np.testing.assert_array_equal(before, np.searchsorted(stamps, part.pulses.onset_ns))
+    assert part.subject is simulated.subject
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'path': 'nowhere'}, 'expected .*nowhere'),
+        ({'sign': 2}, 'expected sign 1 or -1, got 2'),
+        ({'axis': 'w'}, 'expected .*axis.*w'),
+        ({'columns': COLUMNS}, 'expected columns with a table only'),
+        ({'force_topic': 'torque'}, 'expected .*torque'),
+    ],
+)
+def test_a_wrong_option_is_named(change: dict[str, object], message: str) -> None:
+    options = {'path': SAMPLE, **change}
+    with pytest.raises(RpmsError, match=message):
+        rpms_ros.load(**options)  # type: ignore[arg-type]
+
+
+def test_a_table_needs_its_columns(tmp_path: Path) -> None:
+    with pytest.raises(RpmsError, match=r'expected columns=\(time, force, gate\) for the table'):
+        rpms_ros.load(table(tmp_path))
+    with pytest.raises(RpmsError, match='expected sign 1 or -1, got 0'):
+        rpms_ros.load(table(tmp_path), columns=COLUMNS, sign=0)
+
+
+@pytest.mark.parametrize(
+    ('start', 'end', 'message'),
+    [
+        (5.0, 5.0, 'expected a start before the end, got 5.0 s and 5.0 s'),
+        (float('nan'), 1.0, 'expected a start before the end'),
+        (20.0, 30.0, r'expected force between 20.0 s and 30.0 s, got 14.999 s of it'),
+    ],
+)
+def test_a_part_without_samples_is_refused(
+    simulated: Session, start: float, end: float, message: str
+) -> None:
+    with pytest.raises(RpmsError, match=message):
+        simulated.between(start, end)

@@ -1,0 +1,53 @@
+"""Simulated sessions are those of the command, and reproducible."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpms_ros
+from rpms_ros import RpmsError
+from rpms_ros.cli import main
+from rpms_ros.muscle import Subject
+from rpms_ros.recording import session_hash
+from rpms_ros.stimulation import paper_sinusoid
+
+
+def test_it_is_the_session_of_the_command(tmp_path: Path) -> None:
+    path = tmp_path / 'session'
+    options = ['--duration', '3', '--noise', '0.05', '--drift', '0.1', '--seed', '7', '--quiet']
+    assert main(['simulate', '--out', str(path), '--subject', 'random', *options]) == 0
+    session = rpms_ros.simulate(duration=3.0, noise=0.05, drift=0.1, seed=7, subject='random')
+    written = rpms_ros.load(path)
+    np.testing.assert_array_equal(session.force.force, written.force.force)
+    assert session_hash(session.recording) == session_hash(written.recording)
+
+
+def test_a_scenario_is_taken_by_its_name() -> None:
+    steady = rpms_ros.simulate('sinusoid', duration=4.0)
+    restless = rpms_ros.simulate('sinusoid', duration=4.0, scenario='restless')
+    assert np.abs(steady.force.force - restless.force.force).max() > 0.01
+
+
+def test_a_muscle_and_a_schedule_of_ones_own() -> None:
+    muscle = Subject(maximum_force=25.0)
+    session = rpms_ros.simulate(paper_sinusoid(9.0), subject=muscle, force_rate_hz=500.0)
+    assert session.subject is muscle
+    assert session.info()['force_rate_hz'] == 500.0
+    assert 20.0 < session.force.force.max() < 30.0
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'schedule': 'zigzag'}, 'expected a schedule of .* or a file, got zigzag'),
+        ({'subject': 'nobody'}, 'expected .*nobody'),
+        ({'scenario': 'nothing'}, 'expected .*nothing'),
+        ({'force_rate_hz': 0.0}, 'expected a rate of the force up to'),
+        ({'noise': -1.0}, 'expected .*noise.*-1'),
+        ({'duration': -1.0}, 'expected .*-1'),
+    ],
+)
+def test_what_is_not_possible_is_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(RpmsError, match=message):
+        rpms_ros.simulate(**options)  # type: ignore[arg-type]
