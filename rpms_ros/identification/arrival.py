@@ -43,7 +43,8 @@ def feed(
         first, last = np.searchsorted(before, (start, stop)).tolist()
         if stop == len(forces):
             last = len(pulses)
-        _feed_block(stream, pulses, forces, before, slice(start, stop), slice(first, last))
+        block = ForceTrace(forces.stamp_ns[start:stop], forces.force[start:stop])
+        add_in_order(stream, pulses[first:last], block, before[first:last] - start)
         yield stop - start
         start = stop
     if not len(forces):
@@ -78,24 +79,28 @@ def _block_end(stamp_ns: IntArray, start: int) -> int:
     return start + (int(far[0]) if len(far) else len(stamps))
 
 
-def _feed_block(
-    stream: IdentificationStream,
-    pulses: PulseTrain,
-    forces: ForceTrace,
-    before: IntArray,
-    samples: slice,
-    due: slice,
+def add_in_order(
+    stream: IdentificationStream, pulses: PulseTrain, forces: ForceTrace, before: IntArray
 ) -> None:
-    """Add samples, and the pulses that came before each of them (or after the last of all)."""
-    stamps, values = forces.stamp_ns[samples], forces.force[samples]
-    place = before[due] - samples.start
-    if stream.takes_early(pulses[due], stamps, place):
+    """Add samples to a stream, and pulses in the order in which they came between them.
+
+    Parameters
+    ----------
+    stream : IdentificationStream
+        Where they go.
+    pulses, forces : PulseTrain, ForceTrace
+        In the order in which they came.
+    before : ndarray of int64 (pulses,)
+        How many of the samples had come when each pulse came, ascending.
+    """
+    stamps, values = forces.stamp_ns, forces.force
+    if not len(pulses) or (len(stamps) and stream.takes_early(pulses, stamps, before)):
         # None of them is late: what matters is that they are there.
-        stream.add_pulses(pulses[due])
-        stream.add_forces(ForceTrace(stamps, values))
+        stream.add_pulses(pulses)
+        stream.add_forces(forces)
         return
     begin = 0
-    for index, end in zip(range(due.start, due.stop), place.tolist(), strict=True):
+    for index, end in enumerate(before.tolist()):
         if end > begin:
             stream.add_forces(ForceTrace(stamps[begin:end], values[begin:end]))
             begin = end

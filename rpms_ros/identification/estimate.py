@@ -196,3 +196,14 @@ class RestorableEstimator(Estimator, Protocol):
             If it was saved with other settings, or is no such state: it comes from a file, so
             types, shapes and places within arrays have to be checked before they are relied on.
         """
+
+
+@runtime_checkable
+class ForetellingEstimator(Estimator, Protocol):
+    """An estimator that tells what it expects: outliers are then known before they are learnt."""
+
+    def foretell(self, stamp_ns: IntArray) -> FloatArray:
+        """Return what is expected of samples (samples,) that come next, ascending [N].
+
+        Nothing is learnt and nothing remembered; every pulse up to the last stamp has been added.
+        """

@@ -14,6 +14,7 @@ FORCE_STAMP_ALONE = 'force_stamp_alone'
 FORCE_GAP = 'force_gap'
 FORCE_QUEUE_FULL = 'force_queue_full'
 FORCE_SPIKE = 'force_spike'
+FORCE_OUTLIER = 'force_outlier'
 FORCE_ARTIFACT = 'force_artifact'
 FORCE_ALTERNATING = 'force_alternating'
 FORCE_FROZEN = 'force_frozen'
@@ -49,6 +50,8 @@ MEANING: Mapping[str, str] = {
     FORCE_QUEUE_FULL: 'force samples for which there was no room while they waited, dropped',
     FORCE_SPIKE: 'force samples that leave the course of their neighbours for less than 10 ms; '
     'not learnt from',
+    FORCE_OUTLIER: 'force samples that jump away from their prediction and back within 20 ms '
+    'while it was good before; not learnt from',
     FORCE_ARTIFACT: 'the same within 10 ms after a pulse, as a stimulation artifact; not learnt '
     'from',
     FORCE_ALTERNATING: 'force samples that jump between two courses, as two sensors on one topic '
@@ -59,7 +62,8 @@ MEANING: Mapping[str, str] = {
     FORCE_CONSTANT: 'force samples that had not changed in any bit for three seconds',
     FORCE_UNEXPLAINED: 'force samples far from their prediction while it was good before: a '
     'disturbance, or the muscle has changed',
-    FORCE_PUBLISHERS: 'seconds in which the force had more than one publisher (node only)',
+    FORCE_PUBLISHERS: 'force samples of another publisher than the first; not learnt from (node '
+    'only)',
     CLOCK_JUMP: 'jumps of the stamps back in time; pulses that still acted are forgotten',
     PULSE_INTENSITY_INVALID: 'pulses whose intensity was not within 0..1; treated as lost',
     PULSE_LOST: 'pulses missing in the sequence; learning stops while they could act',
@@ -72,7 +76,7 @@ MEANING: Mapping[str, str] = {
     PULSE_SEQUENCE_RESTART: 'sequences that started anew, as after a restart of the driver; '
     'learning waits if it happens twice within 10 s, as with two drivers',
     PULSE_SEQUENCE_STUCK: 'pulses of a driver that does not count them; losses cannot show',
-    PULSE_PUBLISHERS: 'seconds in which pulses had more than one publisher (node only)',
+    PULSE_PUBLISHERS: 'pulses of another publisher than the first, treated as lost (node only)',
     SAMPLES_EXCLUDED: 'force samples that were predicted but not learnt from',
     MONITOR_FAILED: 'monitors that raised an exception and were taken out',
     PULSES_TOO_FREQUENT: 'pulses between two samples for which the horizon has no room, dropped',

@@ -11,6 +11,7 @@ from rpms_ros.identification.estimate import CURVE_INTENSITY
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import SMALLEST_INTENSITY_SPAN
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.recursion_foretelling import foretell
 from rpms_ros.identification.recursion_kernel import CONDITION
 from rpms_ros.identification.recursion_kernel import DAMPING
 from rpms_ros.identification.recursion_kernel import ERROR_ENERGY
@@ -169,6 +170,21 @@ class RecursiveEstimator(RestorableWithSettings):
             self._onset_ns = self._onset_ns[kept:]
             self._intensity = self._intensity[kept:]
         return prediction
+
+    def foretell(self, stamp_ns: IntArray) -> FloatArray:
+        """Return what is expected of samples (samples,) that come next [N]."""
+        expected = np.empty(len(stamp_ns))
+        weights = self._state.linear @ self._constants.mixing
+        foretell(
+            stamp_ns,
+            self._onset_ns,
+            self._intensity,
+            self._state.theta,
+            weights,
+            self._constants.shape,
+            expected,
+        )
+        return expected
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return what is known now."""

@@ -16,6 +16,7 @@ from rpms_ros.identification import faults
 from rpms_ros.identification.doubts import Doubts
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.estimate import Estimator
+from rpms_ros.identification.estimate import ForetellingEstimator
 from rpms_ros.identification.far_pulses import FAR_NS
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.force_intake import ForceIntake
@@ -39,6 +40,8 @@ from rpms_ros.pulses import nanoseconds
 
 # An excursion so soon after a pulse is a stimulation artifact [ns].
 _ARTIFACT_NS = 10_000_000
+# Pulses of other publishers that are looked at, of those that come together.
+_MOST_EXCLUDED = 1000
 # Cells of the monitors' grid between two looks at the shares of faults.
 _NOTE_CELLS = 10
 # Earlier than any stamp [ns].
@@ -71,6 +74,7 @@ class IdentificationStream(RestorableWithSettings):
     _samples: int
     _cells: int
     _acting_ns: IntArray
+    _foreseen: tuple[IntArray, FloatArray]
     # samples after this stamp are predicted and not learnt from [ns]
     _held_ns: int | None
 
@@ -94,7 +98,9 @@ class IdentificationStream(RestorableWithSettings):
         self._reorder_delay_ns = nanoseconds(self.settings.reorder_delay)
         self._pulse_look_ahead_ns = nanoseconds(self.settings.pulse_look_ahead)
         self._period_ns = nanoseconds(self.settings.estimate_period)
-        self._pipeline = Pipeline(monitors, sinks, self._reorder_delay_ns, self._counter)
+        self._pipeline = Pipeline(
+            monitors, sinks, self._reorder_delay_ns, self._pulse_look_ahead_ns, self._counter
+        )
         self._queue = PulseQueue(self._memory_ns, self._pulse_look_ahead_ns, self._counter)
         self._strays = StrayPulses(2 * self._pulse_look_ahead_ns + self._memory_ns)
         self._postponed = PostponedFaults(self._counter)
@@ -107,10 +113,12 @@ class IdentificationStream(RestorableWithSettings):
         self._cell = None
         self._monitor_cell = None
         self._finished: list[Estimate] = []
+        self._foretelling = estimator if isinstance(estimator, ForetellingEstimator) else None
         self._last_ns = 0
         self._samples = 0
         self._cells = 0
         self._acting_ns = np.empty(0, dtype=np.int64)
+        self._foreseen = np.empty(0, dtype=np.int64), np.empty(0)
         self._held_ns = None
 
     @property
@@ -160,6 +168,18 @@ class IdentificationStream(RestorableWithSettings):
         for onset_ns in pulses.onset_ns[late & ~stray].tolist():
             self._postponed.add(faults.PULSE_LATE, newest_ns)
             self.exclude(onset_ns, onset_ns + self._memory_ns)
+
+    def exclude_pulses(self, onset_ns: IntArray) -> None:
+        """Do not learn while pulses (pulses,) of a publisher that is not believed may act.
+
+        They are counted.  If they were given, they are part of the force; if not, the force goes
+        on without them, and nobody knows.
+        """
+        self._counter.add(faults.PULSE_PUBLISHERS, len(onset_ns))
+        newest_ns = self._intake.newest_ns
+        near_ns = onset_ns if newest_ns is None else onset_ns[onset_ns <= newest_ns + FAR_NS]
+        for onset in near_ns[-_MOST_EXCLUDED:].tolist():
+            self.exclude(onset, onset + self._memory_ns)
 
     def change(self, settings: StreamSettings) -> None:
         """Make estimates at another period from now on.
@@ -270,6 +290,7 @@ class IdentificationStream(RestorableWithSettings):
             self._held_ns = stamp_ns - 1
         self._cell = self._monitor_cell = None
         self._acting_ns = np.empty(0, dtype=np.int64)
+        self._foreseen = np.empty(0, dtype=np.int64), np.empty(0)
 
     def _end_of_line(self) -> None:
         if self._intake.newest_ns is not None:
@@ -287,7 +308,7 @@ class IdentificationStream(RestorableWithSettings):
         starts = np.flatnonzero((np.diff(cell) != 0) | (np.diff(monitor_cell) != 0)) + 1
         for first, last in zip((0, *starts.tolist()), (*starts.tolist(), due), strict=True):
             self._cross_into(int(cell[first]), int(monitor_cell[first]))
-            marks = self._pipeline.examine(stamps, values, first, last)
+            marks = self._pipeline.examine(stamps, values, first, last, self._predicted)
             self._process(stamps[first:last], values[first:last], marks)
 
     def _cross_into(self, cell: int, monitor_cell: int) -> None:
@@ -316,8 +337,7 @@ class IdentificationStream(RestorableWithSettings):
             self._doubts.note(self._samples, self._counter.counts())
 
     def _process(self, stamps: IntArray, values: FloatArray, marks: IntArray) -> None:
-        onset, intensity = self._queue.settle(int(stamps[-1]) + self._pulse_look_ahead_ns)
-        self.estimator.add_pulses(onset, intensity)
+        onset, intensity = self._settle(int(stamps[-1]))
         usable = ~self._queue.unknown(stamps) & (marks == 0)
         if self._held_ns is not None:
             usable &= stamps <= self._held_ns
@@ -327,6 +347,20 @@ class IdentificationStream(RestorableWithSettings):
         self._counter.add(faults.SAMPLES_EXCLUDED, int(np.count_nonzero(~usable)))
         self._last_ns = int(stamps[-1])
         self._pipeline.add(ProcessedSamples(stamps, values, prediction, usable, onset, intensity))
+
+    def _settle(self, stamp_ns: int) -> tuple[IntArray, FloatArray]:
+        """Hand over the pulses that are known at a sample; return those since the last one."""
+        onset, intensity = self._queue.settle(stamp_ns + self._pulse_look_ahead_ns)
+        self.estimator.add_pulses(onset, intensity)
+        before, self._foreseen = self._foreseen, (onset[:0], intensity[:0])
+        return np.concatenate((before[0], onset)), np.concatenate((before[1], intensity))
+
+    def _predicted(self, stamp_ns: IntArray) -> FloatArray | None:
+        """Return what the estimator foretells of samples (samples,) that it has not seen."""
+        if self._foretelling is None:
+            return None
+        self._foreseen = self._settle(int(stamp_ns[0]))
+        return self._foretelling.foretell(stamp_ns)
 
     def _count_marks(self, stamps: IntArray, marks: IntArray, onset_ns: IntArray) -> None:
         """Count what the monitors found; spikes after a pulse are artifacts."""

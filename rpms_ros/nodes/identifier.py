@@ -20,11 +20,12 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate
-from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.axis import UNITS
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentificationStream
+from rpms_ros.identification import faults as names
+from rpms_ros.identification.arrival import add_in_order
 from rpms_ros.identification.checkpoint import load
 from rpms_ros.identification.checkpoint import save
 from rpms_ros.nodes import qos
@@ -32,22 +33,21 @@ from rpms_ros.nodes import topics
 from rpms_ros.nodes.diagnostics import PERIOD_S
 from rpms_ros.nodes.diagnostics import diagnostics_message
 from rpms_ros.nodes.identifier_diagnostics import identifier_health
+from rpms_ros.nodes.identifier_hearing import Hearing
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
 from rpms_ros.nodes.identifier_parameters import build_stream
 from rpms_ros.nodes.identifier_parameters import stream_settings
 from rpms_ros.nodes.identifier_publishers import Publishers
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.overridable import is_best_effort
-from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.runner import run
 from rpms_ros.nodes.state_services import StateServices
 from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 
 # Silence of the force after which somebody should look at the sensor [s].
 _SILENCE = 5.0
@@ -65,10 +65,6 @@ class Identifier(Node):
         self.stream = build_stream(self.settings)
         self._axis = messages.axis_of(self.settings.axis, self.settings.sign)
         self._unit = UNITS[self.settings.quantity]
-        self._sensor_frame = ''
-        self._stamps: list[int] = []
-        self._forces: list[float] = []
-        self._pulses: list[Pulse] = []
         self._reported: dict[str, int] = {}
         self._heard = time.monotonic()
         self._last: Estimate | None = None
@@ -77,9 +73,13 @@ class Identifier(Node):
             WrenchStamped, topics.DISTURBANCE, qos.DISTURBANCE
         )
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
-        subscribe(self, PulseMessage, topics.PULSES, self._on_pulse, qos.PULSES)
-        profile = qos.FORCE_BEST_EFFORT if self.settings.best_effort_force else qos.FORCE
-        self._force = subscribe(self, WrenchStamped, topics.FORCE, self._on_force, profile)
+        self._hearing = Hearing(
+            self,
+            self._axis,
+            self.settings.quantity,
+            qos.FORCE_BEST_EFFORT if self.settings.best_effort_force else qos.FORCE,
+            nanoseconds(self.settings.longest_gap),
+        )
         warn_of_unused(self)
         self._senders = Publishers(self)
         for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
@@ -99,19 +99,10 @@ class Identifier(Node):
             f'on {force} along {settings.axis}, sign {settings.sign}; pulses on {pulses}'
         )
 
-    def _on_pulse(self, message: PulseMessage) -> None:
-        self._pulses.append(messages.pulse_of(message))
-
-    def _on_force(self, message: WrenchStamped) -> None:
-        stamp_ns, force = messages.force_of(message, self._axis, self.settings.quantity)
-        self._sensor_frame = message.header.frame_id
-        self._stamps.append(stamp_ns)
-        self._forces.append(force)
-
-    def _on_best_effort_force(self, message: WrenchStamped) -> None:
-        # What a reliable sensor sends has come already.
-        if self._senders.best_effort_alone:
-            self._on_force(message)
+    def destroy_node(self) -> None:
+        """Take the node down, and the one that hears for it."""
+        self._hearing.close()
+        super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _reset(self) -> str:
         """Forget everything and begin anew, as after a change of the electrode or the coil."""
@@ -120,7 +111,7 @@ class Identifier(Node):
 
     def _begin(self, stream: IdentificationStream) -> None:
         self.stream = stream
-        self._stamps, self._forces, self._pulses = [], [], []
+        self._hearing.begin_anew()
         self._reported = {}
         self._last = None
 
@@ -158,15 +149,14 @@ class Identifier(Node):
 
     def _take(self) -> None:
         """Hand what has come to the stream."""
-        if self._pulses:
-            # First: a pulse that came a little later than its force, after a stall, is not late.
-            self.stream.add_pulses(PulseTrain.of(self._pulses))
-            self._pulses = []
-        if self._stamps:
+        heard = self._hearing.heard(self._senders.best_effort_alone)
+        if len(heard.forces):
             self._heard = time.monotonic()
-            stamps = np.array(self._stamps, dtype=np.int64)
-            self.stream.add_forces(ForceTrace(stamps, np.array(self._forces)))
-            self._stamps, self._forces = [], []
+        self.stream.count_fault(names.FORCE_PUBLISHERS, heard.foreign_samples)
+        if len(heard.foreign_onset_ns):
+            self.stream.exclude_pulses(heard.foreign_onset_ns)
+        # In the order of arrival, as a recorder writes them and a replay reads them.
+        add_in_order(self.stream, heard.pulses, heard.forces, heard.before)
 
     def _process(self) -> None:
         self._take()
@@ -185,22 +175,20 @@ class Identifier(Node):
                 estimate.disturbance,
                 self._axis,
                 MESSAGE_TYPES,
-                self._sensor_frame,
+                self._hearing.sensor_frame,
                 self.settings.quantity,
             )
         )
 
     def _report(self) -> None:
-        unheard = self._senders.look() and not is_best_effort(self._force)
-        if unheard and self._senders.best_effort is None:
-            self._senders.best_effort = self.create_subscription(
-                WrenchStamped, topics.FORCE, self._on_best_effort_force, qos.FORCE_BEST_EFFORT
-            )
+        unheard = self._senders.look() and not self._hearing.hears_best_effort
+        if unheard:
+            self._hearing.hear_best_effort()
             logger_of(self).warning(
                 f'{self.resolve_topic_name(topics.FORCE)} is published best effort: it is heard, '
                 'and samples may be lost'
             )
-        faults = {**self.stream.fault_counts, **self._senders.counts}
+        faults = self.stream.fault_counts
         for name, count in faults.items():
             if count != self._reported.get(name):
                 logger_of(self).warning(f'{name}: {count} so far')

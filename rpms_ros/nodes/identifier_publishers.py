@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
-from rclpy.subscription import Subscription
 
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import faults
@@ -26,13 +25,11 @@ class Publishers:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.best_effort: Subscription | None = None
         self.best_effort_alone = False
-        self.counts: dict[str, int] = {}
         self._recent: deque[tuple[str, ...]] = deque(maxlen=_SECONDS)
 
     def look(self) -> bool:
-        """Count topics with more publishers than one.
+        """Note topics with more publishers than one.
 
         Returns whether all publishers of the force are best effort, which a reliable subscription
         does not hear.
@@ -45,7 +42,6 @@ class Publishers:
             found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
             if len({tuple(one.endpoint_gid) for one in found}) > 1:
                 crowded.append(name)
-                self.counts[name] = self.counts.get(name, 0) + 1
             if topic == topics.FORCE:
                 self.best_effort_alone = bool(found) and all(
                     one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in found
@@ -54,9 +50,8 @@ class Publishers:
         return self.best_effort_alone
 
     def noted(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with what was found here among its faults and doubts."""
-        if not self.counts:
-            return estimate
-        recent = {name for names in self._recent for name in names}
-        doubts = (*estimate.doubts, *(name for name in self.counts if name in recent))
-        return replace(estimate, faults={**estimate.faults, **self.counts}, doubts=doubts)
+        """Return the estimate with what was found here among its doubts."""
+        recent = {name for names in self._recent for name in names} - set(estimate.doubts)
+        return (
+            replace(estimate, doubts=(*estimate.doubts, *sorted(recent))) if recent else estimate
+        )

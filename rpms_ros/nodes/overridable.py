@@ -61,6 +61,20 @@ def is_best_effort(subscription: Subscription) -> bool:
     return bool(subscription.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT)
 
 
+def overridden(node: Node, kind: Any, topic: str, profile: QoSProfile) -> QoSProfile:
+    """Return the profile with which a node would subscribe to a topic, as its parameters say.
+
+    Raises
+    ------
+    NodeError
+        If what they say is no quality of service.
+    """
+    tried = subscribe(node, kind, topic, lambda _message: None, profile)
+    chosen: QoSProfile = tried.qos_profile
+    node.destroy_subscription(tried)
+    return chosen
+
+
 def warn_of_unused(node: Node) -> None:
     """Warn of overrides that fit no topic of the node, once all its subscriptions are made."""
     given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})

@@ -111,9 +111,9 @@ NODES: dict[str, Interfaces] = {
     'stop_button': Interfaces(publish=(topics.EMERGENCY_STOP,), subscribe=(topics.JOY,)),
     'identifier': Interfaces(
         publish=(topics.ESTIMATE, topics.DISTURBANCE, topics.DIAGNOSTICS),
-        subscribe=(topics.PULSES, topics.FORCE),
         serve=('~/hold', '~/load_state', '~/reset', '~/resume', '~/save_state'),
     ),
+    'identifier_hearing': Interfaces(subscribe=(topics.PULSES, topics.FORCE), plain=True),
     'plant_simulator': Interfaces(
         publish=(topics.FORCE, topics.TRUTH, topics.DIAGNOSTICS, '/clock'),
         subscribe=(topics.PULSES,),
@@ -138,7 +138,7 @@ ENCLAVES: dict[str, tuple[str, ...]] = {
     'stimulator_driver': ('stimulator_driver', 'stimulator_driver_watch'),
     'operator_console': ('operator_console',),
     'stop_button': ('stop_button',),
-    'identifier': ('identifier',),
+    'identifier': ('identifier', 'identifier_hearing'),
     'plant_simulator': ('plant_simulator',),
     'recorder': ('recorder',),
 }

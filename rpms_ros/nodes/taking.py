@@ -58,11 +58,14 @@ class Taken(NamedTuple):
         Of its publisher.
     sequence : int
         Counts what this publisher sends.
+    received_ns : int
+        When it came here, by the clock of the computer [ns].
     """
 
     data: bytes
     identity: bytes
     sequence: int
+    received_ns: int = 0
 
 
 class Taker:
@@ -124,6 +127,7 @@ class Taker:
             ctypes.string_at(self._bytes.buffer, self._bytes.length),
             bytes(self._information.identity),
             int(self._information.sequence),
+            int(self._information.received_ns),
         )
 
     def close(self) -> None:

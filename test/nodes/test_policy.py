@@ -36,7 +36,7 @@ def running(graph, tmp_path):
     graph.add(PlantSimulator, publish_clock=True)
     graph.add(Recorder, path=str(tmp_path / 'recording'))
     watcher = graph.add(lambda **options: Node('watcher', **options))
-    graph.wait_for(lambda: len(watcher.get_node_names()) >= 8)
+    graph.wait_for(lambda: len(watcher.get_node_names()) >= 9)
     yield watcher
     os.close(typed)
     os.close(read)

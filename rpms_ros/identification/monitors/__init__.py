@@ -14,6 +14,7 @@ from rpms_ros.identification.monitors.alternation import Alternation
 from rpms_ros.identification.monitors.interface import Monitor
 from rpms_ros.identification.monitors.interface import ProcessedSamples
 from rpms_ros.identification.monitors.interface import Window
+from rpms_ros.identification.monitors.outliers import Outliers
 from rpms_ros.identification.monitors.residuals import Unexplained
 from rpms_ros.identification.monitors.spikes import Spikes
 from rpms_ros.identification.monitors.stuck import ClippedSensor
@@ -32,6 +33,7 @@ GROUP = 'rpms_ros.monitors'
 
 MONITORS: dict[str, Callable[[], Monitor]] = {
     'spikes': Spikes,
+    'outliers': Outliers,
     'alternation': Alternation,
     'frozen': FrozenSensor,
     'clipped': ClippedSensor,

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import ClassVar
 
+import numba
 import numpy as np
 
 from rpms_ros.identification import faults
@@ -35,6 +36,28 @@ class Alternation(Monitor):
         return {faults.FORCE_ALTERNATING: np.ones(window.last - window.first, dtype=np.bool_)}
 
 
+@numba.njit(cache=True)
+def distances(force: FloatArray, nearest: FloatArray, best: FloatArray) -> None:
+    """Write the distance of samples to the line through the nearest two, and to the best line.
+
+    Parameters
+    ----------
+    force : ndarray (samples,)
+        [N]
+    nearest, best : ndarray (samples - 6,)
+        Of all samples but three at each end [N].
+    """
+    for place in range(len(best)):
+        index = place + _REACH
+        here = force[index]
+        nearest[place] = abs(here - 0.5 * (force[index - 1] + force[index + 1]))
+        best[place] = nearest[place]
+        for before in range(1, _REACH + 1):
+            for after in range(1, _REACH + 1):
+                line = after * force[index - before] + before * force[index + after]
+                best[place] = min(best[place], abs(here - line / (before + after)))
+
+
 def alternation(force: FloatArray) -> float:
     """Return how far samples are from a line through two neighbours, relative.
 
@@ -54,14 +77,8 @@ def alternation(force: FloatArray) -> float:
     if len(force) < _LEAST_SAMPLES:
         return 1.0
     count = len(force) - 2 * _REACH
-    here = force[_REACH : _REACH + count]
-    middle = 0.5 * (force[_REACH - 1 :][:count] + force[_REACH + 1 :][:count])
-    nearest = best = np.abs(here - middle)
-    for before in range(1, _REACH + 1):
-        for after in range(1, _REACH + 1):
-            earlier, later = force[_REACH - before :][:count], force[_REACH + after :][:count]
-            line = (after * earlier + before * later) / (before + after)
-            best = np.minimum(best, np.abs(here - line))
+    nearest, best = np.empty((2, count))
+    distances(force, nearest, best)
     total = float(nearest.sum())
     if total == 0.0:
         return 1.0

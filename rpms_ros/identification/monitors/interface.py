@@ -24,12 +24,19 @@ class Window:
         Samples of the cell, and those up to a tenth of a second before and after it [ns], [N].
     first, last : int
         The samples of the cell itself are ``first .. last - 1``.
+    found : ndarray of bool (last - first,)
+        Samples of the cell that a monitor before this one has named.
+    prediction : ndarray (last - first,) or None
+        What the estimator foretells of them before it has learnt from any of them [N]; None if it
+        does not, or `StreamSettings.pulse_look_ahead` is too short to know the pulses.
     """
 
     stamp_ns: IntArray
     force: FloatArray
     first: int
     last: int
+    found: BoolArray
+    prediction: FloatArray | None
 
 
 @dataclass(frozen=True)

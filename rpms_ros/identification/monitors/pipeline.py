@@ -40,8 +40,11 @@ class Pipeline(Restorable):
     sinks : sequence of Monitor
         Are asked after them, and are no part of the state.
     delay_ns : int
-        How long samples wait, at least, before they are used [ns]; half of it is a cell of the
-        grid, the other half is how far a cell is looked at beyond its end.
+        How long samples wait, at least, before they are used [ns]; at most half of it is a cell of
+        the grid, the other half is how far a cell is looked at beyond its end.
+    look_ahead_ns : int
+        How far pulses are known beyond a sample that is used [ns]; no cell is longer if its
+        samples are to be foretold.
     counter : FaultCounter
         Where faults are counted.
     """
@@ -57,6 +60,7 @@ class Pipeline(Restorable):
         monitors: Sequence[Monitor],
         sinks: Sequence[Monitor],
         delay_ns: int,
+        look_ahead_ns: int,
         counter: FaultCounter,
     ) -> None:
         self._named = tuple(monitors)
@@ -64,6 +68,9 @@ class Pipeline(Restorable):
         self._counter = counter
         self._examines = delay_ns >= LEAST_DELAY_NS
         self.cell_ns = min(delay_ns // 2, CELL_NS) if self._examines else CELL_NS
+        self._foretells = self._examines and look_ahead_ns >= LEAST_DELAY_NS // 2
+        if self._foretells:
+            self.cell_ns = min(self.cell_ns, look_ahead_ns)
         self._names = []
         self._cell = None
         self._marks = np.empty(0, dtype=np.int64)
@@ -95,18 +102,25 @@ class Pipeline(Restorable):
             fits = fits and len(part.onset_ns) == len(part.intensity)
         expect(fits, 'Pipeline', 'columns of one length')
 
-    def examine(self, stamp_ns: IntArray, force: FloatArray, first: int, last: int) -> IntArray:
+    def examine(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        first: int,
+        last: int,
+        predicted: Callable[[IntArray], FloatArray | None],
+    ) -> IntArray:
         """Return what is wrong with samples first .. last - 1 of one cell, one bit a fault.
 
         `stamp_ns` and `force` (samples,) are all that wait, ascending; the samples before `first`
-        have been examined.
+        have been examined.  `predicted` foretells the samples of a cell.
         """
         if not self._examines:
             return np.zeros(last - first, dtype=np.int64)
         cell = int(stamp_ns[first]) // self.cell_ns
         if cell != self._cell:
             self._cell = cell
-            self._marks = self._marks_of(self._window(stamp_ns, force, first, cell))
+            self._marks = self._marks_of(self._window(stamp_ns, force, first, cell, predicted))
         before = (
             np.concatenate((self._before[0], stamp_ns[first:last])),
             np.concatenate((self._before[1], force[first:last])),
@@ -157,7 +171,14 @@ class Pipeline(Restorable):
         for monitor in self._monitors:
             monitor.restart()
 
-    def _window(self, stamp_ns: IntArray, force: FloatArray, first: int, cell: int) -> Window:
+    def _window(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        first: int,
+        cell: int,
+        predicted: Callable[[IntArray], FloatArray | None],
+    ) -> Window:
         """Return the cell that begins with sample `first`, and a cell before and after it."""
         begin_ns = cell * self.cell_ns
         stop, high = np.searchsorted(
@@ -170,6 +191,8 @@ class Pipeline(Restorable):
             np.concatenate((self._before[1][low:], force[first:high])),
             before,
             before + stop - first,
+            np.zeros(stop - first, dtype=np.bool_),
+            predicted(stamp_ns[first:stop]) if self._foretells else None,
         )
 
     def _marks_of(self, window: Window) -> IntArray:
@@ -178,6 +201,7 @@ class Pipeline(Restorable):
             found: Mapping[str, BoolArray] = self._ask(monitor, monitor.examine, window, {})
             for name, concerned in found.items():
                 marks[concerned] |= 1 << self._bit(name)
+                window.found[concerned] = True
         return marks
 
     def _bit(self, name: str) -> int:

@@ -68,8 +68,15 @@ def find_excursions(
         count = 2 * side + 1
         if count <= _LEAST:
             continue
+        above = 0
+        below = 0
         for place in range(count):
             near[place] = force[index + (place - side) * stride]
+            above += near[place] > force[index] + floor
+            below += near[place] < force[index] - floor
+        # The median is that far away only if more than half of them are: few have to be sorted.
+        if max(above, below) <= side:
+            continue
         ordered = np.sort(near[:count])
         spread = ordered[count - 1 - count // 5] - ordered[count // 5]
         away = abs(force[index] - ordered[side])

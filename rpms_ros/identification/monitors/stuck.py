@@ -49,20 +49,19 @@ class FrozenSensor(Monitor):
         """Return the samples that repeat a frozen value."""
         cell = window.force[window.first : window.last]
         found = np.zeros(len(cell), dtype=np.bool_)
-        begins = np.flatnonzero(np.diff(window.force, prepend=np.nan) != 0.0)
+        changes = window.force[1:] != window.force[:-1]
+        begins = np.concatenate(([0], np.flatnonzero(changes) + 1))
         ends = np.append(begins[1:], len(window.force))
-        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-            if end <= window.first or begin >= window.last:
-                continue
-            # Most values come once; the last one of the cell may come again.
-            if end - begin == 1 and end != window.last:
-                continue
+        # Most values come once; the last one of the cell may come again.
+        again = (ends - begins > 1) | (ends == window.last)
+        again &= (ends > window.first) & (begins < window.last)
+        for begin, end in zip(begins[again].tolist(), ends[again].tolist(), strict=True):
             begun_ns, steep = self._beginning(window, begin)
             if steep and window.stamp_ns[end - 1] - begun_ns >= _FROZEN_NS:
                 found[max(begin - window.first, 0) : end - window.first] = True
             if end > window.last - 1:
                 self._begun_ns, self._value, self._steep = begun_ns, float(cell[-1]), steep
-        steps = np.abs(np.diff(cell))
+        steps = np.abs(cell[1:] - cell[:-1])
         if len(steps) and not found.any():
             share = _MEMORY_OF_STEPS if self._step else 1.0
             self._step += share * (float(np.median(steps)) - self._step)

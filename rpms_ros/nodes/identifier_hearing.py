@@ -1,0 +1,189 @@
+"""What the identifier hears: force and pulses as they arrived, each from a publisher of its own.
+
+An executor of rclpy hands out messages without their publisher, and topic by topic.  Here the
+subscriptions belong to a second node that is in no executor; what has come is taken from them
+when the identifier looks.
+"""
+
+from typing import Any
+from typing import NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+
+from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import messages
+from rpms_ros.axis import Axis
+from rpms_ros.identification.first_publisher import FirstPublisher
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.overridable import overridden
+from rpms_ros.nodes.taking import Taken
+from rpms_ros.nodes.taking import Taker
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import PulseTrain
+
+SUFFIX = '_hearing'
+"""What the name of the second node adds to the identifier's."""
+
+# More than the queues hold is taken at the next look.
+_MOST = 20_000
+
+
+class Heard(NamedTuple):
+    """What has come since the last look, in the order of its arrival.
+
+    Attributes
+    ----------
+    pulses, forces : PulseTrain, ForceTrace
+        Of the publishers that are listened to.
+    before : ndarray of int64 (pulses,)
+        How many of the samples came before each pulse.
+    foreign_samples : int
+        Samples of other publishers.
+    foreign_onset_ns : ndarray of int64 (pulses,)
+        Onsets of pulses of other publishers [ns].
+    """
+
+    pulses: PulseTrain
+    forces: ForceTrace
+    before: IntArray
+    foreign_samples: int
+    foreign_onset_ns: IntArray
+
+
+class Hearing:
+    """Subscriptions to force and pulses.
+
+    Parameters
+    ----------
+    node : Node
+        The identifier.
+    axis : Axis
+        Along which the muscle pulls.
+    quantity : str
+        What the sensor measures, force or torque.
+    profile : QoSProfile
+        Of the subscription to the force.
+    silence_ns : int
+        After which another publisher is listened to [ns].
+    """
+
+    def __init__(
+        self, node: Node, axis: Axis, quantity: str, profile: QoSProfile, silence_ns: int
+    ) -> None:
+        self._named = node
+        self._axis = axis
+        self._quantity = quantity
+        self.sensor_frame = ''
+        self._silence_ns = silence_ns
+        self._node = Node(
+            node.get_name() + SUFFIX,
+            namespace=node.get_namespace(),
+            context=node.context,
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        # Overrides of the quality of service are parameters of the identifier.
+        chosen = overridden(node, PulseMessage, topics.PULSES, qos.PULSES)
+        self._pulses = self._taker(PulseMessage, topics.PULSES, chosen)
+        chosen = overridden(node, WrenchStamped, topics.FORCE, profile)
+        self._force = self._taker(WrenchStamped, topics.FORCE, chosen)
+        self._told_best_effort = chosen.reliability is ReliabilityPolicy.BEST_EFFORT
+        self._best_effort: Taker | None = None
+        self.begin_anew()
+
+    @property
+    def hears_best_effort(self) -> bool:
+        """Whether a force that is published best effort is heard."""
+        return self._told_best_effort or self._best_effort is not None
+
+    def hear_best_effort(self) -> None:
+        """Subscribe to the force best effort too."""
+        self._best_effort = self._taker(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
+
+    def begin_anew(self) -> None:
+        """Listen to whoever comes first, and forget what has come."""
+        self._force_from = FirstPublisher(self._silence_ns)
+        self._pulses_from = FirstPublisher(self._silence_ns)
+        for taker in (self._force, self._pulses, self._best_effort):
+            if taker is not None:
+                _drained(taker)
+
+    def heard(self, best_effort_alone: bool) -> Heard:
+        """Return what has come since the last look.
+
+        A reliable force comes twice where best effort is subscribed to as well; it is taken from
+        there only if all of its publishers are best effort.
+        """
+        # Pulses last: none is handed over later than a sample that came after it.
+        forces = _drained(self._force)
+        if self._best_effort is not None:
+            besides = _drained(self._best_effort)
+            forces += besides if best_effort_alone else []
+        own, samples, foreign = self._own_forces(forces)
+        pulses: list[Pulse] = []
+        came_ns: list[int] = []
+        onsets: list[int] = []
+        for taken in _drained(self._pulses):
+            pulse = messages.pulse_of(deserialize_message(taken.data, PulseMessage))
+            if self._pulses_from.counts(taken.identity, pulse.onset_ns):
+                pulses.append(pulse)
+                came_ns.append(taken.received_ns)
+            else:
+                onsets.append(pulse.onset_ns)
+        # A clock that is set back within a look must not change the order within a topic.
+        arrival = np.maximum.accumulate(np.array(own, dtype=np.int64))
+        before = np.searchsorted(arrival, np.array(came_ns, dtype=np.int64))
+        return Heard(
+            PulseTrain.of(pulses),
+            samples,
+            np.maximum.accumulate(before),
+            foreign,
+            np.array(onsets, dtype=np.int64),
+        )
+
+    def close(self) -> None:
+        """Take the second node down."""
+        for taker in (self._force, self._pulses, self._best_effort):
+            if taker is not None:
+                taker.close()
+        self._node.destroy_node()
+
+    def _own_forces(self, forces: list[Taken]) -> tuple[list[int], ForceTrace, int]:
+        """Return when samples came, the samples, and how many are of other publishers."""
+        came_ns: list[int] = []
+        stamps: list[int] = []
+        values: list[float] = []
+        for taken in forces:
+            message = deserialize_message(taken.data, WrenchStamped)
+            stamp_ns, force = messages.force_of(message, self._axis, self._quantity)
+            if self._force_from.counts(taken.identity, stamp_ns):
+                self.sensor_frame = message.header.frame_id
+                came_ns.append(taken.received_ns)
+                stamps.append(stamp_ns)
+                values.append(force)
+        trace = ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
+        return came_ns, trace, len(forces) - len(stamps)
+
+    def _taker(self, kind: type, topic: str, profile: QoSProfile) -> Taker:
+        name = self._named.resolve_topic_name(topic)
+        return Taker(self._node.create_subscription(kind, name, _served_by_nobody, profile))
+
+
+def _drained(taker: Taker) -> list[Taken]:
+    found: list[Taken] = []
+    while len(found) < _MOST and (taken := taker.take()) is not None:
+        found.append(taken)
+    return found
+
+
+def _served_by_nobody(_message: Any) -> None:
+    """Stand where rclpy wants a callback."""
