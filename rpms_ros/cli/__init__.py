@@ -10,6 +10,9 @@ from importlib import import_module
 from typing import NoReturn
 
 from rpms_ros import __version__
+from rpms_ros.cli.options import FAILURE
+from rpms_ros.cli.options import INTERRUPTED
+from rpms_ros.cli.options import SUCCESS
 from rpms_ros.errors import RpmsError
 from rpms_ros.printable import printable
 
@@ -31,7 +34,6 @@ COMMANDS = (
 )
 """Modules of this package, in the order of the help."""
 
-SUCCESS, INCOMPLETE, FAILURE, INTERRUPTED = 0, 1, 2, 130
 _DESCRIPTION = """\
 Identify a muscle that is stimulated by repetitive magnetic or electrical pulses.
 
@@ -47,7 +49,8 @@ Identify a muscle that is stimulated by repetitive magnetic or electrical pulses
 """
 _EPILOG = """\
 Help on one command: rpms help COMMAND, or rpms COMMAND --help
-Exit codes: 0 well, 1 done but with something missing or wrong in the data, 2 not possible.
+Exit codes: 0 well, 1 done but with something missing or wrong in the data, 2 not possible,
+3 done, but the result must not be used (the verdict is no).
 """
 _NO_ROS = 'the nodes need ROS 2 Jazzy and rpms_msgs (make build, or a sourced workspace)'
 

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros.cli.options import COMPILING
+from rpms_ros.cli.options import INCOMPLETE
+from rpms_ros.cli.options import SUCCESS
+from rpms_ros.cli.options import UNUSABLE
 from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
@@ -34,6 +37,8 @@ _EXAMPLES = """\
   rpms identify session --force-topic /left/wrench --axis x --sign -1
   rpms identify session --estimator batch              with intervals and physiology
   rpms identify session --preset table_5 --rate-hz 15
+
+exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 2 if not possible
 """
 _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
 # More than a figure has pixels across; a minute and a half has all of its estimates.
@@ -57,6 +62,20 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
     add_reading_options(parser)
     add_estimator_options(parser)
+    add_verdict_option(parser)
+
+
+def add_verdict_option(parser: argparse.ArgumentParser) -> None:
+    """Add what the verdict takes for granted."""
+    text = 'force that this muscle can have at most [N]; more is taken for a wrong unit'
+    add_option(parser, '--expected-force N', 200.0, text)
+
+
+def verdict_code(grade: str, faults: bool) -> int:
+    """Return the exit code of a verdict on a recording with or without faults."""
+    if grade == 'no':
+        return UNUSABLE
+    return INCOMPLETE if faults or grade != 'good' else SUCCESS
 
 
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
@@ -77,13 +96,15 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify the recording; return 1 if something was wrong with the recording itself."""
+    """Identify the recording; return the exit code of the verdict."""
+    from rpms_ros.identification.verdict import VerdictSettings
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import compile_estimator
     from rpms_ros.report.identified import identified
     from rpms_ros.report.result import result_of
     from rpms_ros.schema import plain
 
+    settings = VerdictSettings(expected_force=arguments.expected_force)
     options = IdentificationOptions(
         arguments.estimator, arguments.preset, arguments.rate_hz, arguments.seed
     )
@@ -95,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
         # Figures show a path of estimates; the result is the last one.
         most = _MOST_ESTIMATES if arguments.out else 1
         session = identified(recording, options, advance, most)
-    document = plain(result_of(recording, session))
+    document = plain(result_of(recording, session, settings))
     if arguments.json:
         print(json.dumps(document, allow_nan=False))
     else:
@@ -103,25 +124,36 @@ def run(arguments: argparse.Namespace) -> int:
     warn(('warning', text) for text in document['notes'])
     if arguments.out:
         _write(arguments.out, document, recording, session, str(arguments.bag))
-    return 1 if recording.facts.faults else 0
+    return verdict_code(document['verdict']['grade'], bool(recording.facts.faults))
 
 
 def as_text(document: dict[str, Any]) -> str:
-    """Return the result as a short table."""
+    """Return the result as a short table, the verdict last."""
     duration = document['duration_s']
-    response = document['impulse_response']
-    peak = max(response['force'])
     rows = [
         ('estimator', document['estimator']),
         ('data', f'{document["samples"]} samples, {document["pulses"]} pulses, {duration:.3f} s'),
         ('session hash', document['session_hash']),
         *(('schedule', f'{one["name"]}, sha256 {one["sha256"]}') for one in document['schedules']),
     ]
+    verdict = document['verdict']
+    # What must not be used is not there to be copied.
+    if verdict['grade'] != 'no':
+        rows += _found(document)
+    rows.append(('output error', _output_error(document)))
+    faults = (f'{name} {count}' for name, count in document['faults'].items())
+    rows.append(('faults', ', '.join(faults) or 'none'))
+    rows.append(('verdict', f'{verdict["grade"]}: {"; ".join(verdict["reasons"])}'))
+    return labelled(rows)
+
+
+def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of what was identified; nothing that the data do not tell."""
+    rows = []
     if document['curve']:
-        recruitment = document['recruitment'].items()
-        rows.append(
-            ('recruitment', '  '.join(f'{name} {value:.4g}' for name, value in recruitment))
-        )
+        known = {name: one for name, one in document['recruitment'].items() if one is not None}
+        shown = '  '.join(f'{name} {value:.4g}' for name, value in known.items())
+        rows.append(('recruitment', shown or 'no parameter is determined by the data'))
         rows += [
             (
                 '' if index else f'steady force at {document["rate_hz"]:g} Hz',
@@ -137,12 +169,11 @@ def as_text(document: dict[str, Any]) -> str:
     if 'identifiability' in document:
         flags = document['identifiability'].items()
         rows.append(('in the data', ', '.join(f'{name} {flag}' for name, flag in flags)))
+    response = document['impulse_response']
+    peak = max(response['force'])
     time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
     rows.append(('one pulse', f'peak {peak:.4g} N after {time_ms:.0f} ms'))
-    rows.append(('output error', _output_error(document)))
-    faults = (f'{name} {count}' for name, count in document['faults'].items())
-    rows.append(('faults', ', '.join(faults) or 'none'))
-    return labelled(rows)
+    return rows
 
 
 def _output_error(document: dict[str, Any]) -> str:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpms_ros.cli.identify import add_estimator_options
+from rpms_ros.cli.identify import add_verdict_option
+from rpms_ros.cli.identify import verdict_code
 from rpms_ros.cli.options import COMPILING
 from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
@@ -59,10 +61,11 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     add_reading_options(parser)
     add_estimator_options(parser)
+    add_verdict_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the report; return 1 if something was wrong with the recording itself."""
+    """Write the report; return the exit code of the verdict."""
     from rpms_ros.report.session import as_document
     from rpms_ros.report.session import as_page
     from rpms_ros.report.session import write_figures
@@ -78,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(f'{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB')
     warn(('warning', text) for text in document['remarks'])
-    return 1 if analysis.recording.facts.faults else 0
+    return verdict_code(analysis.result.verdict.grade, bool(analysis.recording.facts.faults))
 
 
 def stated_items(texts: list[str]) -> dict[str, str]:
@@ -100,6 +103,7 @@ def stated_items(texts: list[str]) -> dict[str, str]:
 
 def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.identification.catalogue import estimator_by_name
+    from rpms_ros.identification.verdict import VerdictSettings
     from rpms_ros.recording.reading import held_bytes
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import compile_estimator
@@ -110,6 +114,7 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.report.session.analysis import ReportSettings
     from rpms_ros.stimulation.device_specification import load_device_specification
 
+    verdict = VerdictSettings(expected_force=arguments.expected_force)
     settings = ReportSettings(
         held_out_share=arguments.held_out,
         device=load_device_specification(arguments.device) if arguments.device else None,
@@ -131,7 +136,7 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
                 arguments.bag, memory=arguments.max_memory, held=held_bytes(recording)
             ),
             session,
-            result_of(recording, session),
+            result_of(recording, session, verdict),
             lambda: estimator_by_name(
                 options.estimator, options.preset, options.seed, options.rate_hz
             ),

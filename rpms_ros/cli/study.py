@@ -1,9 +1,11 @@
 """``rpms study``: many recordings, one table."""
 
 import argparse
+from collections import Counter
 from pathlib import Path
 
 from rpms_ros.cli.identify import add_estimator_options
+from rpms_ros.cli.identify import add_verdict_option
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
@@ -18,7 +20,8 @@ _EXAMPLES = """\
   rpms study sessions/* --out study
   rpms study sessions --out study --jobs 8          every recording below the folder
   rpms study sessions --out study --scheduler tcp://cluster:8786
-exit codes: 0 all well, 1 a recording failed or had faults, 2 not possible
+exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that is not good,
+2 not possible
 """
 
 
@@ -42,6 +45,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     add_reading_options(parser)
     add_estimator_options(parser)
+    add_verdict_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -50,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.cli.study_table import found_recordings
     from rpms_ros.cli.study_work import StudyOptions
     from rpms_ros.cli.study_work import finished
+    from rpms_ros.identification.verdict import GRADES
 
     options = StudyOptions(
         estimator=arguments.estimator,
@@ -61,8 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
         axis=arguments.axis,
         sign=arguments.sign,
         max_memory=arguments.max_memory,
+        expected_force=arguments.expected_force,
     )
-    table = StudyTable(arguments.out, found_recordings(arguments.bags), options)
+    table = StudyTable(arguments.out, found_recordings(arguments.bags, arguments.out), options)
     waiting = table.waiting()
     with progress('identifying', len(waiting), 'recordings', arguments.quiet) as advance:
         try:
@@ -75,6 +81,13 @@ def run(arguments: argparse.Namespace) -> int:
     failed = [row for row in rows if row['status'] != 'ok']
     warn(('warning', remark) for remark in table.remarks)
     warn((row['recording'], row['reason']) for row in failed)
+    doubted = [row for row in rows if row['verdict'] not in (None, 'good')]
+    warn((row['recording'], f'{row["verdict"]}: {row["reasons"]}') for row in doubted)
     done = len(rows) - len(waiting)
-    print(f'{arguments.out}: {len(rows)} recordings, {len(failed)} failed, {done} done before')
-    return 1 if failed or any(row['faults'] != '{}' for row in rows) else 0
+    counts = Counter(row['verdict'] for row in rows)
+    grades = ', '.join(f'{counts[grade]} {grade}' for grade in GRADES if counts[grade])
+    print(
+        f'{arguments.out}: {len(rows)} recordings, {len(failed)} failed, {done} done before'
+        + (f'; verdicts: {grades}' if grades else '')
+    )
+    return 1 if failed or doubted or any(row['faults'] != '{}' for row in rows) else 0

@@ -22,17 +22,38 @@ _VERSION = 1
 _FORMULA_STARTS = ('=', '+', '-', '@', '\t', '\r')
 
 
-def found_recordings(paths: Iterable[Path]) -> list[Path]:
+# By these a folder or a file is known as something that a command of this package has written.
+_RESULTS = {'result.json', 'report.json', 'results.csv', 'results.parquet', 'rows'}
+_RESULT_FILES = ('.html', '.png', '.svg', '.json', '.csv', '.parquet', '.yaml', '.md', '.txt')
+
+
+def found_recordings(paths: Iterable[Path], out: Path | None = None) -> list[Path]:
     """Return the recordings that are meant, each once, in the order of the command line.
 
-    A folder that is no recording itself stands for every recording below it, by name.  A path
-    where there is nothing is kept: it fails, with a row that says so.
+    A folder that is no recording itself stands for every recording below it, by name.  What a
+    command has written there before, results of this study in `out` among them, is no recording
+    and is left out, so that ``out/*`` may be given.  A path where there is nothing, or a folder
+    without a recording and without results, is kept: it fails, with a row that says so.
     """
     found: dict[Path, None] = {}
     for path in paths:
         inner = [path] if _is_recording(path) or not path.is_dir() else _below(path)
-        found.update(dict.fromkeys(inner or [path]))
+        if not inner and not _is_result(path, out):
+            inner = [path]
+        found.update(dict.fromkeys(one for one in inner if not _is_result(one, out)))
     return list(found)
+
+
+def _is_result(path: Path, out: Path | None) -> bool:
+    """Return whether a path holds what a command wrote, and no recording."""
+    if out is not None and path.resolve().is_relative_to(out.resolve()):
+        return True
+    if path.is_file():
+        return path.suffix in _RESULT_FILES
+    if not path.is_dir() or _is_recording(path):
+        return False
+    names = {one.name for one in path.iterdir()}
+    return bool(names & _RESULTS)
 
 
 def _below(path: Path) -> list[Path]:

@@ -18,6 +18,8 @@ from typing import Any
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.errors import RpmsError
+from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
+from rpms_ros.identification.verdict import VerdictSettings
 from rpms_ros.recording import Topics
 from rpms_ros.recording import read_recording
 from rpms_ros.report.identified import IdentificationOptions
@@ -29,6 +31,7 @@ Row = dict[str, Any]
 # There is a process for each processor already: threads in each would only compete.
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 _CURVE_SHOWN = (25, 50, 75, 100)
+_WITH_INTERVAL = PHYSIOLOGY_NAMES
 _PARAMETERS = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')
 
 
@@ -46,6 +49,8 @@ class StudyOptions(IdentificationOptions):
         1 or -1.
     max_memory : int or None
         What reading may take [bytes]; None for the default.
+    expected_force : float
+        Largest force that the muscles can have [N], for the verdict.
     """
 
     pulses_topic: str = 'pulses'
@@ -53,6 +58,7 @@ class StudyOptions(IdentificationOptions):
     axis: str = 'z'
     sign: int = 1
     max_memory: int | None = None
+    expected_force: float = 200.0
 
 
 def columns() -> dict[str, type]:
@@ -60,7 +66,10 @@ def columns() -> dict[str, type]:
     numbers = ['duration_s', 'rate_hz', 'output_error_n', 'output_error_of_range', *_PARAMETERS]
     numbers += [f'steady_force_{share}' for share in _CURVE_SHOWN]
     numbers += ['peak_force', 'time_to_peak_s']
-    texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str, 'estimator': str}
+    for name in _WITH_INTERVAL:
+        numbers += [name, f'{name}_lower', f'{name}_upper']
+    texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str}
+    texts |= {'verdict': str, 'reasons': str, 'estimator': str}
     counts: dict[str, type] = {'samples': int, 'pulses': int}
     return texts | counts | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
 
@@ -72,7 +81,9 @@ def work(path: str, options: StudyOptions) -> Row:
         recording = read_recording(
             path, topics, options.axis, options.sign, memory=options.max_memory
         )
-        document = plain(result_of(recording, identified(recording, options, most_estimates=1)))
+        session = identified(recording, options, most_estimates=1)
+        settings = VerdictSettings(expected_force=options.expected_force)
+        document = plain(result_of(recording, session, settings))
     except RpmsError as error:
         return failure(str(error))
     return _row(document)
@@ -85,13 +96,20 @@ def failure(reason: str) -> Row:
 
 def _row(document: dict[str, Any]) -> Row:
     response, curve = document['impulse_response'], document['curve']
-    row: Row = {name: document[name] for name in document if name in columns()}
+    scalars = [name for name in columns() if not isinstance(document.get(name), dict | None)]
+    row: Row = {name: document[name] for name in scalars}
     row |= document['recruitment'] or {}
     if curve:
         row |= {f'steady_force_{share}': curve['force'][share] for share in _CURVE_SHOWN}
+    for name, found in document.get('physiology', {}).items():
+        row |= {name: found['value']}
+        row |= {f'{name}_{end}': found[end] for end in ('lower', 'upper')}
     peak = max(response['force'])
+    verdict = document['verdict']
     return row | {
         'status': 'ok',
+        'verdict': verdict['grade'],
+        'reasons': '; '.join(verdict['reasons']),
         'peak_force': peak,
         'time_to_peak_s': response['time_s'][response['force'].index(peak)],
         'faults': json.dumps(document['faults'], sort_keys=True),

@@ -50,10 +50,7 @@ def output_error(
     OutputError
         Not a number where nothing can be said: no usable sample, or a force without a range.
     """
-    # A clock that jumps back takes nothing off the time that has passed.
-    elapsed = np.concatenate(([0], np.cumsum(np.maximum(np.diff(stamp_ns), 0))))
-    settled_ns = min(SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1]))
-    kept = (elapsed >= settled_ns) & usable
+    kept = settled(stamp_ns) & usable
     if not kept.any():
         return OutputError(math.nan, math.nan)
     # Not by BLAS, whose last bits depend on the number of its threads: a study would depend on
@@ -61,3 +58,13 @@ def output_error(
     newton = math.sqrt(float(np.mean(np.square(force[kept] - prediction[kept]))))
     span = float(np.ptp(force[usable]))
     return OutputError(newton, newton / span if span > 0.0 else math.nan)
+
+
+def settled(stamp_ns: IntArray) -> BoolArray:
+    """Return which samples (samples,) are past `SETTLING_TIME`, or past the middle if earlier."""
+    # A clock that jumps back takes nothing off the time that has passed.
+    elapsed = np.concatenate(([0], np.cumsum(np.maximum(np.diff(stamp_ns), 0))))
+    late: BoolArray = elapsed >= min(
+        SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1])
+    )
+    return late

@@ -8,6 +8,7 @@ the response in similar ways; a prior as wide as people differ (Tables 1 and 2) 
 physiological where the data leave it open, and the intervals say how far they do.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +20,10 @@ from rpms_ros.pulses import FloatArray
 PHYSIOLOGY_NAMES = ('twitch_time_constant_s', 'latency_s', 'order', 'twitch_peak_n')
 _CENTRE = np.array([38e-3, 9.5e-3, 3.0])
 _DEVIATION = np.array([15e-3, 8e-3, 0.7])
+PRIOR: Mapping[str, tuple[float, float]] = dict(
+    zip(PHYSIOLOGY_NAMES, zip(_CENTRE.tolist(), _DEVIATION.tolist(), strict=True), strict=False)
+)
+"""Mean and standard deviation of what people have, by name; the peak has none."""
 _LOWER = np.array([8e-3, 0.0, 1.5])
 _UPPER = np.array([0.15, 60e-3, 6.0])
 # Stands for the time before the onset, where the twitch is nothing [T_a].

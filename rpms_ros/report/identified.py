@@ -1,6 +1,5 @@
 """A recording identified as the options of a command say."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,15 +11,14 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import identify
 from rpms_ros.identification.catalogue import estimator_by_name
+from rpms_ros.identification.verdict import doublings
+from rpms_ros.identification.verdict import period_of_estimates
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
-
-# Longer than any recording [s].
-_NEVER = 1e9
 
 
 @dataclass(frozen=True)
@@ -62,8 +60,9 @@ def identified(
     progress : callable or None
         Called with the number of samples that were taken since the last call.
     most_estimates : int or None
-        About as many estimates are enough, evenly spaced, each of them one of those on line;
-        None makes all of them, ten a second.  The last one is the same in any case.
+        So many estimates are enough, evenly spaced, each of them one of those on line, and those
+        that the verdict needs in any case; None makes all of them, ten a second.  The last one is
+        the same in any case.
     """
     estimator = estimator_by_name(options.estimator, options.preset, options.seed, options.rate_hz)
     settings = StreamSettings(estimate_period=_period(recording, most_estimates))
@@ -86,8 +85,7 @@ def _period(recording: 'Recording', most_estimates: int | None) -> float:
     on_line = StreamSettings().estimate_period
     if most_estimates is None:
         return on_line
-    if most_estimates == 1:
-        return _NEVER
     stamps = recording.forces.stamp_ns
     duration = float(np.ptp(stamps)) / NANOSECONDS_PER_SECOND if len(stamps) else 0.0
-    return on_line * max(math.ceil(duration / (on_line * most_estimates)), 1)
+    enough = on_line * doublings(duration / (on_line * most_estimates))
+    return min(enough, period_of_estimates(duration))

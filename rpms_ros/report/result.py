@@ -12,9 +12,15 @@ from rpms_ros.identification import INFORMED
 from rpms_ros.identification import NOT_INFORMED
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.narrowed import informed_parameters
+from rpms_ros.identification.narrowed import narrowed_physiology
+from rpms_ros.identification.verdict import Verdict
+from rpms_ros.identification.verdict import VerdictSettings
+from rpms_ros.identification.verdict import verdict_of
 from rpms_ros.muscle import RecruitmentParameters
 from rpms_ros.muscle import identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import Recording
@@ -73,7 +79,9 @@ class IdentificationResult:
     pulses: int = documented('pulses that were used')
     duration_s: float = documented('from the first to the last force sample [s]')
     rate_hz: float = documented('repetition rate for which the curve is stated [Hz]')
-    recruitment: dict[str, float] | None = documented('parameters of the recruitment curve')
+    recruitment: dict[str, float] | None = documented(
+        'parameters of the recruitment curve; null where the data do not determine one'
+    )
     curve: Curve | None
     impulse_response: ImpulseResponse
     confidence: float | None = documented('level of the intervals', default=None)
@@ -81,10 +89,11 @@ class IdentificationResult:
         'whether the data determine each parameter', default=None
     )
     deviation: dict[str, float] | None = documented(
-        'standard deviation of each parameter', default=None
+        'standard deviation of each parameter that the data determine', default=None
     )
     physiology: dict[str, Stated] | None = documented(
-        'numbers read off the response; the unit stands in the name', default=None
+        'numbers read off the response that the data have narrowed; the unit stands in the name',
+        default=None,
     )
     output_error_n: float = documented(
         'root mean square of measured minus predicted force, after settling [N]'
@@ -92,10 +101,22 @@ class IdentificationResult:
     output_error_of_range: float = documented('the same as share of the range of the force')
     faults: dict[str, int] = documented('what was wrong with the data, and how often')
     notes: list[str] = documented('what to beware of')
+    verdict: Verdict = documented('whether the result may be used, and why')
 
 
-def result_of(recording: Recording, session: IdentifiedSession) -> IdentificationResult:
+def result_of(
+    recording: Recording,
+    session: IdentifiedSession,
+    settings: VerdictSettings | None = None,
+) -> IdentificationResult:
     """Return the result of a session; intervals and physiology if the estimator offers them.
+
+    Parameters
+    ----------
+    recording, session : Recording, IdentifiedSession
+        What was recorded, and what was made of it.
+    settings : VerdictSettings, optional
+        Thresholds of the verdict.
 
     Raises
     ------
@@ -104,6 +125,7 @@ def result_of(recording: Recording, session: IdentifiedSession) -> Identificatio
     """
     last, stamps = session.last, recording.forces.stamp_ns
     known, names = last.curve_known, last.nonlinear_names
+    informed = informed_parameters(last)
     flags = [IDENTIFIABILITY[flag] for flag in last.nonlinear_identifiability.tolist()]
     variance = np.maximum(np.diag(last.nonlinear_covariance), 0.0)
     response = impulse_response(recording.pulses, last)
@@ -117,7 +139,9 @@ def result_of(recording: Recording, session: IdentifiedSession) -> Identificatio
         pulses=last.pulses,
         duration_s=float(stamps.max() - stamps.min()) / NANOSECONDS_PER_SECOND,
         rate_hz=last.repetition_rate,
-        recruitment=_by_name(names, last.nonlinear.tolist()) if known else None,
+        recruitment=_by_name(names, np.where(informed, last.nonlinear, np.nan).tolist())
+        if known
+        else None,
         curve=Curve(
             intensity=last.curve_intensity,
             force=last.curve_force,
@@ -134,12 +158,13 @@ def result_of(recording: Recording, session: IdentifiedSession) -> Identificatio
         ),
         confidence=last.confidence or None,
         identifiability=_by_name(names, flags),
-        deviation=_by_name(names, np.sqrt(variance).tolist()),
-        physiology=_by_name(last.physiology_names, _physiology(last)),
+        deviation=_by_name(names[: len(variance)], _deviations(variance, informed)),
+        physiology=_physiology(last) or None,
         output_error_n=session.output_error.newton,
         output_error_of_range=session.output_error.of_range,
         faults={**recording.facts.faults, **last.faults},
         notes=[*recording.facts.remarks, *([] if known else [ONE_INTENSITY])],
+        verdict=verdict_of(session, recording.pulses, recording.forces, settings),
     )
 
 
@@ -157,9 +182,22 @@ def impulse_response(pulses: PulseTrain, estimate: Estimate) -> FloatArray:
     return estimate.response_force * float(share)
 
 
-def _physiology(estimate: Estimate) -> list[Stated]:
+def _physiology(estimate: Estimate) -> dict[str, Stated]:
+    """Return what the data have narrowed, by name."""
     columns = (estimate.physiology, estimate.physiology_lower, estimate.physiology_upper)
-    return [Stated(*row) for row in np.stack(columns, axis=1).tolist()]
+    rows = np.stack(columns, axis=1)
+    return {
+        estimate.physiology_names[index]: Stated(*rows[index].tolist())
+        for index in narrowed_physiology(estimate)
+    }
+
+
+def _deviations(variance: FloatArray, informed: BoolArray) -> list[float]:
+    """Return standard deviations, not a number where the data say nothing."""
+    if not len(variance):
+        return []
+    deviations: list[float] = np.where(informed, np.sqrt(variance), np.nan).tolist()
+    return deviations
 
 
 def _by_name(names: Sequence[str], values: Sequence[Value]) -> dict[str, Value] | None:

@@ -13,6 +13,7 @@ from scipy.integrate import trapezoid
 
 from rpms_ros.cli import main
 from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
 
@@ -33,6 +34,7 @@ KEYS = [
     'output_error_of_range',
     'faults',
     'notes',
+    'verdict',
 ]
 
 
@@ -106,7 +108,8 @@ def test_fixed_intensity_has_no_curve(rpms: Rpms, tmp_path: Path) -> None:
     rpms('simulate', '--out', path, *options)
     code, out, err = rpms('identify', path, '--json')
     document = json.loads(out)
-    assert code == 0
+    # the force of the paper's recursion does not come out of such a train: the verdict says so
+    assert code == 3
     assert document['curve'] is None
     assert document['recruitment'] is None
     assert 'only the product of recruitment and dynamics can be identified' in err
@@ -117,7 +120,7 @@ def test_fixed_intensity_has_no_curve(rpms: Rpms, tmp_path: Path) -> None:
     steady = read_recording(path).forces.force[-1000:].mean()
     # The last samples are not fitted alone: the onset of the train weighs too.
     assert 20 * area == pytest.approx(steady, rel=0.03)
-    _, out, _ = rpms('identify', path)
+    _, out, _ = rpms('identify', path, '--estimator', 'batch')
     assert 'cannot be told from one intensity' in out
 
 
@@ -232,3 +235,69 @@ def test_the_json_is_what_the_schema_says(
             jsonschema.validate(rest, schema)
     with pytest.raises(jsonschema.ValidationError, match='Additional properties'):
         jsonschema.validate({**document, 'colour': 'red'}, schema)
+
+
+@pytest.mark.parametrize(
+    ('change', 'code', 'word'),
+    [
+        (lambda force: 1.0 * force, 0, 'good: the identified muscle explains'),
+        (lambda force: 102.0 * force, 1, 'doubtful: the force spans'),
+        (lambda force: -force, 3, 'no: the force comes out negative'),
+        (lambda force: 0.0 * force, 3, 'no: the force never changes'),
+    ],
+    ids=['right', 'grams', 'wrong sign', 'wrong axis'],
+)
+def test_the_verdict_ends_the_text_and_decides_the_exit_code(
+    rpms: Rpms,
+    short_session: Path,
+    tmp_path: Path,
+    change: Callable[[Any], Any],
+    code: int,
+    word: str,
+) -> None:
+    recording = read_recording(short_session)
+    forces = ForceTrace(recording.forces.stamp_ns, change(recording.forces.force))
+    write_recording(tmp_path / 'session', recording.pulses, forces)
+    found, out, _ = rpms('identify', tmp_path / 'session')
+    assert found == code
+    assert '  verdict ' in out
+    assert word in ' '.join(out[out.index('  verdict ') :].split())
+    # what must not be used is not printed
+    assert ('u_thr' in out) is (code != 3)
+    document = json.loads(rpms('identify', tmp_path / 'session', '--json')[1])
+    assert word.startswith(document['verdict']['grade'])
+    assert word.split(': ')[1] in document['verdict']['reasons'][0]
+
+
+def test_a_strong_muscle_can_be_expected(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
+    recording = read_recording(short_session)
+    forces = ForceTrace(recording.forces.stamp_ns, 50.0 * recording.forces.force)
+    write_recording(tmp_path / 'leg', recording.pulses, forces)
+    assert rpms('identify', tmp_path / 'leg')[0] == 1
+    assert rpms('identify', tmp_path / 'leg', '--expected-force', '900')[0] == 0
+    code, _, err = rpms('identify', tmp_path / 'leg', '--expected-force', '0')
+    assert (code, err) == (2, 'rpms: error: expected a largest force above 0 N, got 0.0\n')
+
+
+def test_what_the_data_do_not_tell_is_not_printed(rpms: Rpms, tmp_path: Path) -> None:
+    """Intensities between 60 and 70 %: neither threshold nor saturation shows."""
+    path = tmp_path / 'session'
+    rpms('simulate', '--out', path, '--duration', '4', '--noise', '0.3', '--quiet')
+    recording = read_recording(path)
+    pulses = recording.pulses
+    narrow = 0.6 + 0.1 * pulses.intensity
+    write_recording(
+        tmp_path / 'narrow',
+        PulseTrain(pulses.onset_ns, narrow, pulses.sequence, pulses.width),
+        recording.forces,
+    )
+    _, out, _ = rpms('identify', tmp_path / 'narrow', '--estimator', 'batch')
+    _, text, _ = rpms('identify', tmp_path / 'narrow', '--estimator', 'batch', '--json')
+    document = json.loads(text)
+    flags = document['identifiability'].items()
+    unknown = [name for name, flag in flags if flag == 'not informed']
+    assert unknown
+    for name in unknown:
+        assert document['recruitment'][name] is None
+        assert document['deviation'][name] is None
+        assert f'{name} 0' not in out

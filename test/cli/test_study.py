@@ -59,7 +59,7 @@ def test_table_does_not_depend_on_the_number_of_processes(
 ) -> None:
     code, out, err = rpms('study', sessions, '--out', tmp_path / 'two', '--jobs', 2)
     assert (code, err) == (0, '')
-    assert out == f'{tmp_path / "two"}: 4 recordings, 0 failed, 0 done before\n'
+    assert out == f'{tmp_path / "two"}: 4 recordings, 0 failed, 0 done before; verdicts: 4 good\n'
     assert (tmp_path / 'two' / 'results.csv').read_bytes() == expected
 
 
@@ -83,7 +83,7 @@ def test_failures_are_rows_with_their_reason_and_tried_again(
     out = tmp_path / 'table'
     code, text, err = rpms('study', folder, missing, '--out', out, '--jobs', 1)
     assert code == 1
-    assert text.endswith('3 recordings, 2 failed, 0 done before\n')
+    assert text.endswith('3 recordings, 2 failed, 0 done before; verdicts: 1 good\n')
     assert f'rpms: {folder / "bad"}: expected' in err
     assert f'rpms: {missing}: expected' in err
     bad, good, nothing = table_of(out)
@@ -92,7 +92,7 @@ def test_failures_are_rows_with_their_reason_and_tried_again(
     assert nothing['reason'].endswith('got no such file or folder')
     shutil.copy(sessions / 'session_1' / 'session_1_0.mcap', folder / 'bad')
     code, text, _ = rpms('study', folder, '--out', out, '--jobs', 1)
-    assert (code, text) == (0, f'{out}: 2 recordings, 0 failed, 1 done before\n')
+    assert (code, text) == (0, f'{out}: 2 recordings, 0 failed, 1 done before; verdicts: 2 good\n')
 
 
 def test_goes_on_where_it_stopped(
@@ -100,12 +100,12 @@ def test_goes_on_where_it_stopped(
 ) -> None:
     rpms('study', sessions / 'session_2', '--out', tmp_path, '--jobs', 1)
     _, text, _ = rpms('study', sessions, '--out', tmp_path, '--jobs', 1)
-    assert text == f'{tmp_path}: 4 recordings, 0 failed, 1 done before\n'
+    assert text == f'{tmp_path}: 4 recordings, 0 failed, 1 done before; verdicts: 4 good\n'
     assert (tmp_path / 'results.csv').read_bytes() == expected
     # Other options, or a recording that has changed, are other rows.
     options = ['--out', tmp_path, '--jobs', 1, '--rate-hz', 10]
     _, text, _ = rpms('study', sessions / 'session_2', *options)
-    assert text == f'{tmp_path}: 1 recordings, 0 failed, 0 done before\n'
+    assert text == f'{tmp_path}: 1 recordings, 0 failed, 0 done before; verdicts: 1 good\n'
 
 
 def test_interrupted_study_keeps_what_is_done(
@@ -165,3 +165,47 @@ def test_a_name_is_no_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     (row,) = table_of(Path('study'))
     assert row['recording'] == f"'{name}"
     assert row['status'] == 'failed'
+
+
+def test_earlier_results_are_no_recordings(
+    rpms: Rpms, sessions: Path, tmp_path: Path
+) -> None:
+    """What the README says, `rpms study out/* --out out/study`, twice."""
+    out = tmp_path / 'out'
+    shutil.copytree(sessions / 'session_0', out / 'session')
+    rpms('identify', out / 'session', '--out', out / 'results')
+    rpms('report', out / 'session', '--out', out / 'report.html', '--files', out / 'figures')
+    for done in (0, 1):
+        given = sorted(out.iterdir())
+        code, text, _ = rpms('study', *given, '--out', out / 'study', '--jobs', 1)
+        assert (code, text.split('; ')[0].split(': ')[1]) == (
+            0,
+            f'1 recordings, 0 failed, {done} done before',
+        )
+    # a study below a folder that is looked through is no recording either
+    assert found_recordings([out], out / 'study') == [out / 'session']
+    # an empty folder, and a text that nobody of us wrote, are still told
+    (out / 'empty').mkdir()
+    assert found_recordings([out / 'empty'], out / 'study') == [out / 'empty']
+
+
+def test_a_row_has_the_verdict_and_what_was_narrowed_with_its_interval(
+    rpms: Rpms, sessions: Path, tmp_path: Path
+) -> None:
+    options = ['--estimator', 'batch', '--out', tmp_path, '--jobs', 1]
+    rpms('study', sessions / 'session_0', *options)
+    (row,) = table_of(tmp_path)
+    assert row['verdict'] in ('good', 'doubtful')
+    assert row['reasons']
+    lower, value, upper = (float(row[f'twitch_peak_n{end}']) for end in ('_lower', '', '_upper'))
+    assert lower < value < upper
+
+
+def test_a_verdict_that_is_not_good_is_told(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+    options = ['--out', tmp_path, '--jobs', 1, '--sign', -1]
+    code, text, err = rpms('study', sessions / 'session_0', *options)
+    assert code == 1
+    assert text.endswith('; verdicts: 1 no\n')
+    assert 'no: the force comes out negative' in err
+    (row,) = table_of(tmp_path)
+    assert (row['status'], row['verdict']) == ('ok', 'no')

@@ -1,0 +1,49 @@
+"""What the data have narrowed: the numbers of an estimate that say more than was known before.
+
+Where the data say little, an estimator that knows how people differ answers with that.  Such a
+number is no measurement, and is not shown as one.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.special import ndtri
+
+from rpms_ros.identification.estimate import NOT_INFORMED
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.physiology import PRIOR
+from rpms_ros.identification.projection.identifiability import LEAST_GAIN
+from rpms_ros.pulses import BoolArray
+
+# A twitch whose peak is further from that of the response does not describe the response.
+_PEAK_DIFFERENCE = 0.3
+
+
+def informed_parameters(estimate: Estimate) -> BoolArray:
+    """Return which nonlinear parameters (p,) are no mere start; all where nothing tells."""
+    flags = estimate.nonlinear_identifiability
+    if len(flags) != len(estimate.nonlinear):
+        return np.ones(len(estimate.nonlinear), dtype=np.bool_)
+    informed: BoolArray = flags != NOT_INFORMED
+    return informed
+
+
+def narrowed_physiology(estimate: Estimate) -> Iterator[int]:
+    """Yield the indices of the physiology that the data have narrowed.
+
+    That is a standard deviation below 0.7 of what people differ by, the rule of `identifiability`,
+    or of the value itself where nothing was known before.  None where the twitch has another
+    peak than the response that it was read off.
+    """
+    if not estimate.confidence > 0.0 or not len(estimate.response_force):
+        return
+    quantile = float(ndtri(0.5 + 0.5 * estimate.confidence))
+    values = dict(zip(estimate.physiology_names, estimate.physiology.tolist(), strict=True))
+    peak = float(estimate.response_force.max())
+    if abs(values.get('twitch_peak_n', peak) - peak) > _PEAK_DIFFERENCE * abs(peak):
+        return
+    width = 0.5 * (estimate.physiology_upper - estimate.physiology_lower) / quantile
+    for index, name in enumerate(estimate.physiology_names):
+        _, before = PRIOR.get(name, (0.0, abs(values[name])))
+        if width[index] < LEAST_GAIN * before:
+            yield index

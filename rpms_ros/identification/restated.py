@@ -1,0 +1,137 @@
+"""The force that an estimate states: its recruitment and its response, put to the pulses again.
+
+An a-priori prediction says how well an estimator follows the force; an estimator that forgets
+fast follows it with numbers that explain nothing else.  What is printed and carried home are the
+numbers of one estimate, so they are held against the force as they stand.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.muscle.identified_form import PARAMETER_NAMES
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+
+
+@dataclass(frozen=True)
+class Restated:
+    """How an estimate, as it stands, explains a stretch of force.
+
+    Attributes
+    ----------
+    explained : float
+        Share of the force's variance, white noise apart [1], over a constant baseline; below 0
+        if the stated force is further from the measured one than no change at all.
+    explained_straight : float
+        The same over a straight baseline, which takes a drift away [1].
+    gain : float
+        Factor by which the stated force would have to be multiplied to fit best [1]; NaN if the
+        estimate states no force.
+    error : float
+        Root mean square of measured less stated force and baseline [N].
+    slope : float
+        Slope of measured less stated force [N/s].
+    noise : float
+        Standard deviation of the white noise of the force [N].
+    signal : float
+        Standard deviation of the force [N].
+    """
+
+    explained: float
+    explained_straight: float
+    gain: float
+    error: float
+    slope: float
+    noise: float
+    signal: float
+
+
+def stated_force(estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray) -> FloatArray:
+    """Return the force (samples,) that an estimate states for pulses [N].
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Its response and recruitment; pulses of unknown intensity count as the median one.
+    pulses : PulseTrain
+        In any order.
+    stamp_ns : ndarray of int64 (samples,)
+        Ascending times [ns].
+    """
+    force = np.zeros(len(stamp_ns))
+    reach_ns = round(float(estimate.response_time[-1]) * NANOSECONDS_PER_SECOND)
+    weight = _weights(estimate, pulses.intensity)
+    first = np.searchsorted(stamp_ns, pulses.onset_ns)
+    last = np.searchsorted(stamp_ns, pulses.onset_ns + reach_ns, side='right')
+    for index in np.flatnonzero(last > first):
+        part = slice(int(first[index]), int(last[index]))
+        lag = (stamp_ns[part] - pulses.onset_ns[index]) / NANOSECONDS_PER_SECOND
+        force[part] += weight[index] * np.interp(
+            lag, estimate.response_time, estimate.response_force
+        )
+    return force
+
+
+def restate(
+    estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
+) -> Restated:
+    """Hold an estimate against force (samples,) [N] at ascending stamps (samples,) [ns]."""
+    stated = stated_force(estimate, pulses, stamp_ns)
+    time = (stamp_ns - stamp_ns[0]) / NANOSECONDS_PER_SECOND
+    time -= time.mean()
+    residual = force - stated - np.mean(force - stated)
+    noise = white_noise(force)
+    signal, error = float(np.var(force)), float(np.mean(np.square(residual)))
+    spread = float(time @ time)
+    slope = float(time @ residual) / spread if spread > 0.0 else 0.0
+    moved = stated - stated.mean()
+    energy = float(moved @ moved)
+    return Restated(
+        explained=_explained(force, residual, noise),
+        explained_straight=_explained(force - slope * time, residual - slope * time, noise),
+        gain=float(moved @ force) / energy if energy > 0.0 else float('nan'),
+        error=float(np.sqrt(error)),
+        slope=slope,
+        noise=noise,
+        signal=float(np.sqrt(signal)),
+    )
+
+
+def _explained(force: FloatArray, residual: FloatArray, noise: float) -> float:
+    power = float(np.var(force)) - noise**2
+    left = max(float(np.mean(np.square(residual))) - noise**2, 0.0)
+    return 1.0 - left / power if power > 0.0 else 0.0
+
+
+def white_noise(force: FloatArray) -> float:
+    """Return the standard deviation of the white noise in evenly sampled force (samples,) [N].
+
+    The force of a muscle is smooth from sample to sample, so that its second differences are
+    those of the noise, whose variance they have six times.  The median leaves artifacts out.
+    """
+    if len(force) < 3:
+        return 0.0
+    return float(np.median(np.abs(np.diff(force, 2)))) / (0.6744897501960817 * np.sqrt(6.0))
+
+
+def _weights(estimate: Estimate, intensity: FloatArray) -> FloatArray:
+    """Return the recruitment of pulses (pulses,) as shares of that at full intensity."""
+    known = np.isfinite(intensity)
+    middle = float(np.median(intensity[known])) if known.any() else 1.0
+    applied = np.where(known, intensity, middle)
+    if estimate.nonlinear_names == PARAMETER_NAMES:
+        parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
+        full = float(identified_recruitment(parameters, 1.0))
+        share = np.asarray(identified_recruitment(parameters, applied), dtype=np.float64)
+    elif estimate.curve_known:
+        full = float(estimate.curve_force[-1])
+        share = np.interp(applied, estimate.curve_intensity, estimate.curve_force)
+    else:
+        return np.ones(len(applied))
+    return share / full if full != 0.0 else np.zeros(len(applied))

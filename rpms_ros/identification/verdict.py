@@ -1,0 +1,336 @@
+"""One answer to the question whether a result may be used: good, doubtful or no, with reasons.
+
+Every check looks at something that a wrong input or a failed identification cannot hide: the
+pulses and the force themselves, the force that the estimate states for these pulses
+(`rpms_ros.identification.restated`), what an earlier estimate foretells of the end, the a-priori
+residual, and what the estimator says of itself.
+"""
+
+import math
+from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import verdict_of_data
+from rpms_ros.identification.estimate import NOT_INFORMED
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import MEANING
+from rpms_ros.identification.output_error import settled
+from rpms_ros.identification.restated import Restated
+from rpms_ros.identification.restated import restate
+from rpms_ros.identification.restated import white_noise
+from rpms_ros.identification.session import IdentifiedSession
+from rpms_ros.identification.stream_settings import StreamSettings
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
+from rpms_ros.schema import documented
+
+GOOD, DOUBTFUL, NO = 'good', 'doubtful', 'no'
+GRADES = (GOOD, DOUBTFUL, NO)
+
+Reason = tuple[str, str]
+"""Grade and sentence."""
+
+# What is looked at: long enough for two periods of the slow sinusoids in use; a muscle that tires
+# changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  An estimator that
+# follows such changes states the muscle of the end: half of it is looked at.
+_SPAN_NS = 20 * NANOSECONDS_PER_SECOND
+# The force of the last pulse is over by then.
+_AFTER_NS = NANOSECONDS_PER_SECOND // 2
+# An estimate from this share of the session on has to foretell the rest.
+_LEARNT_SHARE = 0.8
+# So many estimates are enough to find one from about there.
+_ESTIMATES = 8
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """What is taken for granted of a muscle and of a result that may be used.
+
+    Attributes
+    ----------
+    expected_force : float
+        Largest force of the muscle at a sensor [N].  The 200 N are far above what a hand, a
+        forearm or a foot gives; a strong leg at a dynamometer needs more.
+    least_explained, good_explained : float
+        Share of the force's variance, noise apart, that the estimate has to explain, or it is
+        not used, or doubted.  Equal pulses explain about 0.98 of trains of real muscle, whose
+        pulses are not equal (docs/analysis.md); muscle that
+        tires explains no less than 0.95 over twenty seconds.
+    largest_error : float
+        Error of the stated force that is no noise, as a share of the range of the force.
+    deepest_swing, worst_swing : float
+        How far the response to a pulse may go below zero, as a share of its peak, or it is
+        doubted, or not used: a muscle does not push.
+    largest_residual : float
+        Residual that may be correlated without a doubt, as a share of the range of the force.
+    held_out_times, largest_held_out : float
+        The error on the end of the session, foretold from before, may be so many times that of
+        the final estimate, or this share of the range of the force.
+    largest_drift : float
+        Change of the baseline over the span looked at, as a share of the range of the force.
+    widest_interval : float
+        Half the interval of the curve at the highest intensity that was used, as a share of it.
+    """
+
+    expected_force: float = 200.0
+    least_explained: float = 0.7
+    good_explained: float = 0.9
+    largest_error: float = 0.08
+    deepest_swing: float = 0.15
+    worst_swing: float = 0.5
+    largest_residual: float = 0.03
+    held_out_times: float = 3.0
+    largest_held_out: float = 0.05
+    largest_drift: float = 0.1
+    widest_interval: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not self.expected_force > 0.0:
+            raise IdentificationError(
+                f'expected a largest force above 0 N, got {self.expected_force}'
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Whether a result may be used."""
+
+    grade: str = documented('good, doubtful or no')
+    reasons: tuple[str, ...] = documented('why, the gravest first')
+
+    @property
+    def line(self) -> str:
+        """The verdict in one line."""
+        return f'{self.grade}: {"; ".join(self.reasons)}'
+
+
+def of_reasons(reasons: Sequence[Reason], praise: str) -> Verdict:
+    """Return the verdict that the gravest reason gives; with `praise` if there is none."""
+    ordered = sorted(reasons, key=lambda reason: -GRADES.index(reason[0]))
+    if not ordered:
+        return Verdict(grade=GOOD, reasons=(praise,))
+    return Verdict(grade=ordered[0][0], reasons=tuple(text for _, text in ordered))
+
+
+def period_of_estimates(duration: float) -> float:
+    """Return how often there must be an estimate to judge a session of a duration [s].
+
+    A power of two of the period on line, so that every estimate of a coarser grid is one of
+    each finer grid: the verdict does not depend on how many estimates were made besides.
+    """
+    on_line = StreamSettings().estimate_period
+    return on_line * doublings(duration / (_ESTIMATES * on_line))
+
+
+def doublings(least: float) -> int:
+    """Return the smallest power of two that is not below `least`, at least 1."""
+    return 1 if not least > 1.0 else int(2 ** math.ceil(math.log2(least)))
+
+
+def verdict_of(
+    session: IdentifiedSession,
+    pulses: PulseTrain,
+    forces: ForceTrace,
+    settings: VerdictSettings | None = None,
+) -> Verdict:
+    """Return the verdict on a session.
+
+    Parameters
+    ----------
+    session : IdentifiedSession
+        What was identified.
+    pulses, forces : PulseTrain, ForceTrace
+        The recording.
+    settings : VerdictSettings, optional
+        Thresholds.
+    """
+    settings = settings or VerdictSettings()
+    reasons = list(verdict_of_data.reasons(pulses, forces, settings.expected_force))
+    if any(grade == NO for grade, _ in reasons):
+        return of_reasons(reasons, '')
+    part = _looked_at(session, pulses)
+    if np.count_nonzero(part) < 3:
+        return of_reasons([*reasons, (NO, 'there is no force to judge by while pulses act')], '')
+    found = restate(session.last, pulses, session.stamp_ns[part], session.force[part])
+    span = float(np.ptp(session.force[session.usable]))
+    reasons += _of_the_estimate(session.last, found, span, settings)
+    reasons += _of_the_fit(session, pulses, part, found, settings)
+    reasons += _of_the_estimator(session, pulses, settings)
+    praise = (
+        f'the identified muscle explains {100 * found.explained:.3g} % of the force, its error is '
+        f'{found.error:.2g} N, {100 * found.error / span:.2g} % of the range'
+    )
+    return of_reasons(reasons, praise)
+
+
+def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
+    """Return the samples (samples,) of the last seconds of stimulation; of a short session all."""
+    stamps = session.stamp_ns
+    onset = pulses.onset_ns[(pulses.onset_ns >= stamps[0]) & (pulses.onset_ns <= stamps[-1])]
+    if not len(onset):
+        return np.zeros(len(stamps), dtype=np.bool_)
+    begin, end = int(onset.min()), int(onset.max()) + _AFTER_NS
+    span_ns = _SPAN_NS // 2 if session.last.rate_names else _SPAN_NS
+    if end - begin > 1.5 * span_ns:
+        begin = end - span_ns
+    newer = np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
+    part: BoolArray = session.usable & newer & (stamps >= begin) & (stamps <= end)
+    return part
+
+
+def _of_the_estimate(
+    last: Estimate, found: Restated, span: float, settings: VerdictSettings
+) -> Iterator[Reason]:
+    """Yield what is wrong with the numbers themselves, held against the force."""
+    if found.signal < 1.5 * found.noise:
+        yield NO, 'the force holds noise only: the pulses leave no trace in it (topic, axis?)'
+        return
+    response = last.response_force
+    extreme = float(response[int(np.argmax(np.abs(response)))]) if len(response) else 0.0
+    full = float(last.curve_force[-1]) if last.curve_known else extreme
+    if abs(extreme) < 1e-9 * found.signal:
+        yield NO, 'no force comes out: the estimator has learnt nothing (topic, axis?)'
+        return
+    if full < 0.0 or extreme < 0.0:
+        worst = full if full < 0.0 else extreme
+        why = 'sign or axis of the sensor is wrong (--sign, --axis)'
+        if found.explained < settings.least_explained:
+            why = 'the estimator has not converged'
+        yield NO, f'the force comes out negative, {worst:.3g} N: {why}'
+        return
+    yield from _of_the_explanation(found, span, settings)
+    swing = -float(response.min()) / extreme
+    if swing > settings.deepest_swing:
+        grade = NO if swing > settings.worst_swing else DOUBTFUL
+        yield (
+            grade,
+            f'the response to a pulse swings to {response.min():.3g} N: a muscle only pulls',
+        )
+    if len(last.curve_lower) and not last.curve_lower[-1] > 0.0:
+        yield NO, 'the force at full intensity cannot be told from nothing'
+
+
+def _of_the_explanation(
+    found: Restated, span: float, settings: VerdictSettings
+) -> Iterator[Reason]:
+    """Yield a reason if the stated force misses too much of the measured one."""
+    missed = max(found.error**2 - found.noise**2, 0.0) ** 0.5
+    if found.explained_straight < settings.least_explained:
+        grade = NO
+    elif found.explained < settings.good_explained or missed > settings.largest_error * span:
+        grade = DOUBTFUL
+    else:
+        return
+    share = 100 * max(found.explained, 0.0)
+    text = (
+        f'the identified muscle explains {share:.2g} % of the force, its '
+        f'error is {missed:.2g} N, {100 * missed / span:.2g} % of the range'
+    )
+    if 0.0 < found.gain < 0.8 or found.gain > 1.25:
+        text += f'; its force would fit best {found.gain:.2g} times as large'
+    yield grade, text
+
+
+def _of_the_fit(
+    session: IdentifiedSession,
+    pulses: PulseTrain,
+    part: BoolArray,
+    found: Restated,
+    settings: VerdictSettings,
+) -> Iterator[Reason]:
+    """Yield what residuals, held-out error and baseline say."""
+    force, stamps = session.force, session.stamp_ns
+    span = float(np.ptp(force[session.usable]))
+    late = part & settled(stamps)
+    residual = (force - session.prediction)[late]
+    error = float(np.sqrt(np.mean(np.square(residual)))) if len(residual) else 0.0
+    slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5
+    if slow > settings.largest_residual * span:
+        yield (
+            DOUBTFUL,
+            (
+                f'the residual is not white: {slow:.2g} N of it, {100 * slow / span:.2g} % of the '
+                'range of the force, is no noise of the sensor'
+            ),
+        )
+    seconds = float(np.ptp(stamps[part])) / NANOSECONDS_PER_SECOND
+    drift = abs(found.slope) * seconds
+    if drift > settings.largest_drift * span:
+        yield (
+            DOUBTFUL,
+            f'the baseline drifts by {60 * found.slope:.2g} N a minute',
+        )
+    foretold = _foretold(session, pulses)
+    if foretold is not None:
+        error_before, error_after = foretold
+        most = max(settings.held_out_times * error_after, settings.largest_held_out * span)
+        if error_before > most:
+            yield (
+                DOUBTFUL,
+                (
+                    'the end of the session, held out, is missed by '
+                    f'{100 * error_before / span:.2g} % of the range of the force, '
+                    f'fitted it is {100 * error_after / span:.2g} %'
+                ),
+            )
+
+
+def _foretold(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, float] | None:
+    """Return the error on the end of the session of an estimate before it, and of the last [N].
+
+    None if the estimator made none before.
+    """
+    stamps = session.stamp_ns
+    duration = int(stamps[-1] - stamps[0])
+    grid = nanoseconds(period_of_estimates(duration / NANOSECONDS_PER_SECOND))
+    boundary = (int(stamps[0]) + round(_LEARNT_SHARE * duration)) // grid * grid
+    before = [one for one in session.estimates[:-1] if one.stamp_ns < boundary]
+    end = session.usable & (stamps >= boundary)
+    if not before or not before[-1].samples or np.count_nonzero(end) < 3:
+        return None
+    if np.any(np.diff(stamps[end]) <= 0):
+        return None
+    errors = [
+        restate(one, pulses, stamps[end], session.force[end]).error
+        for one in (before[-1], session.last)
+    ]
+    return errors[0], errors[1]
+
+
+def _of_the_estimator(
+    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings
+) -> Iterator[Reason]:
+    """Yield what the estimator says of itself."""
+    last, first = session.last, session.estimates[0]
+    for name in last.doubts:
+        yield DOUBTFUL, f'{name}: {MEANING.get(name, "of a monitor")}'
+    if not last.curve_known:
+        return
+    if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):
+        yield NO, 'the parameters of the recruitment curve are still those of the start'
+    flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
+    unknown = [name for name, flag in flags.items() if flag == NOT_INFORMED]
+    if flags and len(unknown) == len(flags):
+        yield NO, 'the data tell nothing about the recruitment curve: no parameter is informed'
+    elif 'u_thr' in unknown:
+        why = '; '.join(last.reasons)
+        yield DOUBTFUL, 'the data do not determine the threshold' + (f': {why}' if why else '')
+    if len(last.curve_upper):
+        applied = pulses.intensity[np.isfinite(pulses.intensity)]
+        top = float(np.clip(applied.max(initial=0.0), 0.0, 1.0))
+        lower, force, upper = (
+            float(np.interp(top, last.curve_intensity, values))
+            for values in (last.curve_lower, last.curve_force, last.curve_upper)
+        )
+        if 0.5 * (upper - lower) > settings.widest_interval * abs(force):
+            yield (
+                DOUBTFUL,
+                f'the force at intensity {top:.2g} is known only as {lower:.3g} to {upper:.3g} N',
+            )

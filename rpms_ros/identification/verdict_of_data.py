@@ -1,0 +1,71 @@
+"""What is wrong with pulses and force before anything is identified: unit, topic, axis."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+
+# A twitch rises within 20 to 100 ms: slower samples do not show it, whatever the unit of time.
+_LEAST_SAMPLING_HZ = 100.0
+# No force sensor of the field is sampled faster.
+_MOST_SAMPLING_HZ = 100_000.0
+# Stimulators repeat at up to 100 Hz; above, the twitches of no muscle are told apart.
+_MOST_PULSES_HZ = 200.0
+
+
+def reasons(
+    pulses: PulseTrain, forces: ForceTrace, expected_force: float
+) -> Iterator[tuple[str, str]]:
+    """Yield grade and sentence for everything that cannot be what was measured.
+
+    Parameters
+    ----------
+    pulses, forces : PulseTrain, ForceTrace
+        The recording.
+    expected_force : float
+        Largest force that the muscle can have [N].
+    """
+    force = forces.force[np.isfinite(forces.force)]
+    if not np.any(pulses.intensity > 0.0) and not np.isnan(pulses.intensity).any():
+        yield 'no', 'there is no pulse above intensity 0'
+        return
+    if not len(force) or np.ptp(force) == 0.0:
+        yield 'no', 'the force never changes: another topic or axis, or a dead sensor'
+        return
+    yield from _of_time(pulses, forces)
+    span = float(np.ptp(force))
+    if span > expected_force:
+        yield (
+            'doubtful',
+            (
+                f'the force spans {span:.4g} N, more than the {expected_force:g} N that are '
+                'expected: are these grams or millinewtons, or has this muscle a higher '
+                '--expected-force?'
+            ),
+        )
+
+
+def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
+    if rate := _rate(forces.stamp_ns):
+        if rate < _LEAST_SAMPLING_HZ:
+            yield (
+                'no',
+                (
+                    f'the force has {rate:.3g} samples a second, a twitch needs '
+                    f'{_LEAST_SAMPLING_HZ:g}: is the time in another unit, as ms?'
+                ),
+            )
+        elif rate > _MOST_SAMPLING_HZ:
+            yield 'no', f'the force has {rate:.3g} samples a second: is the time in another unit?'
+    if (rate := _rate(pulses.onset_ns)) > _MOST_PULSES_HZ:
+        yield 'doubtful', f'there are {rate:.3g} pulses a second: is the time in another unit?'
+
+
+def _rate(stamp_ns: IntArray) -> float:
+    """Return how often in a second [Hz]; 0 if it cannot be told."""
+    steps = np.diff(np.unique(stamp_ns))
+    return NANOSECONDS_PER_SECOND / float(np.median(steps)) if len(steps) else 0.0

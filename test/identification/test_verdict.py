@@ -1,0 +1,192 @@
+"""The verdict: good for what is right, not good for each wrong input, with the reason."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import StreamSettings
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification import identify
+from rpms_ros.identification.restated import restate
+from rpms_ros.identification.restated import stated_force
+from rpms_ros.identification.restated import white_noise
+from rpms_ros.identification.verdict import Verdict
+from rpms_ros.identification.verdict import VerdictSettings
+from rpms_ros.identification.verdict import doublings
+from rpms_ros.identification.verdict import of_reasons
+from rpms_ros.identification.verdict import period_of_estimates
+from rpms_ros.identification.verdict import verdict_of
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+SECONDS = 20
+NOISE = 0.02
+Trial = tuple[PulseTrain, ForceTrace]
+
+
+def simulated(intensity: np.ndarray, seconds: int = SECONDS, seed: int = 1) -> Trial:
+    pulses = PulseTrain.regular(intensity, 20.0)
+    muscle = Contraction(simulation_subject(), fixed_rate_hz=20.0)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = np.arange(1000 * seconds, dtype=np.int64) * 1_000_000
+    noise = NOISE * np.random.default_rng(seed).standard_normal(len(stamps))
+    return pulses, ForceTrace(stamps, muscle.force(stamps) + noise)
+
+
+@pytest.fixture(scope='module')
+def trial() -> Trial:
+    return simulated(np.random.default_rng(1).uniform(0.0, 1.0, 20 * SECONDS))
+
+
+def judged(trial: Trial, name: str = 'batch', settings: VerdictSettings | None = None) -> Verdict:
+    pulses, forces = trial
+    period = period_of_estimates(float(np.ptp(forces.stamp_ns)) / 1e9)
+    session = identify(
+        estimator_by_name(name), pulses, forces, StreamSettings(estimate_period=period)
+    )
+    return verdict_of(session, pulses, forces, settings)
+
+
+def with_force(trial: Trial, change: Callable[[np.ndarray], np.ndarray]) -> Trial:
+    pulses, forces = trial
+    return pulses, ForceTrace(forces.stamp_ns, change(forces.force))
+
+
+def in_milliseconds(trial: Trial) -> Trial:
+    """What milliseconds that are taken for seconds make of two seconds."""
+    pulses, forces = trial
+    few = pulses[:40]
+    return replace(few, onset_ns=few.onset_ns * 1000), ForceTrace(
+        forces.stamp_ns[:2000] * 1000, forces.force[:2000]
+    )
+
+
+def noise_alone(force: np.ndarray) -> np.ndarray:
+    return NOISE * np.random.default_rng(3).standard_normal(len(force))
+
+
+@pytest.mark.parametrize('name', ['batch', 'horizon'])
+def test_what_is_right_is_good(trial: Trial, name: str) -> None:
+    verdict = judged(trial, name)
+    assert verdict.grade == 'good'
+    (reason,) = verdict.reasons
+    assert reason.startswith('the identified muscle explains 100 % of the force')
+    assert verdict.line == f'good: {reason}'
+
+
+@pytest.mark.parametrize(
+    ('change', 'grade', 'reason'),
+    [
+        (lambda force: 0.0 * force, 'no', 'the force never changes: another topic or axis'),
+        (noise_alone, 'no', 'the force holds noise only: the pulses leave no trace'),
+        (np.negative, 'no', r'comes out negative, -\S+ N: sign or axis of the sensor is wrong'),
+        (lambda force: 102.0 * force, 'doubtful', r'spans \S+ N, more than the 200 N .* grams'),
+        (lambda force: np.minimum(force, 4.0), 'doubtful', 'force_clipped: '),
+        (
+            lambda force: force + 0.3 * np.arange(len(force)) / 1000,
+            'doubtful',
+            r'the baseline drifts by \S+ N a minute',
+        ),
+        (
+            lambda force: force + 0.6 * np.sin(np.arange(len(force)) / 1000 * 2.0 * np.pi * 0.7),
+            'doubtful',
+            'the residual is not white',
+        ),
+    ],
+    ids=['wrong topic', 'wrong axis', 'wrong sign', 'grams', 'clipped', 'drift', 'sway'],
+)
+def test_a_wrong_force_is_not_good(
+    trial: Trial, change: Callable[[np.ndarray], np.ndarray], grade: str, reason: str
+) -> None:
+    verdict = judged(with_force(trial, change))
+    assert verdict.grade == grade
+    assert any(re.search(reason, text) for text in verdict.reasons), verdict.line
+
+
+def test_time_in_milliseconds_is_not_good(trial: Trial) -> None:
+    verdict = judged(in_milliseconds(trial))
+    assert verdict.grade == 'no'
+    assert verdict.reasons[0].startswith(
+        'the force has 1 samples a second, a twitch needs 100: is the time in another unit'
+    )
+
+
+def test_time_in_thousandths_is_not_good(trial: Trial) -> None:
+    pulses, forces = trial
+    short = replace(pulses, onset_ns=pulses.onset_ns // 1000)
+    verdict = judged((short, ForceTrace(forces.stamp_ns // 1000, forces.force)))
+    assert verdict.grade == 'no'
+    assert 'is the time in another unit' in verdict.line
+
+
+def test_pulses_of_another_session_are_not_good(trial: Trial) -> None:
+    pulses, forces = trial
+    other = np.random.default_rng(7).permutation(pulses.intensity)
+    assert judged((replace(pulses, intensity=other), forces)).grade == 'no'
+
+
+def test_no_pulse_is_not_good(trial: Trial) -> None:
+    pulses, forces = trial
+    silent = replace(pulses, intensity=np.zeros(len(pulses)))
+    assert judged((silent, forces)).line == 'no: there is no pulse above intensity 0'
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_the_paper_s_recursion_is_not_called_good_where_it_is_absurd(seed: int) -> None:
+    """A slow sinusoid with noise: the twitch comes out ten times as high as it is, or worse."""
+    time = np.arange(20 * 36) / 20.0
+    slow = simulated(0.5 - 0.5 * np.cos(2.0 * np.pi * time / 9.0), 36, seed)
+    assert judged(slow, 'recursive').grade != 'good'
+    assert judged(slow, 'batch').grade == 'good'
+
+
+def test_a_stronger_muscle_can_be_expected(trial: Trial) -> None:
+    strong = with_force(trial, lambda force: 102.0 * force)
+    assert judged(strong, settings=VerdictSettings(expected_force=2000.0)).grade == 'good'
+    with pytest.raises(IdentificationError, match=r'expected a largest force above 0 N, got 0'):
+        VerdictSettings(expected_force=0.0)
+
+
+def test_the_gravest_reason_decides_and_comes_first() -> None:
+    verdict = of_reasons([('doubtful', 'a'), ('no', 'b'), ('doubtful', 'c')], 'well')
+    assert verdict == Verdict(grade='no', reasons=('b', 'a', 'c'))
+    assert of_reasons([], 'well') == Verdict(grade='good', reasons=('well',))
+
+
+def test_the_estimates_that_are_needed_are_among_those_of_any_finer_grid() -> None:
+    assert [doublings(value) for value in (0.0, 1.0, 1.1, 2.0, 9.0)] == [1, 1, 2, 2, 16]
+    for duration in (0.0, 0.5, 3.0, 40.0, 3600.0):
+        steps = period_of_estimates(duration) / StreamSettings().estimate_period
+        # 4 to 8 estimates a session, so that one of them lies near 80 % of it
+        assert steps == 2 ** round(np.log2(steps))
+        assert duration <= 8 * period_of_estimates(duration) or duration == 0.0
+
+
+def test_the_stated_force_is_the_force_of_the_muscle_that_is_stated(trial: Trial) -> None:
+    pulses, forces = trial
+    last = identify(estimator_by_name('batch'), pulses, forces).last
+    stated = stated_force(last, pulses, forces.stamp_ns)
+    # responses end after 0.4 s and are linear between steps of 5 ms: below 1 % of the range
+    assert np.abs(stated - forces.force)[2000:].max() < 4 * NOISE + 0.01 * np.ptp(forces.force)
+    found = restate(last, pulses, forces.stamp_ns, forces.force)
+    assert found.explained > 0.99
+    assert found.gain == pytest.approx(1.0, abs=0.01)
+    # a half of the force that is measured fits twice as large
+    assert restate(last, pulses, forces.stamp_ns, 2 * forces.force).gain == pytest.approx(
+        2.0, abs=0.02
+    )
+
+
+def test_white_noise_is_told_from_a_smooth_force() -> None:
+    time = np.arange(5000) / 1000
+    noise = np.random.default_rng(5).normal(0.0, 0.03, len(time))
+    # the median of 5000 second differences scatters by about 2 %
+    assert white_noise(np.sin(6.0 * time) + noise) == pytest.approx(0.03, rel=0.1)
+    assert white_noise(np.sin(6.0 * time)) < 1e-4
+    assert white_noise(np.zeros(2)) == 0.0
