@@ -163,10 +163,12 @@ def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
         ]
     else:
         rows.append(('recruitment', 'cannot be told from one intensity'))
+    if 'dynamics' in document:
+        return rows + _dynamics(document['dynamics'])
     for name, found in document.get('physiology', {}).items():
         interval = f'{found["lower"]:.4g} to {found["upper"]:.4g}'
         rows.append((name, f'{found["value"]:.4g}  ({interval})'))
-    if 'identifiability' in document:
+    if document['curve'] and 'identifiability' in document:
         flags = document['identifiability'].items()
         rows.append(('in the data', ', '.join(f'{name} {flag}' for name, flag in flags)))
     response = document['impulse_response']
@@ -174,6 +176,40 @@ def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
     time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
     rows.append(('one pulse', f'peak {peak:.4g} N after {time_ms:.0f} ms'))
     return rows
+
+
+def _dynamics(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of trains of one intensity."""
+    count, onset = found['trains'], found['onset_s']
+    rows = [
+        (
+            'trains',
+            (
+                f'{count} of {found["pulses"]} pulses at {found["rate_hz"]:.4g} Hz, '
+                f'peak {found["peak_force"]:.4g} N'
+            ),
+        ),
+        ('onset of force', _milliseconds(onset) if onset else 'hidden by noise'),
+        ('T_a', f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}'),
+        ('latency of the model', _milliseconds(found['latency_s'])),
+        (
+            'fit',
+            (
+                f'{found["model"]} {found["fit_percent"]:.1f} % (equal pulses '
+                f'{found["fit_equal_percent"]:.1f} %, a gain a pulse '
+                f'{found["fit_gains_percent"]:.1f} %)'
+            ),
+        ),
+    ]
+    if found['law']:
+        numbers = (f'{name} {value:.3g}' for name, value in found['law'].items())
+        rows.append(('history law', '  '.join(numbers)))
+    return rows
+
+
+def _milliseconds(found: dict[str, float]) -> str:
+    value, lower, upper = (1e3 * found[name] for name in ('value', 'lower', 'upper'))
+    return f'{value:.3g} ms ({lower:.3g} to {upper:.3g})'
 
 
 def _output_error(document: dict[str, Any]) -> str:

@@ -32,6 +32,7 @@ Row = dict[str, Any]
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 _CURVE_SHOWN = (25, 50, 75, 100)
 _WITH_INTERVAL = PHYSIOLOGY_NAMES
+_TRAIN_INTERVALS = ('onset_s', 'twitch_time_constant_s', 'latency_s')
 _PARAMETERS = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')
 
 
@@ -66,10 +67,12 @@ def columns() -> dict[str, type]:
     numbers = ['duration_s', 'rate_hz', 'output_error_n', 'output_error_of_range', *_PARAMETERS]
     numbers += [f'steady_force_{share}' for share in _CURVE_SHOWN]
     numbers += ['peak_force', 'time_to_peak_s']
-    for name in _WITH_INTERVAL:
+    numbers += ['train_rate_hz', 'train_peak_force', 'train_fit_percent']
+    for name in dict.fromkeys((*_WITH_INTERVAL, *_TRAIN_INTERVALS)):
         numbers += [name, f'{name}_lower', f'{name}_upper']
     texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str}
     texts |= {'verdict': str, 'reasons': str, 'estimator': str}
+    texts |= {'train_model': str}
     counts: dict[str, type] = {'samples': int, 'pulses': int}
     return texts | counts | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
 
@@ -105,16 +108,32 @@ def _row(document: dict[str, Any]) -> Row:
         row |= {name: found['value']}
         row |= {f'{name}_{end}': found[end] for end in ('lower', 'upper')}
     peak = max(response['force'])
+    row |= {
+        'peak_force': peak,
+        'time_to_peak_s': response['time_s'][response['force'].index(peak)],
+    }
+    if found := document.get('dynamics'):
+        row |= _of_dynamics(found)
     verdict = document['verdict']
     return row | {
         'status': 'ok',
         'verdict': verdict['grade'],
         'reasons': '; '.join(verdict['reasons']),
-        'peak_force': peak,
-        'time_to_peak_s': response['time_s'][response['force'].index(peak)],
         'faults': json.dumps(document['faults'], sort_keys=True),
         'notes': '; '.join(document['notes']),
     }
+
+
+def _of_dynamics(found: dict[str, Any]) -> Row:
+    """Return the columns of trains of one intensity."""
+    row: Row = dict.fromkeys(('peak_force', 'time_to_peak_s'))
+    row |= {f'train_{name}': found[name] for name in ('rate_hz', 'peak_force', 'fit_percent')}
+    row |= {'train_model': found['model'], 'order': found['order']}
+    for name in _TRAIN_INTERVALS:
+        if stated := found[name]:
+            row |= {name: stated['value']}
+            row |= {f'{name}_{end}': stated[end] for end in ('lower', 'upper')}
+    return row
 
 
 def finished(

@@ -13,10 +13,15 @@ from rpms_ros.identification.estimate import Estimate
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.identified_form import identified_recruitment
+from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
+
+_LAWS = (None, RateRecruitment())
+# Shorter intervals are two stamps of one pulse [ns].
+_SHORTEST_NS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,12 @@ class Restated:
     signal: float
 
 
-def stated_force(estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray) -> FloatArray:
+def stated_force(
+    estimate: Estimate,
+    pulses: PulseTrain,
+    stamp_ns: IntArray,
+    by_rate: RateRecruitment | None = None,
+) -> FloatArray:
     """Return the force (samples,) that an estimate states for pulses [N].
 
     Parameters
@@ -63,10 +73,14 @@ def stated_force(estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray) -> 
         In any order.
     stamp_ns : ndarray of int64 (samples,)
         Ascending times [ns].
+    by_rate : RateRecruitment, optional
+        What the interval to the pulse before makes of a pulse; without it, nothing.
     """
     force = np.zeros(len(stamp_ns))
     reach_ns = round(float(estimate.response_time[-1]) * NANOSECONDS_PER_SECOND)
     weight = _weights(estimate, pulses.intensity)
+    if by_rate is not None:
+        weight = weight * _rate_weights(estimate.repetition_rate, pulses.onset_ns, by_rate)
     first = np.searchsorted(stamp_ns, pulses.onset_ns)
     last = np.searchsorted(stamp_ns, pulses.onset_ns + reach_ns, side='right')
     for index in np.flatnonzero(last > first):
@@ -82,7 +96,14 @@ def restate(
     estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
 ) -> Restated:
     """Hold an estimate against force (samples,) [N] at ascending stamps (samples,) [ns]."""
-    stated = stated_force(estimate, pulses, stamp_ns)
+    # The estimators differ in whether they weight pulses by their rate, and do not say it.
+    return max(
+        (_held(stated_force(estimate, pulses, stamp_ns, law), stamp_ns, force) for law in _LAWS),
+        key=lambda found: found.explained,
+    )
+
+
+def _held(stated: FloatArray, stamp_ns: IntArray, force: FloatArray) -> Restated:
     time = (stamp_ns - stamp_ns[0]) / NANOSECONDS_PER_SECOND
     time -= time.mean()
     residual = force - stated - np.mean(force - stated)
@@ -118,6 +139,16 @@ def white_noise(force: FloatArray) -> float:
     if len(force) < 3:
         return 0.0
     return float(np.median(np.abs(np.diff(force, 2)))) / (0.6744897501960817 * np.sqrt(6.0))
+
+
+def _rate_weights(rate_hz: float, onset_ns: IntArray, by_rate: RateRecruitment) -> FloatArray:
+    """Return the weights (pulses,) that the intervals before pulses give them, 1 at a rate."""
+    order = np.argsort(onset_ns, kind='stable')
+    interval = np.maximum(np.diff(onset_ns[order]), _SHORTEST_NS)
+    weight = np.empty(len(onset_ns))
+    rates = np.concatenate(([0.0], NANOSECONDS_PER_SECOND / interval))[: len(onset_ns)]
+    weight[order] = by_rate.per_pulse(rates) / float(by_rate.per_pulse(rate_hz))
+    return weight
 
 
 def _weights(estimate: Estimate, intensity: FloatArray) -> FloatArray:

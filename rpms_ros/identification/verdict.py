@@ -15,6 +15,7 @@ import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import verdict_of_data
+from rpms_ros.identification.analysis.dynamics import TrainDynamics
 from rpms_ros.identification.estimate import NOT_INFORMED
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import MEANING
@@ -139,6 +140,7 @@ def verdict_of(
     pulses: PulseTrain,
     forces: ForceTrace,
     settings: VerdictSettings | None = None,
+    dynamics: TrainDynamics | None = None,
 ) -> Verdict:
     """Return the verdict on a session.
 
@@ -150,11 +152,15 @@ def verdict_of(
         The recording.
     settings : VerdictSettings, optional
         Thresholds.
+    dynamics : TrainDynamics, optional
+        What trains of one intensity told: then this is the result that is judged.
     """
     settings = settings or VerdictSettings()
     reasons = list(verdict_of_data.reasons(pulses, forces, settings.expected_force))
     if any(grade == NO for grade, _ in reasons):
         return of_reasons(reasons, '')
+    if dynamics is not None and not session.last.curve_known:
+        return _of_dynamics(reasons, dynamics, settings)
     part = _looked_at(session, pulses)
     if np.count_nonzero(part) < 3:
         return of_reasons([*reasons, (NO, 'there is no force to judge by while pulses act')], '')
@@ -168,6 +174,23 @@ def verdict_of(
         f'{found.error:.2g} N, {100 * found.error / span:.2g} % of the range'
     )
     return of_reasons(reasons, praise)
+
+
+def _of_dynamics(
+    reasons: list[Reason], dynamics: TrainDynamics, settings: VerdictSettings
+) -> Verdict:
+    """Return the verdict on trains of one intensity, which have dynamics and no curve."""
+    explained = 1.0 - (1.0 - dynamics.fit_percent / 100.0) ** 2
+    text = (
+        f'dynamics only: one intensity shows no recruitment curve; {dynamics.model} explains '
+        f'{100 * explained:.3g} % of the force'
+    )
+    if explained < settings.good_explained:
+        grade = NO if explained < settings.least_explained else DOUBTFUL
+        reasons.append((grade, text))
+    if dynamics.onset_s is None:
+        reasons.append((DOUBTFUL, 'noise hides when the force begins'))
+    return of_reasons(reasons, text)
 
 
 def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:

@@ -50,7 +50,7 @@ def _twitches(found: TwitchAnalysis) -> Document:
 def _summation(found: SummationAnalysis) -> Document:
     return {
         'count': len(found.trains),
-        **_fields(found, f'order rejected {_SPREADS} law'),
+        **_fields(found, f'order rejected {_SPREADS} onsets law'),
         'mean_fit': {model: found.mean_fit(model) for model in _MODELS},
         'mean_fit_held_out': {model: found.mean_fit(model, held_out=True) for model in _MODELS},
         'trains': [_train(train) for train in found.trains],

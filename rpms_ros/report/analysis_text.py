@@ -78,7 +78,8 @@ def _train_columns(analysis: MuscleAnalysis) -> Columns:
     return {
         'number': str(len(found.trains)),
         'T_a [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
-        'latency [ms]': _milliseconds(found.latency, found.latency_spread),
+        'T_l, model [ms]': _milliseconds(found.latency, found.latency_spread),
+        'onset [ms]': _onset(found).removesuffix(' ms'),
         **{
             label: f'{found.mean_fit(model):.1f}'
             for model, label in models
@@ -183,7 +184,8 @@ def _train_rows(found: SummationAnalysis) -> list[Row]:
     rows = [
         ('trains', f'{len(found.trains)}, rejected: {rejected or "none"}'),
         ('T_a in trains', _spread(found.time_constant, found.time_constant_spread)),
-        ('latency in trains', _spread(found.latency, found.latency_spread)),
+        ('latency of the model in trains', _spread(found.latency, found.latency_spread)),
+        ('onset of force in trains', _onset(found)),
         ('fit, equal pulses', f'{found.mean_fit("equal"):.1f} %'),
         ('fit, a gain a pulse', f'{found.mean_fit("gains"):.1f} %'),
     ]
@@ -200,6 +202,14 @@ def _train_rows(found: SummationAnalysis) -> list[Row]:
                 )
             )
     return rows
+
+
+def _onset(found: SummationAnalysis) -> str:
+    """Return when the force leaves its baseline, from the earliest to the latest train."""
+    if not (values := found.onsets):
+        return 'hidden by noise'
+    low, high = (f'{1e3 * value:.2f}' for value in (min(values), max(values)))
+    return f'{low} ms' if low == high else f'{low} to {high} ms'
 
 
 def _field_rows(found: FieldAnalysis) -> list[Row]:

@@ -6,12 +6,16 @@ from typing import TypeVar
 
 import numpy as np
 
+from rpms_ros.errors import IdentificationError
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import CONVERGED
 from rpms_ros.identification import INFORMED
 from rpms_ros.identification import NOT_INFORMED
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.analysis import analyze
+from rpms_ros.identification.analysis.dynamics import TrainDynamics
+from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.narrowed import informed_parameters
 from rpms_ros.identification.narrowed import narrowed_physiology
 from rpms_ros.identification.verdict import Verdict
@@ -95,6 +99,10 @@ class IdentificationResult:
         'numbers read off the response that the data have narrowed; the unit stands in the name',
         default=None,
     )
+    dynamics: TrainDynamics | None = documented(
+        'trains of one intensity at their own rate; null where there is a curve, or no train',
+        default=None,
+    )
     output_error_n: float = documented(
         'root mean square of measured minus predicted force, after settling [N]'
     )
@@ -124,6 +132,7 @@ def result_of(
         If the response to a pulse is not finite: the estimator could do nothing with the data.
     """
     last, stamps = session.last, recording.forces.stamp_ns
+    dynamics = None if last.curve_known else _dynamics(recording)
     known, names = last.curve_known, last.nonlinear_names
     informed = informed_parameters(last)
     flags = [IDENTIFIABILITY[flag] for flag in last.nonlinear_identifiability.tolist()]
@@ -160,12 +169,20 @@ def result_of(
         identifiability=_by_name(names, flags),
         deviation=_by_name(names[: len(variance)], _deviations(variance, informed)),
         physiology=_physiology(last) or None,
+        dynamics=dynamics,
         output_error_n=session.output_error.newton,
         output_error_of_range=session.output_error.of_range,
         faults={**recording.facts.faults, **last.faults},
         notes=[*recording.facts.remarks, *([] if known else [ONE_INTENSITY])],
-        verdict=verdict_of(session, recording.pulses, recording.forces, settings),
+        verdict=verdict_of(session, recording.pulses, recording.forces, settings, dynamics),
     )
+
+
+def _dynamics(recording: Recording) -> TrainDynamics | None:
+    try:
+        return train_dynamics(analyze(recording.pulses, recording.forces))
+    except IdentificationError:
+        return None
 
 
 def impulse_response(pulses: PulseTrain, estimate: Estimate) -> FloatArray:

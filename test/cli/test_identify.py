@@ -1,5 +1,6 @@
 """rpms identify: one JSON object, a table, figures; and what it says when something is wrong."""
 
+import csv
 import json
 import os
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import pytest
 from scipy.integrate import trapezoid
 
 from rpms_ros.cli import main
+from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
@@ -301,3 +303,33 @@ def test_what_the_data_do_not_tell_is_not_printed(rpms: Rpms, tmp_path: Path) ->
         assert document['recruitment'][name] is None
         assert document['deviation'][name] is None
         assert f'{name} 0' not in out
+
+
+def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path) -> None:
+    """Eight pulses at 50 Hz; no law of how force depends on the rate has a part in it."""
+    lag = np.arange(4000)[:, None] / 2000 - 1.0 - np.arange(8) / 50 - 9e-3
+    force = 2.0 * twitch(lag, 15e-3, 3).sum(axis=1)
+    force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
+    onset = 1_000_000_000 + 20_000_000 * np.arange(8)
+    pulses = PulseTrain(onset, np.full(8, 0.7), np.arange(8), np.full(8, 1e-4))
+    stamps = 500_000 * np.arange(4000)
+    write_recording(tmp_path / 'train', pulses, ForceTrace(stamps, force))
+    code, out, _ = rpms('identify', tmp_path / 'train', '--estimator', 'batch')
+    assert code == 0
+    for word in ('onset of force', 'latency of the model', '1 of 8 pulses at 50 Hz', 'T_a'):
+        assert word in out
+    assert 'verdict' in out
+    assert 'good: dynamics only' in out
+    document = json.loads(rpms('identify', tmp_path / 'train', '--json')[1])
+    found = document['dynamics']
+    assert found['twitch_time_constant_s']['value'] == pytest.approx(15e-3, rel=0.01)
+    assert found['latency_s']['value'] == pytest.approx(9e-3, abs=2e-4)
+    rpms('study', tmp_path / 'train', '--out', tmp_path / 'table', '--jobs', 1)
+    with (tmp_path / 'table' / 'results.csv').open(newline='') as file:
+        (row,) = csv.DictReader(file)
+    assert row['verdict'] == 'good'
+    assert row['train_model'] == 'equal pulses'
+    assert float(row['train_rate_hz']) == pytest.approx(50.0)
+    for name in ('onset_s', 'twitch_time_constant_s', 'latency_s'):
+        lower, value, upper = (float(row[f'{name}{end}']) for end in ('_lower', '', '_upper'))
+        assert lower <= value <= upper

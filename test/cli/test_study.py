@@ -167,9 +167,7 @@ def test_a_name_is_no_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert row['status'] == 'failed'
 
 
-def test_earlier_results_are_no_recordings(
-    rpms: Rpms, sessions: Path, tmp_path: Path
-) -> None:
+def test_earlier_results_are_no_recordings(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
     """What the README says, `rpms study out/* --out out/study`, twice."""
     out = tmp_path / 'out'
     shutil.copytree(sessions / 'session_0', out / 'session')

@@ -158,13 +158,16 @@ def _described(
     spare = max(1, len(force) - int(free.sum()))
     variance = float(misfit @ misfit) / spare
     covariance = np.zeros((len(theta), len(theta)))
-    covariance[np.ix_(free, free)] = np.linalg.pinv(jacobian.T @ jacobian) * variance
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    # Errors of a baseline move all levels between two rests: they do not average out.
+    common = inverse @ (jacobian[: len(points)].T @ _baselines(points)) / top
+    covariance[np.ix_(free, free)] = inverse * variance + common @ common.T
     reach = float(student.ppf(0.5 + CONFIDENCE / 2, spare))
     by_intensity, by_rate = field_model.as_recruitment(theta[1:])
     rows, share, columns, other = rising_product(intensity, rate, force / top)
     return FieldAnalysis(
         recruitment=RecruitmentField(by_intensity, by_rate),
-        maximum_force=_interval(theta[0], covariance[0, 0], reach, scale=top, logarithm=True),
+        maximum_force=_maximum_force(theta, covariance, reach, top),
         parameters=_parameters(theta[1:], np.diag(covariance)[1:], reach),
         rates_fitted=bool(free[5]),
         points=points,
@@ -174,6 +177,25 @@ def _described(
         monotone_intensity=rows,
         monotone_share=share,
     )
+
+
+def _baselines(points: Sequence[SteadyPoint]) -> FloatArray:
+    """Return what one deviation of each rest does to the points (points, rests) [N]."""
+    effect = np.zeros((len(points), 2 + max(point.rest for point in points)))
+    for row, point in zip(effect, points, strict=True):
+        row[point.rest] = (1.0 - point.rest_share) * point.rest_deviation
+        row[point.rest + 1] = point.rest_share * point.rest_deviation
+    return effect
+
+
+def _maximum_force(
+    theta: FloatArray, covariance: FloatArray, reach: float, top: float
+) -> Interval:
+    """Return the force at full intensity and 20 Hz, A (1 + c): the offset c has a part in it."""
+    gradient = np.zeros(len(theta))
+    gradient[0], gradient[-1] = 1.0, 1.0 / (1.0 + theta[-1])
+    value = theta[0] + np.log1p(theta[-1])
+    return _interval(value, float(gradient @ covariance @ gradient), reach, top, logarithm=True)
 
 
 def _interval(

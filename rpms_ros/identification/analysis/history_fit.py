@@ -19,6 +19,7 @@ from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.train_model import HIGHEST
 from rpms_ros.identification.analysis.train_model import LOWEST
 from rpms_ros.identification.analysis.train_model import TrainFit
+from rpms_ros.identification.analysis.train_model import deviations
 from rpms_ros.identification.analysis.train_model import fit_scaled
 from rpms_ros.pulses import FloatArray
 
@@ -83,6 +84,29 @@ def fit_with_law(law: HistoryLaw, train: Response, order: int) -> TrainFit:
         return law.force(train, order, latency, constant)
 
     return fit_scaled('history law', train, shape)
+
+
+def law_deviations(law: HistoryLaw, train: Response, fit: TrainFit, order: int) -> FloatArray:
+    """Return the standard deviations of latency and T_a (2,) of a train and its law [s].
+
+    The numbers of the law count as unknown as well: it may have been learnt from this train.
+    """
+    chosen = train.usable
+
+    def model(numbers: FloatArray) -> FloatArray:
+        latency, constant, gain, base = numbers[:4]
+        shape = HistoryLaw.of_logarithms(numbers[4:]).force(train, order, latency, constant)
+        force: FloatArray = base + gain * shape
+        return force[chosen]
+
+    own = [fit.latency, fit.time_constant, float(fit.gains[0]), fit.baseline]
+    force = train.force[chosen]
+    residual = force - fit.modelled[chosen]
+    # the prior of the search, which is held against the residual in the spread of the force
+    weight = float(np.sum(np.square(force - force.mean()))) * _PRIOR**2
+    prior = np.concatenate((np.zeros(4), np.full(NUMBERS, weight)))
+    at = np.concatenate((own, law.logarithms))
+    return deviations(model, at, residual, prior)[:2]
 
 
 def _misfit(

@@ -36,6 +36,13 @@ class SteadyPoint:
         Greatest minus least mean over the phase of the period [N].
     start_ns : int
         First pulse of the level [ns].
+    rest : int
+        Which rest of the recording the baseline comes from; the next one has a part in it too.
+    rest_share : float
+        How large the part of the next one is, 0..1.
+    rest_deviation : float
+        Standard deviation of the baseline at one rest [N].  All levels between two rests have
+        the errors of their baseline in common.
     """
 
     intensity: float
@@ -43,6 +50,9 @@ class SteadyPoint:
     force: float
     ripple: float
     start_ns: int
+    rest: int = 0
+    rest_share: float = 0.0
+    rest_deviation: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -55,14 +65,22 @@ class Baseline:
         Middles of the rests [ns].
     force : ndarray, shape (rests,)
         Means [N].
+    deviation : float
+        Standard deviation of each of them, by the scatter of the samples at rest [N].
     """
 
     time_ns: IntArray
     force: FloatArray
+    deviation: float
 
     def at(self, moment_ns: float) -> float:
         """Return the baseline at a time [ns]."""
         return float(np.interp(moment_ns, self.time_ns, self.force))
+
+    def place(self, moment_ns: float) -> tuple[int, float]:
+        """Return the rest before a time [ns], and the share of the next one in the baseline."""
+        place = float(np.interp(moment_ns, self.time_ns, np.arange(len(self.time_ns))))
+        return int(place), place - int(place)
 
 
 def resting_force(
@@ -73,13 +91,16 @@ def resting_force(
     ends = [int(onset_ns[group.first]) for group in groups]
     if groups and trace.stamp_ns[-1] - onset_ns[-1] > NANOSECONDS_PER_SECOND:
         ends.append(int(trace.stamp_ns[-1]) + 1)
-    times, forces = [], []
+    times, forces, variances = [], [], []
     for end in ends:
         part = trace.between(end - span, end)
         if part.stop > part.start:
             times.append(end - span // 2)
             forces.append(float(np.mean(trace.force[part])))
-    return Baseline(np.array(times), np.array(forces)) if times else None
+            variances.append(float(np.var(trace.force[part])) / (part.stop - part.start))
+    if not times:
+        return None
+    return Baseline(np.array(times), np.array(forces), float(np.sqrt(np.mean(variances))))
 
 
 def steady_point(
@@ -110,7 +131,17 @@ def steady_point(
     force: FloatArray = trace.force[part] - baseline.at(0.5 * (first + end))
     phase = np.asarray((trace.stamp_ns[part] - first) / period % 1.0, dtype=np.float64)
     ripple = _ripple(phase, force)
-    return SteadyPoint(level.intensity, level.rate_hz, float(force.mean()), ripple, start)
+    rest, share = baseline.place(0.5 * (first + end))
+    return SteadyPoint(
+        level.intensity,
+        level.rate_hz,
+        float(force.mean()),
+        ripple,
+        start,
+        rest,
+        share,
+        baseline.deviation,
+    )
 
 
 def _ripple(phase: FloatArray, force: FloatArray) -> float:

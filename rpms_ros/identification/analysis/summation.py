@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rpms_ros.identification.analysis.force_onset import force_onset
 from rpms_ros.identification.analysis.history_fit import fit_history
 from rpms_ros.identification.analysis.history_fit import fit_with_law
 from rpms_ros.identification.analysis.history_law import HistoryLaw
@@ -71,7 +72,8 @@ class SummationAnalysis:
     law : HistoryLaw or None
         Common law; None if no train has three pulses.
     latency, latency_spread : float
-        Mean and standard deviation over the trains, equal pulses [s].
+        Mean and standard deviation over the trains of where the fitted twitch of equal pulses
+        begins: a parameter of that model, not the onset of the force (`onsets`) [s].
     time_constant, time_constant_spread : float
         The same of T_a [s].
     rejected : mapping of str to int
@@ -86,6 +88,15 @@ class SummationAnalysis:
     time_constant: float
     time_constant_spread: float
     rejected: Mapping[str, int]
+
+    @property
+    def onsets(self) -> tuple[float, ...]:
+        """When the force leaves its baseline after the first pulse of each train [s].
+
+        Trains whose noise hides it are left out.
+        """
+        found = (force_onset(train.response) for train in self.trains)
+        return tuple(one.value for one in found if one is not None)
 
     def mean_fit(self, model: str, held_out: bool | None = None) -> float:
         """Return the mean fit [%] of ``equal``, ``gains`` or ``law``; NaN without a train.

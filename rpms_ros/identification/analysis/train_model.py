@@ -90,6 +90,75 @@ def fit_scaled(model: str, response: Response, shape: TrainShape) -> TrainFit:
     return _result(model, response, theta, np.array([gain]), base, base + gain * whole)
 
 
+def deviations(
+    model: Callable[[FloatArray], FloatArray],
+    at: FloatArray,
+    residual: FloatArray,
+    prior: FloatArray,
+) -> FloatArray:
+    """Return the standard deviations of the numbers of a model (numbers,).
+
+    Parameters
+    ----------
+    model : callable
+        Force (samples,) of the numbers (numbers,), linear ones included.
+    at : ndarray (numbers,)
+        The numbers fitted, none of them exactly 0 but for linear ones.
+    residual : ndarray (samples,)
+        Measured less modelled force [N].
+    prior : ndarray (numbers,)
+        What the fit knew besides, as information in units of the residual's variance.
+
+    Notes
+    -----
+    A misfit of the model correlates neighbouring residuals: the variance is multiplied by the sum
+    of their correlations up to the first that is not positive, as for a mean of such residuals.
+    """
+    steps = 1e-4 * np.maximum(np.abs(at), 1e-3)
+    jacobian = np.column_stack(
+        [
+            (model(at + step * unit) - model(at - step * unit)) / (2.0 * step)
+            for step, unit in zip(steps, np.eye(len(at)), strict=True)
+        ]
+    )
+    spare = max(1, len(residual) - len(at))
+    variance = float(residual @ residual) / spare * _correlated(residual)
+    matrix = jacobian.T @ jacobian + np.diag(prior)
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.linalg.pinv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
+    found: FloatArray = np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance)
+    return found
+
+
+def _correlated(residual: FloatArray) -> float:
+    """Return 1 + 2 (r(1) + r(2) + ...), up to the first correlation that is not positive."""
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    if not power > 0.0:
+        return 1.0
+    length = 2 * len(centred)
+    spectrum = np.abs(np.fft.rfft(centred, length)) ** 2
+    correlation = np.fft.irfft(spectrum, length)[: len(centred)] / power
+    ends = np.flatnonzero(correlation <= 0.0)
+    last = int(ends[0]) if len(ends) else len(correlation)
+    return float(1.0 + 2.0 * correlation[1:last].sum())
+
+
+def fit_deviations(response: Response, fit: TrainFit, order: int) -> FloatArray:
+    """Return the standard deviations of latency and T_a (2,) of a fit with equal pulses [s]."""
+    chosen = response.usable
+
+    def model(numbers: FloatArray) -> FloatArray:
+        latency, constant, gain, base = numbers
+        columns = pulse_twitches(response, order, latency, constant)
+        total: FloatArray = base + gain * columns.sum(axis=1)
+        return total[chosen]
+
+    at = np.array([fit.latency, fit.time_constant, float(fit.gains[0]), fit.baseline])
+    residual = (response.force - fit.modelled)[chosen]
+    return deviations(model, at, residual, np.zeros(len(at)))[:2]
+
+
 def fit_gains(response: Response, order: int, start: TrainFit) -> TrainFit:
     """Fit a train with one gain a pulse, none of them negative.
 

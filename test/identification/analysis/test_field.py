@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -89,11 +91,45 @@ def test_subjects_are_found_within_two_per_cent_of_the_maximum(seed):
 
 def test_the_intervals_hold_the_truth():
     subject = average_subject()
+    true = float(subject.steady_force(1.0, 20.0))
     inside = 0
     for seed in range(20):
-        found = fit_field(points(subject, 0.02, seed=seed))
-        interval = found.maximum_force
-        inside += interval.low <= subject.maximum_force <= interval.high
+        interval = fit_field(points(subject, 0.02, seed=seed)).maximum_force
+        inside += interval.low <= true <= interval.high
+    # 95 % intervals: 15 of 20 or fewer come in one of 3000 studies
+    assert inside >= 16
+
+
+def test_the_force_at_full_intensity_is_that_of_the_field():
+    """The offset of the curve has a part in it."""
+    subject = average_subject()
+    found = fit_field(points(subject)).maximum_force
+    assert found.value == pytest.approx(float(subject.steady_force(1.0, 20.0)), rel=2e-5)
+
+
+def test_the_intervals_hold_although_the_levels_between_two_rests_share_a_baseline():
+    subject = average_subject()
+    true = float(subject.steady_force(1.0, 20.0))
+    inside = 0
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        rests = 0.03 * random.normal(size=len(RATES) + 1)
+        moved = []
+        for index, point in enumerate(points(subject, 0.01, seed=seed)):
+            group, share = divmod(index / len(LEVELS), 1.0)
+            rest = int(group)
+            error = (1.0 - share) * rests[rest] + share * rests[rest + 1]
+            moved.append(
+                replace(
+                    point,
+                    force=point.force - error,
+                    rest=rest,
+                    rest_share=share,
+                    rest_deviation=0.03,
+                )
+            )
+        interval = fit_field(moved).maximum_force
+        inside += interval.low <= true <= interval.high
     # 95 % intervals: 15 of 20 or fewer come in one of 3000 studies
     assert inside >= 16
 

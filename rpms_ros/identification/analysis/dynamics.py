@@ -1,0 +1,140 @@
+"""Dynamics out of trains of one intensity, at the rate at which they were given.
+
+Where all pulses have one intensity there is no recruitment curve, and no law of how force changes
+with the rate is needed: twitches, their history and their onset are those of the trains.  What is
+stated for T_a and latency is what the better of two models has, equal pulses or the history law.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from rpms_ros.identification.analysis.force_onset import ForceOnset
+from rpms_ros.identification.analysis.force_onset import force_onset
+from rpms_ros.identification.analysis.history_fit import law_deviations
+from rpms_ros.identification.analysis.history_law import HistoryLaw
+from rpms_ros.identification.analysis.muscle_analysis import MuscleAnalysis
+from rpms_ros.identification.analysis.summation import SummationAnalysis
+from rpms_ros.identification.analysis.summation import TrainAnalysis
+from rpms_ros.identification.analysis.train_model import TrainFit
+from rpms_ros.identification.analysis.train_model import fit_deviations
+from rpms_ros.pulses import FloatArray
+from rpms_ros.schema import documented
+
+CONFIDENCE = 0.95
+# Of the fit [%]: the law has five numbers more, and must be worth them.
+_WORTH = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounded:
+    """A number with its 95 % interval."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainDynamics:
+    """Dynamics of a muscle out of trains of one intensity, at their own rate."""
+
+    trains: int = documented('trains that qualified')
+    pulses: int = documented('pulses of all of them')
+    rate_hz: float = documented('median repetition rate within the trains [Hz]')
+    peak_force: float = documented('greatest force above the baseline, mean of the trains [N]')
+    onset_s: Bounded | None = documented(
+        'when the force leaves its baseline after the first pulse, measured [s]'
+    )
+    model: str = documented('what explains the trains: equal pulses or history law')
+    order: int = documented('order of the twitch')
+    twitch_time_constant_s: Bounded = documented('T_a of the model [s]')
+    latency_s: Bounded = documented('where the twitch of the model begins: a parameter [s]')
+    fit_percent: float = documented('100 (1 - |residual| / |force - mean|), mean of the trains')
+    fit_equal_percent: float = documented('the same with equal pulses')
+    fit_gains_percent: float = documented('the same with one gain a pulse')
+    law: HistoryLaw | None = documented('numbers of the history law, if there is one')
+
+
+def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
+    """Return the dynamics of the trains of an analysis; None without a train."""
+    found = analysis.summation
+    if found is None or not found.trains:
+        return None
+    model = _model(found)
+    fits = [_fit(train, model) for train in found.trains]
+    deviations = np.array([_deviations(train, model, found) for train in found.trains])
+    latency, constant = (
+        _stated(np.array([getattr(fit, name) for fit in fits]), deviations[:, place])
+        for place, name in enumerate(('latency', 'time_constant'))
+    )
+    responses = [train.response for train in found.trains]
+    return TrainDynamics(
+        trains=len(fits),
+        pulses=sum(len(response.onset) for response in responses),
+        rate_hz=float(np.median([train.rate_hz for train in found.trains])),
+        peak_force=float(
+            np.mean([one.force[one.usable].max() - one.baseline for one in responses])
+        ),
+        onset_s=_onset([force_onset(response) for response in responses]),
+        model='history law' if model == 'law' else 'equal pulses',
+        order=found.order,
+        twitch_time_constant_s=constant,
+        latency_s=latency,
+        fit_percent=found.mean_fit(model),
+        fit_equal_percent=found.mean_fit('equal'),
+        fit_gains_percent=found.mean_fit('gains'),
+        law=found.law,
+    )
+
+
+def _model(found: SummationAnalysis) -> str:
+    if found.law is None:
+        return 'equal'
+    return 'law' if found.mean_fit('law') > found.mean_fit('equal') + _WORTH else 'equal'
+
+
+def _fit(train: TrainAnalysis, model: str) -> TrainFit:
+    fit = train.law if model == 'law' else train.equal
+    assert fit is not None
+    return fit
+
+
+def _deviations(train: TrainAnalysis, model: str, found: SummationAnalysis) -> FloatArray:
+    """Return the standard deviations of latency and time constant (2,) [s]."""
+    if model == 'law' and found.law is not None:
+        return law_deviations(found.law, train.response, _fit(train, model), found.order)
+    return fit_deviations(train.response, train.equal, found.order)
+
+
+def _stated(values: FloatArray, deviations: FloatArray) -> Bounded:
+    """Return the mean of the trains with its interval.
+
+    As wide as the trains scatter, or as each of them is known, whichever is more.
+    """
+    count = len(values)
+    own = float(np.sqrt(np.mean(np.square(deviations)) / count))
+    scatter = float(np.std(values, ddof=1)) / np.sqrt(count) if count > 1 else 0.0
+    quantile = (
+        student.ppf(0.5 + CONFIDENCE / 2, count - 1)
+        if count > 1
+        else student.ppf(0.5 + CONFIDENCE / 2, np.inf)
+    )
+    normal = student.ppf(0.5 + CONFIDENCE / 2, np.inf)
+    half = max(float(normal) * own, float(quantile) * scatter)
+    mean = float(values.mean())
+    return Bounded(value=mean, lower=max(mean - half, 0.0), upper=mean + half)
+
+
+def _onset(found: Sequence[ForceOnset | None]) -> Bounded | None:
+    known = [one for one in found if one is not None]
+    if not known:
+        return None
+    values = np.array([one.value for one in known])
+    return Bounded(
+        value=float(np.median(values)),
+        lower=min(one.lower for one in known),
+        upper=float(values.max()),
+    )
