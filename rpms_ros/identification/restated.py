@@ -5,6 +5,7 @@ fast follows it with numbers that explain nothing else.  What is printed and car
 numbers of one estimate, so they are held against the force as they stand.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,7 +139,7 @@ def white_noise(force: FloatArray) -> float:
     """
     if len(force) < 3:
         return 0.0
-    return float(np.median(np.abs(np.diff(force, 2)))) / (0.6744897501960817 * np.sqrt(6.0))
+    return float(np.median(np.abs(np.diff(force, 2)))) / (0.6744897501960817 * math.sqrt(6.0))
 
 
 def _rate_weights(rate_hz: float, onset_ns: IntArray, by_rate: RateRecruitment) -> FloatArray:
