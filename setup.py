@@ -57,6 +57,7 @@ setup(
     extras_require={
         'study': ['pyarrow'],
         'cluster': ['distributed', 'pyarrow'],
+        'formats': ['h5py', 'openpyxl', 'pyxdf'],
         'test': ['hypothesis', 'jsonschema', 'pytest', 'pytest-timeout'],
     },
     entry_points={

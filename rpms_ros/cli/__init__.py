@@ -26,7 +26,7 @@ COMMANDS = (
     'analyze',
     'report',
     'replay',
-    'import_csv',
+    'import_file',
     'protocol',
     'check',
     'audit',

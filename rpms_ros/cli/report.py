@@ -2,8 +2,11 @@
 
 import argparse
 import json
+import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+from typing import Any
 
 from rpms_ros.cli.identify import add_estimator_options
 from rpms_ros.cli.identify import add_verdict_option
@@ -31,6 +34,7 @@ _EXAMPLES = """\
   rpms report bags/sample --out report.html
   rpms report session --files figures            PNG, SVG and JSON files beside the page
   rpms report session --json | jq .held_out      one JSON object on stdout
+  rpms report session --previous last_week/report.json
   rpms report session --device rapid2-240v --state 'coil_type=round' --state age=34
 """
 
@@ -47,6 +51,8 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     parser.add_argument(
         '--json', action='store_true', help='also print what the page holds as one JSON object'
     )
+    text = 'JSON of an earlier session (`rpms identify --json` or `rpms report --json`) to compare'
+    add_option(parser, '--previous FILE', None, text, type=Path)
     add_option(parser, '--title TEXT', None, 'headline; the name of the recording if not given')
     text = 'share of the time at the end that is predicted, not learnt from'
     add_option(parser, '--held-out SHARE', 0.2, text)
@@ -101,6 +107,17 @@ def stated_items(texts: list[str]) -> dict[str, str]:
     return items
 
 
+def _previous(path: Path) -> dict[str, Any]:
+    """Return the JSON of an earlier session."""
+    try:
+        document = json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
+        raise ReportError(f'expected the JSON of a session at {path}, got {error}') from error
+    if not isinstance(document, dict):
+        raise ReportError(f'expected one JSON object in {path}, got {type(document).__name__}')
+    return document
+
+
 def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.identification.catalogue import estimator_by_name
     from rpms_ros.identification.verdict import VerdictSettings
@@ -119,6 +136,8 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
         held_out_share=arguments.held_out,
         device=load_device_specification(arguments.device) if arguments.device else None,
         stated=stated_items(arguments.state),
+        command=shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else '',
+        previous=_previous(arguments.previous) if arguments.previous else None,
     )
     options = IdentificationOptions(
         arguments.estimator, arguments.preset, arguments.rate_hz, arguments.seed

@@ -5,7 +5,6 @@ rises through the upper threshold and ends where it falls through the lower one:
 two does not count.
 """
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +59,7 @@ def read_csv(
     Parameters
     ----------
     path : Path or str
-        CSV file whose first line names the columns.
+        Table of text; separators, decimal sign, encoding and header are told from it.
     time, force, pulse : str
         Names of the columns: time [s], force [N] and gate [any unit].
     settings : GateSettings, optional
@@ -145,27 +144,12 @@ def _edges(high: BoolArray, low: BoolArray) -> tuple[IntArray, IntArray]:
 
 
 def _columns(path: Path, names: Sequence[str]) -> dict[str, FloatArray]:
-    # A pipe would be waited for without end.
-    if path.exists() and not path.is_file():
-        raise RecordingError(f'expected a CSV file at {path}, got no regular file')
-    try:
-        with path.open(newline='', encoding='utf-8-sig') as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-            lines = [line for line in file if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f'expected a CSV file at {path}, got {error}') from error
-    places = [_place(header, name, path) for name in names]
-    if not lines:
-        raise RecordingError(f'expected rows below the header of {path}, got none')
-    try:
-        table = np.loadtxt(lines, delimiter=',', usecols=places, ndmin=2, quotechar='"')
-    except ValueError as error:
-        raise RecordingError(f'expected numbers in {path}, got {error}') from error
-    return dict(zip(names, np.ascontiguousarray(table.T), strict=True))
+    # what follows needs the gate of this module
+    from rpms_ros.recording.importing.text import read_table
 
-
-def _place(header: Sequence[str], name: str, path: Path) -> int:
-    if name not in header:
-        columns = ', '.join(map(repr, header)) or 'no columns'
-        raise RecordingError(f'expected column {name!r} in {path}, got {columns}')
-    return header.index(name)
+    table = {signal.name: signal.values for signal in read_table(path).signals}
+    for name in names:
+        if name not in table:
+            columns = ', '.join(map(repr, table)) or 'no columns'
+            raise RecordingError(f'expected column {name!r} in {path}, got {columns}')
+    return {name: table[name] for name in names}

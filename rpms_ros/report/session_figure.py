@@ -70,8 +70,11 @@ def fill_session_figure(
         columns = []
         for column in (0, 1):
             upper = figure.add_subplot(grid[0, column])
-            columns.append([upper, figure.add_subplot(grid[1, column], sharex=upper)])
-            upper.tick_params(labelbottom=False)
+            # One estimate has no path: its panels are parameters of different units.
+            paths = column == 1 or len(session.estimates) > 1
+            lower = figure.add_subplot(grid[1, column], sharex=upper if paths else None)
+            columns.append([upper, lower])
+            upper.tick_params(labelbottom=not paths)
         panels.draw_parameters(columns[0], session, subject)
         panels.draw_force(columns[1], session, dose)
         panels.draw_recruitment(figure.add_subplot(grid[2:, 0]), session, dose, subject)

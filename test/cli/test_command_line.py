@@ -15,7 +15,7 @@ from rpms_ros.report.text import labelled
 from rpms_ros.report.text import noted
 
 Rpms = Callable[..., tuple[int, str, str]]
-NAMES = ['import' if name == 'import_csv' else name for name in COMMANDS]
+NAMES = ['import' if name == 'import_file' else name for name in COMMANDS]
 
 
 def exits(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

@@ -88,16 +88,16 @@ def test_force_that_is_missing_stays_missing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('rows', 'message'),
     [
-        ([], 'expected rows below the header of .*trial.csv, got none'),
+        ([], 'expected rows of numbers below the header of .*trial.csv, got none'),
         (['0,0,1', '0,8,1'], 'expected rising times in column .Time .s.. of .*, got 0.0 and then'),
         (['0,0,1', 'nan,8,1'], 'expected finite numbers in column .Time .s.. .* got nan in row 2'),
         (['0,0,1', '1,inf,1'], 'expected finite numbers in column .STIM . .. .* got inf in row 2'),
         (['0,0,1', '1,0,1'], 'expected a gate that rises through 0, got levels 0 to 0'),
         (
             ['0,0,1', '1,0,high'],
-            "expected numbers in .*trial.csv, got could not convert string 'h",
+            "expected numbers in .*trial.csv, got 'high' in row 2",
         ),
-        (['0,0,1', '1,0'], 'expected numbers in .*trial.csv, got '),
+        (['0,0,1', '1,0'], 'expected 3 cells in each row of .*trial.csv, got 2'),
     ],
 )
 def test_bad_tables_are_refused(tmp_path: Path, rows: list[str], message: str) -> None:
@@ -111,19 +111,22 @@ def test_missing_column_names_those_that_are_there(tmp_path: Path) -> None:
         RecordingError, match=r"expected column 'F' in .*, got 'Time \[s\]', 'STIM \[ \]', 'fGM"
     ):
         read_csv(path, 'Time [s]', 'F', 'STIM [ ]')
-    with pytest.raises(RecordingError, match=r"expected column 'F' in .*, got no columns"):
+    with pytest.raises(RecordingError, match=r'expected a table in .*, got an empty file'):
         read_csv(table(tmp_path, [], header=''), 'F', 'F', 'F')
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'expected a CSV file at .*trial.csv, got .*No such'):
+    with pytest.raises(RecordingError, match=r'expected a file at .*trial.csv, got .*No such'):
         read_csv(tmp_path / 'trial.csv', *COLUMNS)
 
 
 def test_binary_file(tmp_path: Path) -> None:
     path = tmp_path / 'trial.csv'
     path.write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(RecordingError, match=r'expected a CSV file at .*trial.csv, got .*decode'):
+    with pytest.raises(
+        RecordingError,
+        match=r'expected a table of text in .*trial.csv, got bytes that are no text',
+    ):
         read_csv(path, *COLUMNS)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from rpms_ros.report.session.dose import DeviceLoad
 from rpms_ros.report.session.dose import Dose
 from rpms_ros.report.session.dose import dose_of
 from rpms_ros.report.session.dose import load_of
+from rpms_ros.report.session.headline import Headline
+from rpms_ros.report.session.headline import headline_of
 from rpms_ros.report.session.held_out import HELD_OUT_SHARE
 from rpms_ros.report.session.held_out import FrozenFrom
 from rpms_ros.report.session.held_out import HeldOutFit
@@ -44,12 +47,18 @@ class ReportSettings:
         Device for the energy; None leaves it in units of a pulse at full intensity.
     stated : mapping of str to str or None
         Items of the checklist that a person states.
+    command : str
+        The command line that makes the report; empty if there is none.
+    previous : mapping or None
+        JSON of an earlier session of the same person, to compare with.
     """
 
     held_out_share: float = HELD_OUT_SHARE
     residual_share: float = 0.2
     device: DeviceSpecification | None = None
     stated: Mapping[str, str] | None = None
+    command: str = ''
+    previous: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,8 @@ class SessionAnalysis:
         What it was made with.
     remarks : tuple of str
         Why something is missing.
+    headline : Headline
+        What the first screen says.
     """
 
     title: str
@@ -96,6 +107,7 @@ class SessionAnalysis:
     checklist: list[ChecklistItem]
     settings: ReportSettings
     remarks: tuple[str, ...]
+    headline: Headline
 
 
 def analyse(
@@ -158,6 +170,7 @@ def analyse(
         checklist,
         settings,
         tuple(remarks),
+        headline_of(result, session, settings.previous),
     )
 
 

@@ -9,6 +9,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.checklist import ITEMS_OF_THE_CONSENSUS
 from rpms_ros.report.session.checklist import SOURCE
+from rpms_ros.report.session.methods import methods_of
 from rpms_ros.report.session.traces import thinned
 from rpms_ros.schema import plain
 
@@ -24,6 +25,7 @@ def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
     document: dict[str, Any] = plain(
         {
             'title': analysis.title,
+            'headline': analysis.headline,
             'result': analysis.result,
             'twitch': twitch_figures(analysis),
             'parameter_paths': _paths(analysis),
@@ -45,6 +47,7 @@ def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
                 'items_of_the_consensus': ITEMS_OF_THE_CONSENSUS,
                 'items': analysis.checklist,
             },
+            'methods': methods_of(analysis),
             'remarks': [*analysis.result.notes, *analysis.remarks],
         }
     )

@@ -75,7 +75,9 @@ def draw(name: str, analysis: SessionAnalysis) -> Figure:
     """Return one of `FIGURES`, drawn."""
     painter, size, (rows, columns) = FIGURES[name]
     figure = Figure(figsize=size, layout='constrained', dpi=150)
-    axes = figure.subplots(rows, columns, sharex=rows > 1, squeeze=False)
+    # One estimate has no path: its panels are parameters of different units.
+    paths = name != 'parameters' or len(analysis.session.estimates) > 1
+    axes = figure.subplots(rows, columns, sharex=rows > 1 and paths, squeeze=False)
     painter(list(axes.flat), analysis)
     label(figure)
     return figure

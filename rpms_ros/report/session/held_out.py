@@ -74,6 +74,9 @@ class HeldOutFit:
         Lengths of the two parts [s].
     samples : int
         Samples of the held-out part, without those that lost pulses spoil.
+    error_n, error_of_range : float
+        Root mean square of the residual [N], and as a share of the range of the whole session's
+        force.
     relative_error : float
         L2 norm of the residual over that of the force.
     explained_variance : float
@@ -87,6 +90,8 @@ class HeldOutFit:
     learnt_s: float
     held_out_s: float
     samples: int
+    error_n: float
+    error_of_range: float
     relative_error: float
     explained_variance: float
     fit_percent: float
@@ -119,11 +124,14 @@ def held_out_fit(session: IdentifiedSession, first_ns: int) -> HeldOutFit | None
     if len(force) < 2 or np.ptp(force) == 0.0:
         return None
     residual = force - prediction
+    error = float(np.sqrt(np.mean(residual**2)))
     spread = float(np.linalg.norm(force - force.mean()))
     return HeldOutFit(
         learnt_s=float(first_ns - session.stamp_ns[0]) * 1e-9,
         held_out_s=float(session.stamp_ns[-1] - first_ns) * 1e-9,
         samples=len(force),
+        error_n=error,
+        error_of_range=error / float(np.ptp(session.force[session.usable])),
         relative_error=float(np.linalg.norm(residual) / np.linalg.norm(force)),
         explained_variance=float(1.0 - residual.var() / force.var()),
         fit_percent=float(100.0 * (1.0 - np.linalg.norm(residual) / spread)),

@@ -19,11 +19,11 @@
   const envelope = traces.envelope && source(traces.envelope, 0);
   let view = [0, traces.end], drawn = null;
 
-  function plot(share, label, series) {
+  function plot(share, label, series, limit) {
     const grid = { stroke: '#dedede', width: 1 };
     return new uPlot({
       width: place.clientWidth, height: Math.round(share * 416),
-      scales: { x: { time: false, range: () => view } },
+      scales: { x: { time: false, range: () => view }, y: limit ? { range: () => [-limit, limit] } : {} },
       axes: [{ label: share < 0.5 ? 'time / s' : '', labelSize: 20, size: 36, grid },
         { label, size: 60, labelSize: 20, grid }],
       series: [{ label: 'time / s', value: (_, value) => value === null ? '' : value.toFixed(3) },
@@ -37,7 +37,8 @@
   element('still').hidden = true;
   const plots = {
     force: plot(0.7, 'force / N', [line('measured', '#a0a0a0', 3), line('modelled', '#000', 1)]),
-    residual: plot(0.4, 'residual / N', [line('measured minus modelled', '#000', 0.8)]),
+    residual: plot(0.4, 'residual / N', [line('measured minus modelled', '#000', 0.8)],
+      traces.residual_limit),
   };
 
   /* Every sample where the whole view lies in a window that has them, else the envelope. */
@@ -88,6 +89,8 @@
     one.addEventListener('click', () => move(Number(one.dataset.move)));
   }
   place.addEventListener('wheel', function (event) {
+    /* Without Ctrl the wheel scrolls the page, which a plot must not catch. */
+    if (!event.ctrlKey) { return; }
     event.preventDefault();
     zoom(Math.pow(1.0015, event.deltaY), timeAt(event));
   }, { passive: false });

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 from jinja2 import Environment
 from jinja2 import FileSystemLoader
 from jinja2 import StrictUndefined
@@ -19,12 +20,25 @@ from rpms_ros.report.session.figures import as_svg
 from rpms_ros.report.session.traces import force_traces
 
 UNKNOWN = 'not known'
+# The year 2000: stamps before are those of a clock that began with the machine or the trial.
+_EARLIEST_S = 946_684_800
 _HERE = Path(__file__).parent
 # What need not be escaped in a data URL; base64 would be longer.
 _KEPT = " !$&'()*+,/:;=?@\n"
+CAPTIONS = {
+    'recruitment': 'Steady force over intensity with its band; the bars below show which '
+    'intensities were used.',
+    'response': 'Force after one pulse, from the pulse on.',
+    'parameters': 'How the parameters of the curve were found; dotted lines are sudden changes.',
+    'force': 'Measured and modelled force at the end of the stimulation, and their difference.',
+    'residuals': 'What is left of the force: within the dashed lines it is noise.',
+    'held_out': 'Force that was not learnt from, and what was foretold of it.',
+    'schedule': 'The pulses that were delivered, and their energy.',
+}
+"""One sentence a figure."""
 # In the order of the page.
 SECTIONS = {
-    'summary': 'Summary',
+    'summary': 'Verdict',
     'recruitment': 'Recruitment',
     'response': 'Impulse response and physiology',
     'parameters': 'Parameter paths',
@@ -34,6 +48,7 @@ SECTIONS = {
     'faults': 'Faults',
     'schedule': 'Schedule and energy',
     'session': 'Session',
+    'methods': 'Methods, command and versions',
     'checklist': 'rPMS reporting checklist',
 }
 
@@ -57,18 +72,27 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
     )
     environment.policies['json.dumps_kwargs'] = {'allow_nan': False}
     environment.filters |= {'number': number, 'percent': percent}
-    start = datetime.fromtimestamp(document['session']['start_ns'] // NANOSECONDS_PER_SECOND, UTC)
     return environment.get_template('page.html').render(
         document,
         document=document,
         sections=SECTIONS,
         unknown=UNKNOWN,
         train_gap=TRAIN_GAP,
-        start=f'{start:%Y-%m-%d %H:%M:%S}',
+        start=_start(document['session']['start_ns']),
         traces=force_traces(analysis.session),
+        captions=CAPTIONS,
+        force_range=float(np.ptp(analysis.session.force[analysis.session.usable])),
         image=lambda name: f'data:image/svg+xml,{quote(as_svg(name, analysis), safe=_KEPT)}',
         file=lambda name: Markup((_HERE / name).read_text(encoding='utf-8')),
     )
+
+
+def _start(stamp_ns: int) -> str:
+    """Return when a session began, as far as its stamps tell."""
+    seconds = stamp_ns // NANOSECONDS_PER_SECOND
+    if seconds < _EARLIEST_S:
+        return f'not known: the stamps begin at {stamp_ns / NANOSECONDS_PER_SECOND:.4g} s'
+    return f'{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC by its stamp'
 
 
 def number(value: float | None, unit: str = '', scale: float = 1.0) -> str:

@@ -4,10 +4,13 @@ Measured and true are thick and grey, modelled thin and black, limits are dashed
 an edge: told apart by shade, width and style, never by hue.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
 
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.narrowed import informed_parameters
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -15,7 +18,9 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.report.agreement import true_parameters
 from rpms_ros.report.session.dose import Dose
+from rpms_ros.report.session.headline import changes_of
 from rpms_ros.report.session.held_out import HeldOutFit
+from rpms_ros.report.session.residuals import BAND_95
 from rpms_ros.report.session.residuals import ResidualAnalysis
 from rpms_ros.report.session.traces import ENVELOPE_BINS
 from rpms_ros.report.session.traces import thinned
@@ -79,6 +84,9 @@ def draw_parameters(
     axes: list[Axes], session: IdentifiedSession, subject: Subject | None = None
 ) -> None:
     """Draw the paths of the parameters: intensities above, slopes below; true ones are grey."""
+    if len(session.estimates) == 1:
+        _draw_stated(axes, session, true_parameters(subject))
+        return
     estimates = thinned(session.estimates)
     time = _elapsed(np.array([estimate.stamp_ns for estimate in estimates]), session)
     values = np.array([estimate.nonlinear for estimate in estimates])
@@ -90,15 +98,10 @@ def draw_parameters(
         axes, ('u_', 'alpha_'), ('share of maximum', 'slope'), strict=True
     ):
         names = [name for name in last.nonlinear_names if name.startswith(prefix)]
-        for name, line, point in zip(names, LINE_STYLES, 'osD^', strict=False):
+        for name, line in zip(names, LINE_STYLES, strict=False):
             index = last.nonlinear_names.index(name)
             path = values[:, index]
-            fixed = ' (fixed)' if len(path) > 1 and np.ptp(path) == 0.0 else ''
-            # one estimate is a point, which a line would not show
-            marker = point if len(path) == 1 else 'None'
-            place.plot(
-                time, path, color=MODELLED, ls=line, lw=1.2, marker=marker, label=name + fixed
-            )
+            place.plot(time, path, color=MODELLED, ls=line, lw=1.2, label=name)
             if len(deviation):
                 place.errorbar(
                     time[-1], path[-1], deviation[index], color=FAINT, capsize=3, lw=1.0
@@ -106,7 +109,52 @@ def draw_parameters(
             if name in truth:
                 place.axhline(truth[name], color=MEASURED, ls=line, lw=2.5, zorder=1)
         place.set_ylabel(quantity)
+        _mark_changes(place, session)
     axes[-1].set_xlabel('time / s')
+
+
+def _mark_changes(place: Axes, session: IdentifiedSession) -> None:
+    """Mark the sudden changes, each with what changed."""
+    for change in changes_of(session):
+        place.axvline(change.time_s, color=FAINT, ls=':', lw=1.2)
+        place.annotate(
+            change.kind,
+            (change.time_s, 1.0),
+            xycoords=('data', 'axes fraction'),
+            xytext=(3, -10),
+            textcoords='offset points',
+            fontsize=8,
+            color=FAINT,
+        )
+
+
+def _draw_stated(axes: list[Axes], session: IdentifiedSession, truth: Mapping[str, float]) -> None:
+    """Draw the parameters of the only estimate, each as a point with its 95 % interval."""
+    last = session.last
+    deviation = np.sqrt(np.maximum(np.diag(last.nonlinear_covariance), 0.0))
+    informed = informed_parameters(last)
+    axes[0].set_title('Parameters of the whole session')
+    for place, prefix, quantity in zip(
+        axes, ('u_', 'alpha_'), ('share of maximum', 'slope'), strict=True
+    ):
+        names = [name for name in last.nonlinear_names if name.startswith(prefix)]
+        for row, name in enumerate(names):
+            index = last.nonlinear_names.index(name)
+            if name in truth:
+                place.plot(truth[name], row, '|', color=MEASURED, ms=18, mew=3.0)
+            if informed[index]:
+                half = BAND_95 * deviation[index] if len(deviation) else 0.0
+                place.errorbar(
+                    last.nonlinear[index], row, xerr=half, color=MODELLED, fmt='o', ms=4, capsize=4
+                )
+            else:
+                place.annotate(
+                    'not determined by the data', (0.5, row), xycoords=('axes fraction', 'data'),
+                    ha='center', va='center',
+                )  # fmt: skip
+        place.set_yticks(range(len(names)), names)
+        place.set_ylim(-0.7, len(names) - 0.3)
+        place.set_xlabel(quantity)
 
 
 def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None:
@@ -114,7 +162,8 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
     time = _elapsed(session.stamp_ns, session)
     end = min(float(time[-1]), float(dose.onset_s[-1]) + 0.1) if dose.pulses else float(time[-1])
     kept = (time >= end - _SHOWN) & (time <= end)
-    axes[0].set_title(f'Force, last {_SHOWN:g} s of stimulation')
+    shown = float(time[kept][-1] - time[kept][0]) if kept.any() else 0.0
+    axes[0].set_title(f'Force, last {min(_SHOWN, shown):.3g} s of stimulation')
     _force_and_residual(axes, time[kept], session.force[kept], session.prediction[kept])
 
 
@@ -125,7 +174,8 @@ def draw_held_out(axes: list[Axes], session: IdentifiedSession, fit: HeldOutFit 
         return
     time = _elapsed(fit.stamp_ns, session)
     kept = time <= time[0] + _SHOWN
-    axes[0].set_title(f'Held out: the first {_SHOWN:g} s after learning stopped')
+    shown = float(time[kept][-1] - time[0])
+    axes[0].set_title(f'Held out: the first {shown:.3g} s after learning stopped')
     _force_and_residual(axes, time[kept], fit.force[kept], fit.prediction[kept])
 
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.output_error import settled
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 
@@ -66,11 +67,25 @@ def force_traces(session: IdentifiedSession) -> dict[str, Any]:
     elapsed = (session.stamp_ns - session.stamp_ns[0]) / NANOSECONDS_PER_SECOND
     traces: dict[str, Any] = {
         'end': float(elapsed.max()),
+        'residual_limit': _residual_limit(session),
         'windows': [_window(session, elapsed, window) for window in windows_of(session)],
     }
     if len(elapsed) > MOST_SAMPLES:
         traces['envelope'] = _envelope(session, elapsed)
     return traces
+
+
+def _residual_limit(session: IdentifiedSession) -> float | None:
+    """Return the height of the residual's axis [N], None to let the plot choose.
+
+    Before an estimator has settled, residuals are as large as the force: they would flatten the
+    rest, and may leave the plot.
+    """
+    kept = settled(session.stamp_ns) & session.usable
+    if not kept.any():
+        return None
+    largest = float(np.abs(session.force - session.prediction)[kept].max())
+    return 1.1 * largest if largest > 0.0 else None
 
 
 def _worst(session: IdentifiedSession, length: int) -> Window:

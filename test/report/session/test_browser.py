@@ -68,7 +68,11 @@ key('0');
 const box = plots.querySelector('.u-over').getBoundingClientRect();
 const at = (share) => ({ clientX: box.left + share * box.width, clientY: box.top + 20,
   bubbles: true, cancelable: true });
-canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: -1000, ...at(0.5) }));
+const scroll = new WheelEvent('wheel', { deltaY: -1000, ...at(0.5) });
+canvas.dispatchEvent(scroll);
+noted.scrolled = view();
+noted.caught = scroll.defaultPrevented;
+canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: -1000, ctrlKey: true, ...at(0.5) }));
 noted.wheel = view();
 canvas.dispatchEvent(new PointerEvent('pointerdown', at(0.5)));
 canvas.dispatchEvent(new PointerEvent('pointermove', at(0.25)));
@@ -158,6 +162,9 @@ def test_the_force_can_be_zoomed_and_moved(noted: dict[str, Any]) -> None:
     assert noted['later'] == pytest.approx([end / 2, end])
     assert noted['reset'] == noted['all']
     assert noted['keys'] == pytest.approx([end / 8, 5 * end / 8])
+    # without Ctrl the wheel scrolls the page: the plot does not catch it
+    assert noted['scrolled'] == noted['reset']
+    assert noted['caught'] is False
     length = noted['wheel'][1] - noted['wheel'][0]
     assert length < end / 2
     assert noted['dragged'][0] - noted['wheel'][0] == pytest.approx(length / 4, rel=1e-6)

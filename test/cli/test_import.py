@@ -1,5 +1,6 @@
-"""rpms import, with a small table and with every real recording."""
+"""rpms import: what it guesses, asks and refuses; every real recording."""
 
+import io
 import json
 import os
 from collections.abc import Callable
@@ -38,6 +39,69 @@ def test_missing_column(rpms: Rpms, tmp_path: Path) -> None:
     assert code == 2
     assert err.startswith("rpms: error: expected column 'STIM [ ]' in ")
     assert not (tmp_path / 'bag').exists()
+
+
+TABLE = 'time;kraft;trigger\n' + ''.join(
+    f'{k};{0.1 * k:.1f};{5 * (k % 10 == 5)}\n'.replace('.', ',') for k in range(40)
+)
+
+
+def test_what_is_guessed_is_shown(rpms: Rpms, tmp_path: Path) -> None:
+    (tmp_path / 'trial.csv').write_text(TABLE, encoding='utf-16')
+    code, out, err = rpms('import', tmp_path / 'trial.csv', '--out', tmp_path / 'bag')
+    assert (code, out) == (0, f'{tmp_path / "bag"}: 4 pulses, 40 samples, 0.039 s\n')
+    for text in ("'kraft' in N", "'time' in ms", "'trigger'", 'decimal comma', 'UTF-16'):
+        assert text in err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'trial.csv']
+
+
+def test_what_is_ambiguous_is_refused_and_nothing_is_written(rpms: Rpms, tmp_path: Path) -> None:
+    table = tmp_path / 'trial.csv'
+    table.write_text('time;kraft [N];force [N];trigger\n0;1;2;0\n1;1;2;5\n2;1;3;0\n')
+    code, out, err = rpms('import', table, '--out', tmp_path / 'bag')
+    assert (code, out) == (2, '')
+    assert '--force COL decides' in err
+    assert [path.name for path in tmp_path.iterdir()] == ['trial.csv']
+    code, _, err = rpms('import', table, '--out', tmp_path / 'bag', '--force', 'force [N]')
+    assert code == 0
+
+
+def test_what_fails_while_it_is_written_leaves_nothing(
+    rpms: Rpms, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half(path: Path, *_: object, **__: object) -> None:
+        path.mkdir()
+        (path / 'half').write_text('')
+        raise OSError('disk full')
+
+    monkeypatch.setattr('rpms_ros.recording.write_recording', half)
+    (tmp_path / 'trial.csv').write_text(TABLE)
+    code, _, err = rpms('import', tmp_path / 'trial.csv', '--out', tmp_path / 'bag')
+    assert code == 2
+    assert err.endswith('got disk full\n')
+    assert [path.name for path in tmp_path.iterdir()] == ['trial.csv']
+
+
+@pytest.mark.parametrize(('answers', 'code'), [('2\n\n', 0), ('2\nn\n', 2), ('9\n', 2), ('', 2)])
+def test_a_terminal_is_asked(
+    rpms: Rpms, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answers: str, code: int
+) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    table = tmp_path / 'trial.csv'
+    table.write_text('time;kraft [N];force [N];trigger\n0;1;2;0\n1;1;2;5\n2;1;3;0\n')
+    monkeypatch.setattr('sys.stdin', Terminal(answers))
+    shown = Terminal()
+    monkeypatch.setattr('sys.stderr', shown)
+    found, _, _ = rpms('import', table, '--out', tmp_path / 'bag')
+    assert found == code
+    assert '1 kraft [N]' in shown.getvalue()
+    assert (tmp_path / 'bag').exists() is (code == 0)
+    if code == 0:
+        assert read_recording(tmp_path / 'bag').forces.force.tolist() == [2.0, 2.0, 3.0]
+        assert 'import it like this' in shown.getvalue()
 
 
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')

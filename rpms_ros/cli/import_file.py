@@ -1,0 +1,151 @@
+"""``rpms import``: a file of a laboratory becomes a recording."""
+
+import argparse
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+from typing import Any
+
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
+from rpms_ros.errors import RecordingError
+from rpms_ros.report.text import labelled
+
+if TYPE_CHECKING:
+    from rpms_ros.recording.importing import Guess
+    from rpms_ros.recording.importing import SignalFile
+
+_DESCRIPTION = """\
+Makes a recording of a file with time, force and the stimulator's gate or trigger: tables of text
+(any separator, decimal commas, UTF-8, UTF-16 and Latin-1), text exported by LabChart and Spike2,
+MATLAB .mat, Excel .xlsx and XDF of the Lab Streaming Layer.  What is what is guessed and shown; on
+a terminal it is asked for, and each option below decides it.  Every rising edge of a gate is a
+pulse; its width is measured.  A gate does not tell the intensity: give it if it was below 1.
+"""
+_EXAMPLES = """\
+  rpms import trial.csv --out trial
+  rpms import trial.csv --out trial --time 'Time [s]' --force 'fGM [N]' --pulse 'STIM [ ]'
+  rpms import session.mat --out session --force data.fz --force-unit mN --threshold 2.5
+  rpms import leg.xdf --out leg --intensity 0.8
+  rpms identify trial
+"""
+_NAMED = ('time', 'force', 'pulse', 'time_unit', 'force_unit')
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers, 'import', run, 'a file of a laboratory becomes a recording', _DESCRIPTION,
+        _EXAMPLES,
+    )  # fmt: skip
+    parser.add_argument('file', type=Path, metavar='FILE', help='.csv, .txt, .mat, .xlsx, .xdf')
+    parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
+    group = parser.add_argument_group('what is what (guessed where not given)')
+    add_option(group, '--time COL', None, 'column of the time')
+    add_option(group, '--force COL', None, 'column of the force')
+    add_option(group, '--pulse COL', None, 'column of the gate, or list of trigger times')
+    units = ('s', 'ms', 'us', 'min')
+    add_option(group, '--time-unit', None, 'unit of the time', choices=units)
+    newtons = ('N', 'mN', 'kN', 'g', 'kg', 'lbf')
+    add_option(group, '--force-unit', None, 'unit of the force', choices=newtons)
+    text = 'newtons of one unit of the force signal, as for a force in V'
+    add_option(group, '--force-scale N', None, text, type=float)
+    text = 'rate of the samples of a table without times'
+    add_option(group, '--sampling-rate HZ', None, text, type=float)
+    text = 'level of the gate between rest and pulse; half of its range if not given'
+    add_option(group, '--threshold LEVEL', None, text, type=float)
+    text = "share of the stimulator's maximum of every pulse, 0 to 1"
+    add_option(group, '--intensity SHARE', 1.0, text)
+    add_option(group, '--block N', None, 'block of a LabChart file, from 1', type=int)
+    add_option(group, '--sheet NAME', None, 'sheet of a workbook')
+    parser.add_argument('--yes', action='store_true', help='ask nothing on a terminal')
+    add_option(parser, '--storage', 'mcap', 'of the recording', choices=('mcap', 'sqlite3'))
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Import the file and say what it held."""
+    from rpms_ros.recording import GateSettings
+    from rpms_ros.recording.importing import ImportChoices
+    from rpms_ros.recording.importing import converted
+    from rpms_ros.recording.importing import read_signals
+
+    if arguments.out.exists():
+        raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
+    choices = ImportChoices(
+        GateSettings(arguments.threshold, arguments.intensity),
+        arguments.sampling_rate,
+        arguments.force_scale,
+    )
+    file = read_signals(arguments.file, arguments.block, arguments.sheet)
+    asked = sys.stdin.isatty() and sys.stderr.isatty() and not arguments.yes
+    guess = _decided(file, arguments, asked)
+    if asked and not _agreed(file, guess):
+        raise RecordingError('expected the guess to be accepted; the options decide otherwise')
+    pulses, forces = converted(file, guess, choices)
+    _write(arguments, pulses, forces)
+    span = (forces.stamp_ns[-1] - forces.stamp_ns[0]) / 1e9
+    print(f'{arguments.out}: {len(pulses)} pulses, {len(forces)} samples, {span:.3f} s')
+    if not asked and any(getattr(arguments, name) is None for name in ('time', 'force', 'pulse')):
+        print(_shown(file, guess), file=sys.stderr)
+    return 0
+
+
+def _decided(file: 'SignalFile', arguments: argparse.Namespace, asked: bool) -> 'Guess':
+    """Return the guess; on a terminal, what cannot be guessed is asked for."""
+    from rpms_ros.recording.importing import Ambiguous
+    from rpms_ros.recording.importing import guessed
+
+    given: dict[str, Any] = {name: getattr(arguments, name) for name in _NAMED}
+    while True:
+        try:
+            return guessed(
+                file,
+                **given,
+                sampling_rate_hz=arguments.sampling_rate,
+                force_scale=arguments.force_scale,
+            )
+        except Ambiguous as error:
+            name = error.option.removeprefix('--').replace('-', '_')
+            if not asked or given[name] is not None:
+                raise
+            print(f'{error}\n{_numbered(error.candidates)}', file=sys.stderr)
+            given[name] = _chosen(error.candidates)
+
+
+def _numbered(names: tuple[str, ...]) -> str:
+    return '\n'.join(f'  {number} {name}' for number, name in enumerate(names, 1))
+
+
+def _chosen(names: tuple[str, ...]) -> str:
+    print(f'which, 1 to {len(names)}? ', end='', file=sys.stderr, flush=True)
+    answer = sys.stdin.readline().strip()
+    if answer.isdecimal() and 1 <= int(answer) <= len(names):
+        return names[int(answer) - 1]
+    raise RecordingError(f'expected a number from 1 to {len(names)}, got {answer!r}')
+
+
+def _agreed(file: 'SignalFile', guess: 'Guess') -> bool:
+    print(_shown(file, guess), file=sys.stderr)
+    print('import it like this [Y/n]? ', end='', file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ('', 'y', 'yes')
+
+
+def _shown(file: 'SignalFile', guess: 'Guess') -> str:
+    return labelled([('file', ', '.join((file.kind, *file.facts))), *guess.reasons])
+
+
+def _write(arguments: argparse.Namespace, pulses: Any, forces: Any) -> None:
+    """Write the recording beside its place and move it there as a whole."""
+    from rpms_ros.recording import write_recording
+
+    parent = arguments.out.resolve().parent
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix='.import-', dir=parent) as folder:
+            made = Path(folder) / arguments.out.name
+            custom = {'source': arguments.file.name}
+            write_recording(made, pulses, forces, storage=arguments.storage, custom=custom)
+            made.rename(arguments.out)
+    except OSError as error:
+        raise RecordingError(f'expected to write {arguments.out}, got {error}') from error

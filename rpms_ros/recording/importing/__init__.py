@@ -1,0 +1,23 @@
+"""Files of laboratories as pulses and forces: reading, guessing what is what, converting."""
+
+from rpms_ros.recording.importing.conversion import ImportChoices
+from rpms_ros.recording.importing.conversion import converted
+from rpms_ros.recording.importing.guess import Ambiguous
+from rpms_ros.recording.importing.guess import Guess
+from rpms_ros.recording.importing.guess import guessed
+from rpms_ros.recording.importing.reader import read_signals
+from rpms_ros.recording.importing.signals import Events
+from rpms_ros.recording.importing.signals import Signal
+from rpms_ros.recording.importing.signals import SignalFile
+
+__all__ = [
+    'Ambiguous',
+    'Events',
+    'Guess',
+    'ImportChoices',
+    'Signal',
+    'SignalFile',
+    'converted',
+    'guessed',
+    'read_signals',
+]

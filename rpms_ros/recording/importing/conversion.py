@@ -1,0 +1,127 @@
+"""Signals become pulses and force samples."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording.csv_import import GateSettings
+from rpms_ros.recording.csv_import import gate_pulses
+from rpms_ros.recording.importing.guess import FORCE_UNITS
+from rpms_ros.recording.importing.guess import TIME_UNITS
+from rpms_ros.recording.importing.guess import Guess
+from rpms_ros.recording.importing.signals import Signal
+from rpms_ros.recording.importing.signals import SignalFile
+
+
+@dataclass(frozen=True)
+class ImportChoices:
+    """What a file does not tell.
+
+    Attributes
+    ----------
+    gate : GateSettings
+        Threshold of a sampled gate, and the intensity of every pulse.
+    sampling_rate_hz : float or None
+        Rate of a table without times [Hz].
+    force_scale : float or None
+        Newtons of one unit of the force signal; None for those of its unit.
+    """
+
+    gate: GateSettings
+    sampling_rate_hz: float | None = None
+    force_scale: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ('sampling_rate_hz', 'force_scale'):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value != 0.0):
+                raise RecordingError(f'expected a finite {name} that is not 0, got {value}')
+        if self.sampling_rate_hz is not None and self.sampling_rate_hz < 0.0:
+            raise RecordingError(
+                f'expected a sampling rate above 0 Hz, got {self.sampling_rate_hz}'
+            )
+
+
+def converted(
+    file: SignalFile, guess: Guess, choices: ImportChoices
+) -> tuple[PulseTrain, ForceTrace]:
+    """Return pulses and force.
+
+    Raises
+    ------
+    RecordingError
+        If times do not rise, a gate is not finite or never rises, or there is no pulse.
+    """
+    signals = {signal.name: signal for signal in file.signals}
+    force = signals[guess.force]
+    scale = choices.force_scale
+    newton = FORCE_UNITS[guess.force_unit] if scale is None else scale
+    stamp_ns = _stamps(file, force, guess, choices)
+    trace = ForceTrace(stamp_ns, newton * force.values)
+    events = {one.name: one.time for one in file.events}
+    if guess.pulse in events:
+        return _of_events(events[guess.pulse], choices.gate.intensity, file), trace
+    gate = signals[guess.pulse]
+    _finite(file, guess.pulse, gate.values)
+    return gate_pulses(_stamps(file, gate, guess, choices), gate.values, choices.gate), trace
+
+
+def _stamps(file: SignalFile, signal: Signal, guess: Guess, choices: ImportChoices) -> IntArray:
+    """Return the stamps of a signal [ns]."""
+    name = guess.time
+    if name is not None:
+        column = next(one for one in file.signals if one.name == name)
+        _finite(file, name, column.values)
+        return _rising(file, name, column.values, TIME_UNITS[guess.time_unit])
+    if signal.time is not None:
+        return _rising(file, signal.name, signal.time, 1.0)
+    rate = choices.sampling_rate_hz or file.sampling_rate_hz
+    assert rate is not None
+    steps = np.arange(len(signal.values)) * (NANOSECONDS_PER_SECOND / rate)
+    stamps: IntArray = np.rint(steps).astype(np.int64)
+    return stamps
+
+
+def _finite(file: SignalFile, name: str, values: FloatArray) -> None:
+    if not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise RecordingError(
+            f'expected finite numbers in column {name!r} of {file.path}, '
+            f'got {values[row]} in row {row + 1}'
+        )
+
+
+def _rising(file: SignalFile, name: str, values: FloatArray, unit: float) -> IntArray:
+    if (late := np.flatnonzero(np.diff(values) <= 0)).size:
+        raise RecordingError(
+            f'expected rising times in column {name!r} of {file.path}, '
+            f'got {values[late[0]]} and then {values[late[0] + 1]}'
+        )
+    seconds = values * unit
+    # Beyond that nanoseconds do not fit into 64 bits.
+    if len(seconds) and not np.abs(seconds).max() < 9e9:
+        raise RecordingError(
+            f'expected times below 9e9 s in {file.path}, got {np.abs(seconds).max():g} s: '
+            '--time-unit decides'
+        )
+    return np.rint(seconds * NANOSECONDS_PER_SECOND).astype(np.int64)
+
+
+def _of_events(time: FloatArray, intensity: float, file: SignalFile) -> PulseTrain:
+    if not len(time):
+        raise RecordingError(f'expected pulses in {file.path}, got an empty list of events')
+    onset = np.rint(np.sort(time) * NANOSECONDS_PER_SECOND).astype(np.int64)
+    count = len(onset)
+    return PulseTrain(
+        onset,
+        np.full(count, intensity),
+        np.arange(count, dtype=np.int64),
+        np.full(count, MAGNETIC_PULSE_WIDTH),
+    )

@@ -1,0 +1,78 @@
+"""Excel workbooks: one sheet as a table, its numbers below a header."""
+
+from importlib import import_module
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.recording.importing.extra import needed
+from rpms_ros.recording.importing.signals import Signal
+from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.signals import unit_of
+from rpms_ros.recording.importing.signals import unlike
+
+
+def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
+    """Return the columns of a sheet.
+
+    Parameters
+    ----------
+    path : Path
+        The workbook.
+    sheet : str, optional
+        Name of the sheet; needed if there are several with numbers.
+
+    Raises
+    ------
+    RecordingError
+        If openpyxl is not installed, the file is damaged or no sheet can be chosen.
+    """
+    openpyxl = needed(import_module, 'openpyxl', f'an Excel workbook ({path})')
+    try:
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    except (BadZipFile, KeyError, OSError, ValueError) as error:
+        raise RecordingError(f'expected an Excel workbook at {path}, got {error}') from error
+    names = book.sheetnames
+    if sheet is None and len(names) > 1:
+        raise RecordingError(
+            f'expected one sheet in {path}, got {", ".join(names)}: --sheet NAME decides'
+        )
+    if sheet is not None and sheet not in names:
+        raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
+    rows = [row for row in book[sheet or names[0]].iter_rows(values_only=True) if any(_told(row))]
+    book.close()
+    first = next((index for index, row in enumerate(rows) if _numbers(row)), None)
+    if first is None:
+        raise RecordingError(f'expected rows of numbers in {path}, got none')
+    width = max(len(row) for row in rows[first:])
+    above = [[str(cell or '') for cell in row] for row in rows[:first]]
+    head = [*above[-1], *[''] * width][:width] if above else [''] * width
+    table = np.array([[_value(path, cell) for cell in row] for row in rows[first:]])
+    return SignalFile(
+        path,
+        'Excel workbook',
+        tuple(
+            Signal(name, np.ascontiguousarray(column), unit_of(name))
+            for name, column in zip(unlike(head), table.T, strict=True)
+        ),
+        facts=(f'sheet {sheet or names[0]}',),
+    )
+
+
+def _told(row: tuple[object, ...]) -> list[bool]:
+    return [cell is not None for cell in row]
+
+
+def _numbers(row: tuple[object, ...]) -> bool:
+    told = [cell for cell in row if cell is not None]
+    return bool(told) and all(isinstance(cell, int | float) for cell in told)
+
+
+def _value(path: Path, cell: object) -> float:
+    if cell is None:
+        return float('nan')
+    if not isinstance(cell, int | float):
+        raise RecordingError(f'expected numbers in {path}, got {str(cell)[:40]!r}')
+    return float(cell)

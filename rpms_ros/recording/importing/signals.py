@@ -1,0 +1,98 @@
+"""What a file of a laboratory holds: signals with names and units, and times of events."""
+
+import re
+from dataclasses import dataclass
+from dataclasses import field
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.pulses import FloatArray
+
+_BRACKETS = re.compile(r'^.*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
+_ENDING = re.compile(r'^.*[_/ ]\s*(us|ms|s|mN|kN|N|mV|V|g|kg|gf|kgf|lbf)$')
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A sampled signal.
+
+    Attributes
+    ----------
+    name : str
+        As in the file.
+    values : ndarray (samples,)
+        In the unit of the file; not a number where a sample is missing.
+    unit : str
+        As the file states it; empty if it does not.
+    time : ndarray (samples,) or None
+        Times of the samples [s]; None in a table whose time is one of its columns.
+    """
+
+    name: str
+    values: FloatArray
+    unit: str = ''
+    time: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Events:
+    """Times of events, such as triggers [s]."""
+
+    name: str
+    time: FloatArray
+
+
+@dataclass(frozen=True)
+class SignalFile:
+    """Everything in a file that could be force, gate, trigger or time.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    kind : str
+        What it is, for people.
+    signals : tuple of Signal
+        In the order of the file.
+    events : tuple of Events
+        Lists of times.
+    sampling_rate_hz : float or None
+        Rate that the file states for signals without times [Hz].
+    facts : tuple of str
+        How it was read: encoding, separators.
+    """
+
+    path: Path
+    kind: str
+    signals: tuple[Signal, ...]
+    events: tuple[Events, ...] = ()
+    sampling_rate_hz: float | None = None
+    facts: tuple[str, ...] = field(default=())
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that a name ends with, as in ``Force [N]`` or ``time_ms``; empty if none."""
+    found = _BRACKETS.match(name) or _ENDING.match(name)
+    return found[1] if found else ''
+
+
+def unlike(names: list[str]) -> list[str]:
+    """Return names of which no two are the same: later ones get a number."""
+    seen: dict[str, int] = {}
+    result = []
+    for index, name in enumerate(names):
+        plain = name.strip() or f'column {index + 1}'
+        seen[plain] = seen.get(plain, 0) + 1
+        result.append(plain if seen[plain] == 1 else f'{plain} ({seen[plain]})')
+    return result
+
+
+def as_samples(values: object) -> FloatArray | None:
+    """Return a vector of numbers (samples,); None if it is none."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    array = np.squeeze(array)
+    return np.ascontiguousarray(array) if array.ndim == 1 and len(array) > 1 else None

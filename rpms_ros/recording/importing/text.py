@@ -1,0 +1,202 @@
+"""Tables of text, whatever the separators, the decimal sign and the encoding."""
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import FloatArray
+from rpms_ros.recording.importing.signals import Signal
+from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.signals import unit_of
+from rpms_ros.recording.importing.signals import unlike
+
+_MARKS = {
+    b'\xef\xbb\xbf': 'utf-8-sig',
+    b'\xff\xfe': 'utf-16',
+    b'\xfe\xff': 'utf-16',
+}
+_SEPARATORS = {'\t': 'tab', ';': 'semicolon', ',': 'comma', ' ': 'spaces'}
+_CLOCK = re.compile(r'^(?:(\S+)[T ])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*Z?$')
+_UNITS = re.compile(
+    r'^[\[(]?\s*(?:s|sec|seconds?|ms|us|µs|μs|min|N|mN|kN|V|mV|g|kg|gf|kgf|lbf|Nm|'
+    r'm|mm|%|1|-|a\.?u\.?|)\s*[\])]?$'
+)
+_LOOKED_AT = 200
+_MISSING = {'', 'nan', 'na', 'n/a', '-', 'null'}
+
+
+def decoded(path: Path) -> tuple[str, str]:
+    """Return the text of a file and the name of its encoding.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read or holds no text.
+    """
+    # A pipe would be waited for without end.
+    if path.exists() and not path.is_file():
+        raise RecordingError(f'expected a file at {path}, got no regular file')
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(f'expected a file at {path}, got {error}') from error
+    text, name = _text(raw)
+    head = text[:4096]
+    strange = any(letter < ' ' and letter not in '\t\n\f\r' for letter in head)
+    if strange or '\ufffd' in head:
+        raise RecordingError(f'expected a table of text in {path}, got bytes that are no text')
+    return text, name
+
+
+def _text(raw: bytes) -> tuple[str, str]:
+    for mark, name in _MARKS.items():
+        if raw.startswith(mark):
+            return raw.decode(name, errors='replace'), name.removesuffix('-sig').upper()
+    head = raw[:4096]
+    # Without a mark, every other byte of UTF-16 numbers is nothing.
+    for place, name in ((1, 'utf-16-le'), (0, 'utf-16-be')):
+        if len(head) > 3 and head[place::2].count(0) > 0.8 * len(head[place::2]):
+            return raw.decode(name, errors='replace'), 'UTF-16'
+    try:
+        return raw.decode('utf-8'), 'UTF-8'
+    except UnicodeDecodeError:
+        return raw.decode('latin-1'), 'Latin-1'
+
+
+def read_table(path: Path) -> SignalFile:
+    """Return the columns of a table of text.
+
+    Raises
+    ------
+    RecordingError
+        If the file is no such table; the message says what was found and what was expected.
+    """
+    text, encoding = decoded(path)
+    lines = [line for line in text.splitlines() if line.strip()]
+    if not lines:
+        raise RecordingError(f'expected a table in {path}, got an empty file')
+    separator = _separator(lines)
+    rows = _splitter(separator)
+    comma = separator != ',' and _decimal_comma(rows, lines)
+    first = _first_row(rows, lines, comma)
+    if first == len(lines):
+        raise RecordingError(
+            f'expected rows of numbers below the header of {path}, got none among {first} lines'
+        )
+    width = len(rows(lines[first]))
+    names, units = _header([rows(line) for line in lines[:first]], width)
+    columns = _columns(path, rows, lines, first, width, comma)
+    facts = [encoding, f'separated by {_SEPARATORS[separator]}']
+    facts += ['decimal comma'] if comma else []
+    facts += [] if first else ['no header']
+    return SignalFile(
+        path,
+        'table of text',
+        tuple(
+            Signal(name, values, unit or unit_of(name))
+            for name, unit, values in zip(names, units, columns, strict=True)
+        ),
+        facts=tuple(facts),
+    )
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """Return the separator that cuts most lines of the data into equally many cells."""
+    sample = lines[-_LOOKED_AT:]
+    for separator in _SEPARATORS:
+        counts = Counter(len(_splitter(separator)(line)) for line in sample)
+        width, often = counts.most_common(1)[0]
+        if width > 1 and often >= 0.8 * len(sample):
+            return separator
+    return ','
+
+
+def _splitter(separator: str) -> Callable[[str], list[str]]:
+    if separator == ' ':
+        return str.split
+
+    def split(line: str) -> list[str]:
+        if '"' not in line:
+            return [cell.strip() for cell in line.split(separator)]
+        cells = re.findall(rf'(?:^|{re.escape(separator)})("(?:[^"]|"")*"|[^{separator}]*)', line)
+        return [cell.strip().removeprefix('"').removesuffix('"').strip() for cell in cells]
+
+    return split
+
+
+def _decimal_comma(rows: Callable[[str], list[str]], lines: Sequence[str]) -> bool:
+    cells = [cell for line in lines[-_LOOKED_AT:] for cell in rows(line)]
+    return any(re.fullmatch(r'[-+]?\d*,\d+(?:[eE][-+]?\d+)?', cell) for cell in cells)
+
+
+def number(cell: str, comma: bool) -> float | None:
+    """Return the number of a cell, not a number where it is missing; None for other text."""
+    if cell.lower() in _MISSING:
+        return float('nan')
+    if clock := _CLOCK.match(cell):
+        hours, minutes, seconds = clock[2], clock[3], clock[4].replace(',', '.')
+        return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
+    try:
+        return float(cell.replace(',', '.') if comma else cell)
+    except ValueError:
+        return None
+
+
+def _first_row(rows: Callable[[str], list[str]], lines: Sequence[str], comma: bool) -> int:
+    """Return the first line that holds numbers only, and as many as most lines."""
+    width = Counter(len(rows(line)) for line in lines[-_LOOKED_AT:]).most_common(1)[0][0]
+    for index, line in enumerate(lines):
+        cells = rows(line)
+        numbers = [number(cell, comma) for cell in cells]
+        some = any(value is not None and not np.isnan(value) for value in numbers)
+        if len(cells) == width and some and None not in numbers:
+            return index
+    return len(lines)
+
+
+def _header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
+    """Return names and units of the columns from the lines above the numbers."""
+    wide = [cells for cells in above if len(cells) == width]
+    units = [''] * width
+    if len(wide) > 1 and all(_UNITS.match(cell) for cell in wide[-1]):
+        units = [cell.strip('[]() ') for cell in wide.pop()]
+    names = wide[-1] if wide else [f'column {index + 1}' for index in range(width)]
+    return unlike(names), units
+
+
+def _columns(
+    path: Path,
+    rows: Callable[[str], list[str]],
+    lines: Sequence[str],
+    first: int,
+    width: int,
+    comma: bool,
+) -> list[FloatArray]:
+    table = np.empty((len(lines) - first, width))
+    days: set[str] = set()
+    for index, line in enumerate(lines[first:]):
+        cells = rows(line)
+        if len(cells) != width:
+            raise RecordingError(
+                f'expected {width} cells in each row of {path}, got {len(cells)} in line '
+                f'{first + index + 1} of those that are not empty'
+            )
+        for column, cell in enumerate(cells):
+            value = number(cell, comma)
+            if value is None:
+                raise RecordingError(
+                    f'expected numbers in {path}, got {cell[:40]!r} in row {index + 1}'
+                )
+            if ':' in cell and (clock := _CLOCK.match(cell)):
+                days.add(clock[1] or '')
+            table[index, column] = value
+    if len(days) > 1:
+        raise RecordingError(
+            f'expected the times of one day in {path}, got those of {len(days)} dates'
+        )
+    return [np.ascontiguousarray(column) for column in table.T]

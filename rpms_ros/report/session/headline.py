@@ -1,0 +1,204 @@
+"""What the first screen of a report says: the muscle in a few numbers, and what to do next."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.errors import ReportError
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.report.result import IdentificationResult
+
+_SHOWN = (0.5, 1.0)
+# What a force may differ by from session to session without a word, if no interval is known.
+_SMALL = 0.1
+_ADVICE = (
+    ('sign or axis', 'Record or read the force along another axis, or with the other --sign.'),
+    ('another topic', 'Look whether the sensor was on and which topic and axis it published.'),
+    ('noise only', 'Look at topic, axis and gain of the sensor, and whether the coil was placed.'),
+    ('time in another unit', 'Import the recording again with the right --time-unit.'),
+    ('grams or millinewtons', 'Import the recording again with the right --force-unit.'),
+    ('converged', 'Identify again with --estimator batch, which uses all of the recording.'),
+    ('a muscle only pulls', 'Identify again with --estimator batch, which uses all data.'),
+    ('force_clipped', 'Use a larger range of the sensor, or lower intensities.'),
+    ('not white', 'Look at the force below: the patient may have tensed, or the coil moved.'),
+    ('held out', 'Look at the time courses: what changed in the last part of the session?'),
+    ('baseline drifts', 'Let the sensor warm up and zero it before the session.'),
+    ('threshold', 'Use intensities around the threshold too: `rpms protocol` makes schedules.'),
+    ('is known only as', 'Stimulate longer, or use random intensities up to the highest.'),
+    ('force_unexplained', 'Look where the residual is largest: effort, spasm or a moved coil.'),
+    ('explains', 'Identify again with --estimator batch, and look at the force below.'),
+)
+_USE = 'Use the curve. Keep coil and sensor where they are for the next session.'
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedForce:
+    """Force at an intensity, with its interval where the estimator has one."""
+
+    intensity: float
+    force: float
+    lower: float | None = None
+    upper: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """One sudden change that was found."""
+
+    time_s: float
+    kind: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Headline:
+    """The first screen of a report."""
+
+    steadiness: str
+    next_steps: list[str]
+    forces: list[StatedForce]
+    threshold: float | None
+    threshold_deviation: float | None
+    changes: list[Change] = field(default_factory=list)
+    previous: list[str] = field(default_factory=list)
+
+
+def headline_of(
+    result: IdentificationResult,
+    session: IdentifiedSession,
+    previous: Mapping[str, Any] | None = None,
+) -> Headline:
+    """Return the first screen.
+
+    Parameters
+    ----------
+    result, session : IdentificationResult, IdentifiedSession
+        What was identified.
+    previous : mapping, optional
+        What `rpms identify --json` or `rpms report --json` printed of an earlier session.
+
+    Raises
+    ------
+    ReportError
+        If `previous` is no such document.
+    """
+    changes = changes_of(session)
+    forces = stated_forces(result)
+    return Headline(
+        steadiness=_steadiness(session, changes),
+        next_steps=_next_steps(result),
+        forces=forces,
+        threshold=(result.recruitment or {}).get('u_thr'),
+        threshold_deviation=(result.deviation or {}).get('u_thr') if result.recruitment else None,
+        changes=changes,
+        previous=[] if previous is None else _compared(forces, result, previous),
+    )
+
+
+def stated_forces(result: IdentificationResult) -> list[StatedForce]:
+    """Return the steady force at half and at full intensity; none without a curve."""
+    curve = result.curve
+    if curve is None:
+        return []
+    return [
+        StatedForce(
+            intensity=share,
+            force=at_intensity(share, curve.intensity, curve.force),
+            lower=None
+            if curve.lower is None
+            else at_intensity(share, curve.intensity, curve.lower),
+            upper=None
+            if curve.upper is None
+            else at_intensity(share, curve.intensity, curve.upper),
+        )
+        for share in _SHOWN
+    ]
+
+
+def at_intensity(share: float, intensity: FloatArray, values: FloatArray) -> float:
+    """Return the value of a curve (points,) at an intensity."""
+    return float(np.interp(share, intensity, values))
+
+
+def changes_of(session: IdentifiedSession) -> list[Change]:
+    """Return the sudden changes that the estimates tell of, each once, in their order."""
+    start = int(session.stamp_ns[0])
+    found: dict[int, Change] = {}
+    for estimate in session.estimates:
+        first = estimate.changes - len(estimate.change_kinds)
+        for index, (kind, ago) in enumerate(
+            zip(estimate.change_kinds, estimate.change_ago.tolist(), strict=True)
+        ):
+            time = (estimate.stamp_ns - start) / NANOSECONDS_PER_SECOND - ago
+            found[first + index] = Change(time_s=time, kind=kind)
+    return [found[index] for index in sorted(found)]
+
+
+def _steadiness(session: IdentifiedSession, changes: list[Change]) -> str:
+    """Return one sentence on whether the muscle stayed the same."""
+    last = session.last
+    if changes:
+        what = ', '.join(f'{change.kind} at {change.time_s:.1f} s' for change in changes)
+        return f'The muscle changed during the session: {what}.'
+    if not last.rate_names:
+        return f'The estimator {last.estimator} does not tell whether the muscle changed.'
+    moved = [
+        f'{name} {rate:+.3g} a minute'
+        for name, rate, low, high in zip(
+            last.rate_names, last.rate, last.rate_lower, last.rate_upper, strict=True
+        )
+        if low > 0.0 or high < 0.0
+    ]
+    if moved:
+        return f'The muscle changed slowly: {", ".join(moved)}.'
+    return 'The muscle stayed the same: no rate of change differs from nothing.'
+
+
+def _next_steps(result: IdentificationResult) -> list[str]:
+    verdict = result.verdict
+    if verdict.grade == 'good':
+        return [_USE]
+    steps = [step for reason in verdict.reasons for sign, step in _ADVICE if sign in reason]
+    return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
+
+
+def _compared(
+    forces: list[StatedForce], result: IdentificationResult, previous: Mapping[str, Any]
+) -> list[str]:
+    """Return sentences on what is different from an earlier session."""
+    before = previous.get('result', previous)
+    try:
+        curve, rate = before['curve'], float(before['rate_hz'])
+        if curve is None or not forces:
+            return ['There is no curve in both sessions to compare.']
+        told = [_difference(force, curve) for force in forces]
+    except (KeyError, TypeError, ValueError) as error:
+        raise ReportError(
+            f'expected what `rpms identify --json` or `rpms report --json` prints, got {error!r}'
+        ) from error
+    if rate != result.rate_hz:
+        told.append(f'The earlier curve is stated for {rate:g} Hz, this one for another rate.')
+    return told
+
+
+def _difference(now: StatedForce, curve: Mapping[str, Any]) -> str:
+    intensity = np.asarray(curve['intensity'], dtype=np.float64)
+    before = at_intensity(now.intensity, intensity, np.asarray(curve['force'], dtype=np.float64))
+    text = (
+        f'Force at {100 * now.intensity:g} % intensity: {now.force:.3g} N, {before:.3g} N last '
+        f'time ({100 * (now.force / before - 1.0):+.3g} %)'
+        if before
+        else f'Force at {100 * now.intensity:g} % intensity: {now.force:.3g} N, none last time'
+    )
+    if 'lower' in curve and now.lower is not None and now.upper is not None:
+        low, high = (
+            at_intensity(now.intensity, intensity, np.asarray(curve[end], dtype=np.float64))
+            for end in ('lower', 'upper')
+        )
+        apart = now.lower > high or now.upper < low
+        return f'{text}: {"more than the intervals allow for" if apart else "no difference"}.'
+    return f'{text}{": hardly a difference" if abs(now.force - before) < _SMALL * before else ""}.'

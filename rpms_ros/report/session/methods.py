@@ -1,0 +1,59 @@
+"""How a report was made, to be copied into a paper and to be done again."""
+
+import platform
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+from typing import Any
+
+from rpms_ros import __version__
+
+if TYPE_CHECKING:
+    from rpms_ros.report.session.analysis import SessionAnalysis
+
+_PACKAGES = ('numpy', 'scipy', 'numba', 'matplotlib')
+
+
+def methods_of(analysis: 'SessionAnalysis') -> dict[str, Any]:
+    """Return the sentence for a paper, the command and the versions of what computed it."""
+    return {
+        'sentence': _sentence(analysis),
+        'command': analysis.settings.command or None,
+        'versions': {
+            'rpms_ros': __version__,
+            'python': platform.python_version(),
+            **{name: _version(name) for name in _PACKAGES},
+        },
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return 'not installed'
+
+
+def _sentence(analysis: 'SessionAnalysis') -> str:
+    result, dose = analysis.result, analysis.dose
+    parts = [
+        (
+            f'Recruitment and impulse response were identified with rpms_ros {__version__} '
+            f'(estimator {result.estimator}) from {result.pulses} pulses and '
+            f'{result.samples} samples of isometric force over {result.duration_s:.4g} s'
+        )
+    ]
+    if dose.rate_hz and dose.intensity:
+        parts.append(
+            f'at {dose.rate_hz["median"]:.4g} Hz and intensities of '
+            f'{100 * dose.intensity["lowest"]:.3g} to {100 * dose.intensity["highest"]:.3g} % of '
+            'the maximum'
+        )
+    text = ' '.join(parts) + f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
+    if result.confidence:
+        text += f' with intervals of {100 * result.confidence:g} %'
+    return (
+        f'{text}. The root mean square of measured minus predicted force was '
+        f'{result.output_error_n:.2g} N ({100 * result.output_error_of_range:.2g} % of the range '
+        'of the force).'
+    )

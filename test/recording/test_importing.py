@@ -1,0 +1,335 @@
+"""Files of laboratories: what is accepted, what is guessed, and what is refused in which words."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import GateSettings
+from rpms_ros.recording.importing import Ambiguous
+from rpms_ros.recording.importing import ImportChoices
+from rpms_ros.recording.importing import converted
+from rpms_ros.recording.importing import guessed
+from rpms_ros.recording.importing import read_signals
+
+h5py = pytest.importorskip('h5py')
+openpyxl = pytest.importorskip('openpyxl')
+
+COUNT = 200
+TIME = np.arange(COUNT) / 1000.0
+FORCE = np.round(2.0 + np.sin(TIME * 30.0), 4)
+GATE = np.where(np.arange(COUNT) % 50 < 3, 5.0, 0.0)
+GATE[:3] = 0.0
+ONSETS = [50, 100, 150]
+
+
+def imported(path: Path, **given: Any) -> tuple[PulseTrain, ForceTrace]:
+    reading = {name: given.pop(name) for name in ('block', 'sheet') if name in given}
+    file = read_signals(path, **reading)
+    choices = ImportChoices(
+        GateSettings(), given.get('sampling_rate_hz'), given.get('force_scale')
+    )
+    return converted(file, guessed(file, **given), choices)
+
+
+def expect_the_session(
+    pulses: PulseTrain, forces: ForceTrace, scale: float = 1.0, late_s: float = 0.0
+) -> None:
+    np.testing.assert_allclose(forces.force, scale * FORCE, rtol=1e-6)
+    start = forces.stamp_ns[0]
+    np.testing.assert_allclose(forces.stamp_ns - start, 1e9 * TIME, atol=1.0)
+    assert start == pytest.approx(1e9 * late_s, abs=1.0)
+    assert (pulses.onset_ns - start).tolist() == [1_000_000 * place for place in ONSETS]
+
+
+def rows(separator: str, comma: bool = False, time: float = 1.0) -> list[str]:
+    lines = [
+        separator.join((f'{time * t:.6g}', f'{f:.4f}', f'{g:.1f}'))
+        for t, f, g in zip(TIME, FORCE, GATE, strict=True)
+    ]
+    return [line.replace('.', ',') for line in lines] if comma else lines
+
+
+HEAD = ('Time [s]', 'Force [N]', 'Stim [V]')
+
+
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'utf-16-le', 'latin-1'])
+@pytest.mark.parametrize(
+    ('separator', 'comma'), [(',', False), (';', False), (';', True), ('\t', True), (' ', False)]
+)
+def test_tables_of_text(tmp_path: Path, encoding: str, separator: str, comma: bool) -> None:
+    path = tmp_path / 'trial.csv'
+    head = separator.join(name.replace(' ', '_') for name in HEAD)
+    head = head.replace('Force', 'Größe_Force') if encoding == 'latin-1' else head
+    path.write_text('\n'.join([head, *rows(separator, comma)]), encoding=encoding)
+    expect_the_session(*imported(path))
+
+
+def test_a_row_of_units_counts(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.txt'
+    path.write_text('\n'.join(['t\tF\tstim', 'ms\tmN\tV', *rows('\t', time=1000.0)]))
+    expect_the_session(*imported(path), scale=1e-3)
+
+
+def test_without_a_header_the_columns_are_numbered(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join(rows(';')))
+    file = read_signals(path)
+    assert [one.name for one in file.signals] == ['column 1', 'column 2', 'column 3']
+    assert 'no header' in file.facts
+    expect_the_session(*imported(path))
+
+
+def test_times_of_day_are_times(tmp_path: Path) -> None:
+    lines = [
+        f'2024-03-01 10:00:{second:06.3f};{force};{gate}'
+        for second, force, gate in zip(TIME, FORCE, GATE, strict=True)
+    ]
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join(['time;force;gate', *lines]))
+    expect_the_session(*imported(path), late_s=36_000.0)
+    lines[-1] = lines[-1].replace('03-01', '03-02')
+    path.write_text('\n'.join(['time;force;gate', *lines]))
+    with pytest.raises(RecordingError, match=r'expected the times of one day in .* of 2 dates'):
+        read_signals(path)
+
+
+def test_milliseconds_and_grams_are_told_from_the_names(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join(['time (ms),load (g),trigger', *rows(',', time=1000.0)]))
+    expect_the_session(*imported(path), scale=9.80665e-3)
+
+
+def test_a_unit_that_is_not_stated_is_guessed_and_shown(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join(['time,force,gate', *rows(',', time=1000.0)]))
+    guess = guessed(read_signals(path))
+    assert (guess.time_unit, guess.force_unit) == ('ms', 'N')
+    reasons = dict(guess.reasons)
+    assert reasons['time'] == "'time' in ms, for 1000 samples a second then (--time-unit decides)"
+    assert reasons['force'] == "'force' in N, not stated (--force-unit decides)"
+
+
+def test_options_go_before_guesses(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_text('\n'.join(['time,force,gate', *rows(',')]))
+    expect_the_session(*imported(path, force_unit='mN'), scale=1e-3)
+    expect_the_session(*imported(path, force_scale=-0.5), scale=-0.5)
+    _pulses, forces = imported(path, time_unit='ms')
+    assert forces.stamp_ns[-1] == pytest.approx(1e6 * TIME[-1], abs=1)
+
+
+@pytest.mark.parametrize(
+    ('head', 'given', 'message', 'option'),
+    [
+        ('time,f_a [N],f_b [N],gate', {}, r"got 'f_a \[N\]', 'f_b \[N\]': --force COL", '--force'),
+        ('time,force,gate,trigger', {}, "got 'gate', 'trigger': --pulse COL decides", '--pulse'),
+        ('a,b,c,d', {'pulse': 'd', 'force': 'b', 'time': None}, '--time COL or', '--time'),
+        ('time,force [V],pressure,gate', {}, r'in V: --force-scale N-PER-UNIT', '--force-unit'),
+    ],
+)
+def test_what_is_ambiguous_names_the_option_that_decides(
+    tmp_path: Path, head: str, given: dict[str, Any], message: str, option: str
+) -> None:
+    columns = [TIME, FORCE, FORCE + TIME, GATE]
+    if 'trigger' in head:
+        columns = [TIME, FORCE, GATE, GATE]
+    if head.startswith('a'):
+        columns = [TIME[::-1], FORCE, FORCE, GATE]
+    path = tmp_path / 'trial.csv'
+    np.savetxt(path, np.column_stack(columns), delimiter=',', header=head, comments='')
+    with pytest.raises(Ambiguous, match=message) as refused:
+        guessed(read_signals(path), **given)
+    assert refused.value.option == option
+    assert refused.value.candidates
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        (b'', 'expected a table in .*trial.csv, got an empty file'),
+        (b'\x00\x01\x02binary\x03', 'expected a table of text in .*, got bytes that are no text'),
+        (b'a,b\nc,d\n', 'expected rows of numbers below the header of .*, got none among 2 lines'),
+        (b't,f\n0,1\n1,x\n', "expected numbers in .*, got 'x' in row 2"),
+        (b't,f\n0,1\n1,2\n2\n' * 1, 'expected 2 cells in each row of .*, got 1 in line 4'),
+    ],
+)
+def test_what_is_no_table_is_refused_in_our_words(
+    tmp_path: Path, content: bytes, message: str
+) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
+        read_signals(path)
+
+
+def test_matlab_5(tmp_path: Path) -> None:
+    path = tmp_path / 'session.mat'
+    savemat(path, {'data': {'time': TIME, 'force': FORCE, 'trigger': GATE}, 'note': 'left leg'})
+    file = read_signals(path)
+    assert file.kind == 'MATLAB 5'
+    expect_the_session(*imported(path))
+
+
+def test_matlab_matrix_with_a_rate(tmp_path: Path) -> None:
+    path = tmp_path / 'session.mat'
+    savemat(path, {'fs': 1000.0, 'force': FORCE, 'stim': GATE})
+    expect_the_session(*imported(path))
+    savemat(path, {'data': np.column_stack((FORCE, GATE))})
+    expect_the_session(*imported(path, sampling_rate_hz=1000.0, force='data 1', pulse='data 2'))
+
+
+def test_matlab_7_3(tmp_path: Path) -> None:
+    path = tmp_path / 'session.mat'
+    with h5py.File(path, 'w', userblock_size=512) as file:
+        group = file.create_group('trial')
+        group['time'], group['force'] = TIME[None, :], FORCE[None, :]
+        group['gate'] = GATE[None, :]
+    assert read_signals(path).kind == 'MATLAB 7.3'
+    expect_the_session(*imported(path))
+
+
+def test_a_damaged_matlab_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'session.mat'
+    savemat(path, {'force': FORCE})
+    path.write_bytes(path.read_bytes()[:400])
+    with pytest.raises(RecordingError, match=r'expected a MATLAB file at .*session\.mat, got '):
+        read_signals(path)
+
+
+def test_excel(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.append(['Trial of a left leg'])
+    sheet.append(['Time [s]', 'Force [N]', 'Trigger'])
+    for row in zip(TIME.tolist(), FORCE.tolist(), GATE.tolist(), strict=True):
+        sheet.append(row)
+    path = tmp_path / 'session.xlsx'
+    book.save(path)
+    expect_the_session(*imported(path))
+    book.create_sheet('notes').append(['nothing'])
+    book.save(path)
+    with pytest.raises(RecordingError, match=r'expected one sheet in .* --sheet NAME decides'):
+        read_signals(path)
+    expect_the_session(*imported(path, sheet=sheet.title))
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(RecordingError, match='expected an Excel workbook at'):
+        read_signals(path)
+
+
+LABCHART = """Interval=\t0.001 s
+ExcelDateTime=\t4.5e4\t1/1/2024 10:00:00
+TimeFormat=\tStartOfBlock
+ChannelTitle=\tForce\tStim
+Range=\t10.000 V\t10.000 V
+UnitName=\tN\tV
+"""
+
+
+def test_labchart_text(tmp_path: Path) -> None:
+    path = tmp_path / 'session.txt'
+    lines = rows('\t')
+    lines[7] += '\t#* pulse of the coil '
+    path.write_text(LABCHART + '\n'.join(lines), encoding='latin-1')
+    file = read_signals(path)
+    assert file.kind == 'LabChart text'
+    expect_the_session(*imported(path))
+    path.write_text('\n'.join([LABCHART + lines[0], LABCHART + '\n'.join(lines)]))
+    with pytest.raises(RecordingError, match=r'expected one block in .*, got 2: --block 1 to 2'):
+        read_signals(path)
+    expect_the_session(*imported(path, block=2))
+
+
+def test_spike2_text(tmp_path: Path) -> None:
+    force = '\n'.join(f'{value:.4f}' for value in FORCE)
+    triggers = '\n'.join(f'{TIME[place]:.6f}' for place in ONSETS)
+    path = tmp_path / 'session.txt'
+    path.write_text(
+        f'"INFORMATION"\n"leg.smr"\n\n"SUMMARY"\n"1"\t"Waveform"\t"Force"\n\n'
+        f'"CHANNEL"\t"1"\n"Waveform"\n"No comment"\n"Force"\n"N"\t1.0\t0.0\n'
+        f'"START"\t0.00000\t0.00100\n{force}\n\n'
+        f'"CHANNEL"\t"2"\n"Evt+"\n"No comment"\n"Trigger"\n\n{triggers}\n'
+    )
+    file = read_signals(path)
+    assert file.kind == 'Spike2 text'
+    assert [one.name for one in file.events] == ['Trigger']
+    expect_the_session(*imported(path))
+
+
+def xdf_stream(stream_id: int, header: str, samples: bytes, count: int) -> bytes:
+    """Chunks of one stream, as the specification of XDF has them."""
+
+    def chunk(tag: int, content: bytes) -> bytes:
+        body = tag.to_bytes(2, 'little') + content
+        return b'\x04' + len(body).to_bytes(4, 'little') + body
+
+    number = stream_id.to_bytes(4, 'little')
+    many = b'\x04' + count.to_bytes(4, 'little')
+    return (
+        chunk(2, number + header.encode())
+        + chunk(3, number + many + samples)
+        + chunk(6, number + b'<?xml version="1.0"?><info></info>')
+    )
+
+
+def test_xdf(tmp_path: Path) -> None:
+    pytest.importorskip('pyxdf')
+    header = (
+        '<?xml version="1.0"?><info><name>{}</name><type>F</type><channel_count>1</channel_count>'
+        '<nominal_srate>{}</nominal_srate><channel_format>{}</channel_format></info>'
+    )
+    stamped = b''.join(
+        b'\x08' + np.float64(5.0 + t).tobytes() + np.float64(f).tobytes()
+        for t, f in zip(TIME, FORCE, strict=True)
+    )
+    marks = b''.join(
+        b'\x08' + np.float64(5.0 + TIME[place]).tobytes() + b'\x01\x05pulse' for place in ONSETS
+    )
+    path = tmp_path / 'session.xdf'
+    path.write_bytes(
+        b'XDF:'
+        + xdf_stream(1, header.format('force', 1000, 'double64'), stamped, COUNT)
+        + xdf_stream(2, header.format('triggers', 0, 'string'), marks, len(ONSETS))
+    )
+    file = read_signals(path)
+    assert file.kind == 'XDF'
+    pulses, forces = imported(path)
+    np.testing.assert_allclose(forces.force, FORCE)
+    # pyxdf draws a straight line through the stamps of a regular stream: within a microsecond
+    np.testing.assert_allclose(forces.stamp_ns, 1e9 * TIME, atol=1000.0)
+    np.testing.assert_allclose(pulses.onset_ns, [1e6 * place for place in ONSETS], atol=1000.0)
+
+
+@pytest.mark.parametrize(
+    ('package', 'name', 'content'),
+    [
+        ('openpyxl', 'a.xlsx', b'PK\x03\x04'),
+        ('pyxdf', 'a.xdf', b'XDF:'),
+        ('h5py', 'a.mat', b'\x89HDF\r\n\x1a\n'),
+    ],
+)
+def test_a_package_that_is_missing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, name: str, content: bytes
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(RecordingError, match=rf"expected {package} for .* 'rpms_ros\[formats\]'"):
+        read_signals(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        ({'force_scale': 0.0}, 'expected a finite force_scale that is not 0, got 0.0'),
+        ({'sampling_rate_hz': -1.0}, 'expected a sampling rate above 0 Hz, got -1.0'),
+    ],
+)
+def test_choices_that_cannot_be(given: dict[str, float], message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        ImportChoices(GateSettings(), **given)
