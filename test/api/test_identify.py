@@ -89,8 +89,8 @@ def test_a_force_outside_the_curve_is_refused(found: Identification, intensity: 
 def test_an_estimator_on_line_keeps_a_path_of_estimates(simulated: Session) -> None:
     taken: list[int] = []
     result = simulated.identify('horizon', most_estimates=10, progress=taken.append)
-    # fifteen seconds every 1.5 s, and the one after the last sample
-    assert len(result.estimates.estimates) == 11
+    # fifteen seconds every 1.6 s, a power of two of the period on line, and the last one
+    assert len(result.estimates.estimates) == 10
     assert sum(taken) == len(simulated.force)
 
 
