@@ -52,6 +52,7 @@ setup(
         'PyYAML>=6.0',
         'rosbags>=0.11',
         'scipy>=1.11',
+        'tornado>=6.4',
         'tqdm>=4.66',
     ],
     extras_require={
@@ -67,6 +68,7 @@ setup(
             'plant_simulator = rpms_ros.nodes.executables:plant_simulator',
             'recorder = rpms_ros.nodes.executables:recorder',
             'stop_button = rpms_ros.nodes.executables:stop_button',
+            'live_page = rpms_ros.nodes.executables:live_page',
             'operator_console = rpms_ros.nodes.executables:operator_console',
             'stimulator_driver = rpms_ros.nodes.executables:stimulator_driver',
             'stimulator_guard = rpms_ros.guard.process:main',

@@ -32,5 +32,9 @@ class ReportError(RpmsError):
     """A figure or report cannot be made from what was given."""
 
 
+class LiveError(RpmsError):
+    """The live page cannot be served as it was asked for."""
+
+
 class NodeError(RpmsError):
     """A node was configured with parameters that cannot work."""

@@ -18,6 +18,7 @@ from rpms_ros.printable import printable
 
 COMMANDS = (
     'demo',
+    'live',
     'simulate',
     'info',
     'verify',
@@ -38,6 +39,7 @@ _DESCRIPTION = """\
 Identify a muscle that is stimulated by repetitive magnetic or electrical pulses.
 
   rpms demo                              live, with a simulated muscle
+  rpms live                              a running session in the browser
   rpms simulate --out session            a recording of a simulated session
   rpms info session                      what a recording holds
   rpms verify session                    whether it is whole and unchanged

@@ -25,6 +25,7 @@ identified parameters are compared with the true ones, and the recording is iden
 line, which has to give the same estimates in every bit.
 """
 _EXAMPLES = """\
+  rpms demo --live                           and open http://127.0.0.1:8765/
   rpms demo --duration 30 --schedule sinusoid
   rpms demo --subject rpms --noise 0.05 --estimator horizon
 
@@ -32,6 +33,7 @@ exit code: 0 if no sample was lost and the replay is exact, 1 otherwise, 2 if it
 """
 RATE = 20.0
 FORCE_RATE = 1000.0
+PORT = 8765
 _TTY_PERIOD, _PLAIN_PERIOD = 0.2, 5.0
 
 
@@ -69,6 +71,8 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     presets = ('table_4', 'table_5')
     text = 'design parameters of the estimator'
     add_option(parser, '--preset', 'table_4', text, choices=presets)
+    text = 'show it in the browser while it runs, on this port (default: 8765)'
+    parser.add_argument('--live', nargs='?', type=int, const=PORT, metavar='PORT', help=text)
     text = 'new folder for recording and figure; out/demo_<time> if not given'
     add_option(parser, '--out DIR', None, text, type=Path)
 
@@ -79,6 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.nodes.plant_parameters import subject_of
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 
+    if arguments.live is not None and not 1 <= arguments.live <= 65535:
+        raise NodeError(f'expected a port of 1 to 65535, got {arguments.live}')
     if not 1.0 <= arguments.duration <= 3600.0:
         raise NodeError(f'expected a duration of 1 to 3600 s, got {arguments.duration}')
     settings = simulation_settings(arguments)
@@ -87,6 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
         'demo_%Y%m%d_%H%M%S'
     )
     print(f'three nodes, one recording, in {folder}')
+    if arguments.live is not None:
+        print(f'in the browser: http://127.0.0.1:{arguments.live}/', flush=True)
     with SimulationLauncher(folder, settings) as launcher:
         _watch(launcher, subject, arguments.duration, arguments.quiet)
         launcher.stop()
@@ -115,6 +123,7 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
             'seed': arguments.seed,
         },
         identifier={'estimator': arguments.estimator, 'preset': arguments.preset},
+        live_page=None if arguments.live is None else {'port': arguments.live},
     )
 
 

@@ -26,6 +26,7 @@ class ButtonPublisher:
 
     def __init__(self, node: Node, pressed: bool = False, rate: float = RATE) -> None:
         self._pressed = pressed
+        self._node = node
         self._publisher = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.timer = node.create_timer(1.0 / rate, self.say, clock=steady)
@@ -49,3 +50,8 @@ class ButtonPublisher:
     def say(self) -> None:
         """Say the state."""
         self._publisher.publish(Bool(data=self._pressed))
+
+    def destroy(self) -> None:
+        """Leave the graph: to a driver that is not stopped this is a button that fell silent."""
+        self._node.destroy_timer(self.timer)
+        self._node.destroy_publisher(self._publisher)

@@ -34,6 +34,11 @@ def operator_console() -> int:
     return _run('operator_console')
 
 
+def live_page() -> int:
+    """Run the live page as a process."""
+    return _run('live_page')
+
+
 def _run(name: str) -> int:
     try:
         module = import_module(f'rpms_ros.nodes.{name}')

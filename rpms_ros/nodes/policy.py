@@ -118,6 +118,12 @@ NODES: dict[str, Interfaces] = {
         publish=(topics.FORCE, topics.TRUTH, topics.DIAGNOSTICS, '/clock'),
         subscribe=(topics.PULSES,),
     ),
+    # a page that was given no token neither publishes nor calls
+    'live_page': Interfaces(publish=(topics.EMERGENCY_STOP,), call=(topics.EMERGENCY_STOP,)),
+    'live_page_watch': Interfaces(
+        subscribe=(topics.PULSES, topics.FORCE, topics.ESTIMATE, topics.DRIVER_STATUS),
+        plain=True,
+    ),
     'recorder': Interfaces(
         publish=(topics.DIAGNOSTICS,),
         subscribe=(
@@ -140,6 +146,7 @@ ENCLAVES: dict[str, tuple[str, ...]] = {
     'stop_button': ('stop_button',),
     'identifier': ('identifier', 'identifier_hearing'),
     'plant_simulator': ('plant_simulator',),
+    'live_page': ('live_page', 'live_page_watch'),
     'recorder': ('recorder',),
 }
 """Nodes of one process share an enclave."""

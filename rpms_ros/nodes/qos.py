@@ -72,5 +72,8 @@ STOP_LIVE = _profile(STOP_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 # ... and what was said before the driver was there.
 STOP_KEPT = _profile(STOP_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
 
+# For a view: hears every publisher, whatever it offers, and makes none wait.
+VIEW = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
 TRUTH = _profile(100)
 """What is true of a simulated muscle."""

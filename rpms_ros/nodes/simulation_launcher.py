@@ -1,4 +1,4 @@
-"""A whole graph on this machine: three nodes as processes of their own, a recorder here.
+"""A whole graph on this machine: nodes as processes of their own, a recorder here.
 
 The processes talk over real DDS, on the local host and in a domain of their own.  They end with
 the block that started them, and by themselves if this process is killed.
@@ -38,6 +38,7 @@ from rpms_ros.nodes.runner import PARENT_VARIABLE
 from rpms_ros.nodes.stop_request import StopRequest
 
 PLANT, IDENTIFIER, DRIVER = 'plant_simulator', 'identifier', 'stimulator_driver'
+LIVE_PAGE = 'live_page'
 RECORDING = 'recording'
 
 # Compiling for the first time takes most of it.
@@ -50,21 +51,38 @@ _QUIET = 0.5
 
 @dataclass(frozen=True)
 class SimulationSettings:
-    """Parameters of the three nodes, by name; what is not named keeps its default."""
+    """Parameters of the nodes, by name; what is not named keeps its default.
+
+    Attributes
+    ----------
+    plant, driver, identifier : dict
+        Of the three nodes.
+    live_page : dict or None
+        Of the live page; None for none.
+    """
 
     plant: dict[str, Any]
     driver: dict[str, Any]
     identifier: dict[str, Any]
+    live_page: dict[str, Any] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nodes that are processes."""
+        return (PLANT, IDENTIFIER, DRIVER) + ((LIVE_PAGE,) if self.live_page is not None else ())
 
     def of(self, name: str) -> dict[str, Any]:
         """Return the parameters of a node with those that make the nodes wait for each other."""
-        # The force goes to the identifier and the recorder, the pulses to the plant too.
+        # The force goes to the identifier and the recorder, the pulses to the plant too; a page
+        # hears both.
+        page = len(self.names) - 3
         return {
-            PLANT: {'minimum_subscribers': 2, **self.plant},
+            LIVE_PAGE: self.live_page or {},
+            PLANT: {'minimum_subscribers': 2 + page, **self.plant},
             IDENTIFIER: self.identifier,
             DRIVER: {
                 'autostart': True,
-                'minimum_subscribers': 3,
+                'minimum_subscribers': 3 + page,
                 'require_operator': False,
                 'require_stop_button': False,
                 **self.driver,
@@ -99,7 +117,7 @@ class Monitor(Node):
 
 
 class SimulationLauncher:
-    """Three processes, a recorder and a monitor; use it in a ``with`` block.
+    """Processes, a recorder and a monitor; use it in a ``with`` block.
 
     Parameters
     ----------
@@ -131,7 +149,7 @@ class SimulationLauncher:
             stack.callback(self._stop_request.restore)
             domain = stack.enter_context(reserved_domain())
             stack.callback(self._stop_all)
-            for name in (PLANT, IDENTIFIER, DRIVER):
+            for name in self._settings.names:
                 self._start(name, domain)
             stack.enter_context(self._listening(domain))
             self._stop_request.raise_if_made()

@@ -24,6 +24,7 @@ def test_pages_files_and_schema_are_what_tools_document_writes() -> None:
     ('page', 'marker'),
     [
         ('nodes', 'parameters of identifier'),
+        ('nodes', 'parameters of live_page'),
         ('nodes', 'parameters of operator_console'),
         ('nodes', 'parameters of plant_simulator'),
         ('nodes', 'parameters of recorder'),

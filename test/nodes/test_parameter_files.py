@@ -8,6 +8,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+from rpms_ros.nodes.live_page import LivePageParameters
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import descriptions
@@ -19,6 +20,7 @@ NODES: dict[str, type[NodeParameters]] = {
     'identifier': IdentifierParameters,
     'plant_simulator': PlantParameters,
     'recorder': RecorderParameters,
+    'live_page': LivePageParameters,
 }
 
 

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rpms_ros.nodes import policy
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.keyboard import Keyboard
+from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
@@ -35,8 +36,12 @@ def running(graph, tmp_path):
     graph.add(Identifier)
     graph.add(PlantSimulator, publish_clock=True)
     graph.add(Recorder, path=str(tmp_path / 'recording'))
+    page = graph.add(lambda **options: LivePage('x' * 16, **options), port=0)
+    # a button of the page is on the graph only while it is pressed
+    page.stop.press()
     watcher = graph.add(lambda **options: Node('watcher', **options))
-    graph.wait_for(lambda: len(watcher.get_node_names()) >= 9)
+    graph.wait_for(lambda: len(watcher.get_node_names()) >= 11)
+    graph.wait_for(lambda: page.stop._button is not None)
     yield watcher
     os.close(typed)
     os.close(read)

@@ -144,7 +144,7 @@ def test_an_option_that_is_not_of_ros_is_refused(domain: int) -> None:
     assert 'unrecognized arguments: --rate 20' in errors
 
 
-NAMES = ('identifier', 'plant_simulator', 'recorder', 'stimulator_driver')
+NAMES = ('identifier', 'live_page', 'plant_simulator', 'recorder', 'stimulator_driver')
 
 
 @pytest.mark.parametrize('name', NAMES)

@@ -1,0 +1,127 @@
+"""``rpms live``: a running session as one page in a browser."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
+from rpms_ros.errors import LiveError
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+_DESCRIPTION = """\
+Serves one page that shows a running session: force measured and modelled, pulses, recruitment
+curve and parameters with their bands, changes, doubts, faults, the stimulator driver and the dose.
+It listens on this machine's own address, needs no network, and disturbs nobody: what it hears it
+asks for best effort.  With a token it offers a stop as well, which is an additional one: it needs
+a browser, a network and two programs, and no driver can count on it.
+"""
+_EXAMPLES = """\
+  rpms live                         the session on this machine, at http://127.0.0.1:8765/
+  rpms live --namespace left_leg    one of several
+  rpms live --stop                  with a stop; the address that is printed holds the token
+  rpms live --address 0.0.0.0       for a phone in the same network
+
+exit code: 0 after Ctrl-C, 2 if the page could not be served.
+"""
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers, 'live', run, 'a running session in the browser', _DESCRIPTION, _EXAMPLES
+    )
+    text = 'namespace of the nodes; the one in which somebody publishes if not given'
+    add_option(parser, '--namespace NAME', None, text)
+    add_option(parser, '--port N', 8765, 'port to listen on; 0 takes a free one')
+    text = 'address of this machine to listen on; 0.0.0.0 lets the network look'
+    add_option(parser, '--address A', '127.0.0.1', text)
+    text = 'name of this machine under which the page may be asked for, beside addresses'
+    add_option(parser, '--allow-name NAME', [], text, action='append', type=str)
+    group = parser.add_argument_group('an additional stop')
+    either = group.add_mutually_exclusive_group()
+    either.add_argument('--stop', action='store_true', help='offer it, with a new token')
+    text = 'offer it, with the token in a file that its owner alone can read'
+    add_option(either, '--token-file FILE', None, text, type=Path)
+    group = parser.add_argument_group('where the data are')
+    for name in ('force', 'pulses'):
+        text = f'topic of the {name}, relative to the namespace'
+        add_option(group, f'--{name}-topic NAME', name, text)
+    text = 'axis of the wrench along which the muscle pulls: x, y, z, -x or 0.6,0,0.8'
+    add_option(group, '--axis AXIS', 'z', text)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve the page until a signal; return the exit code."""
+    from rpms_ros.live.access import new_token
+    from rpms_ros.live.access import token_of
+    from rpms_ros.nodes.runner import run as run_node
+
+    token = new_token() if arguments.stop else ''
+    if arguments.token_file is not None:
+        token = token_of(arguments.token_file)
+    if not 0 <= arguments.port <= 65535:
+        raise LiveError(f'expected a port of 0 to 65535, got {arguments.port}')
+    namespace = arguments.namespace or _only_namespace()
+    return run_node(_builder(arguments, namespace, token), ['rpms live'])
+
+
+def _only_namespace() -> str:
+    """Return the namespace in which somebody publishes.
+
+    Raises
+    ------
+    LiveError
+        If there are several.
+    """
+    from rpms_ros.nodes.live_finding import namespaces
+
+    found = namespaces()
+    if len(found) > 1:
+        raise LiveError(
+            f'expected one namespace with a session, got {", ".join(found)}; '
+            'choose one with --namespace'
+        )
+    if not found:
+        print('rpms: nobody publishes yet; the page waits in namespace /', file=sys.stderr)
+    return found[0] if found else '/'
+
+
+def _builder(arguments: argparse.Namespace, namespace: str, token: str) -> 'Callable[[], Node]':
+    from rclpy.parameter import Parameter
+
+    from rpms_ros.nodes.live_page import LivePage
+
+    parameters = {
+        'address': arguments.address,
+        'port': arguments.port,
+        'names': ['localhost', *arguments.allow_name],
+        'axis': arguments.axis,
+    }
+    remappings = [
+        part
+        for name in ('force', 'pulses')
+        if (topic := getattr(arguments, f'{name}_topic')) != name
+        for part in ('-r', f'{name}:={topic}')
+    ]
+
+    def build() -> 'Node':
+        node = LivePage(
+            token,
+            namespace=namespace,
+            parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
+            cli_args=['--ros-args', *remappings] if remappings else None,
+        )
+        print(address_line(node.server.url, token), flush=True)
+        return node
+
+    return build
+
+
+def address_line(url: str, token: str) -> str:
+    """Return what is printed: a token goes behind ``#``, which browsers never send."""
+    return f'{url}#token={token}' if token else url

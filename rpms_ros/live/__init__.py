@@ -1,0 +1,4 @@
+"""The live page: what a browser shows of a running session.
+
+Nothing of ROS is imported here: a node hands over what it hears, see `rpms_ros.nodes.live_page`.
+"""

@@ -1,0 +1,125 @@
+"""What the page shows of an estimate."""
+
+from collections.abc import Iterable
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import MEANING
+from rpms_ros.live.numbers import MOST_NAMES
+from rpms_ros.live.numbers import number
+from rpms_ros.live.numbers import numbers
+from rpms_ros.live.numbers import text
+from rpms_ros.live.numbers import texts
+from rpms_ros.live.numbers import thinned
+from rpms_ros.pulses import FloatArray
+
+IDENTIFIABILITY = ('not in the data', 'still moving', 'settled')
+"""Words for `NOT_INFORMED`, `INFORMED` and `CONVERGED`."""
+
+MOST_POINTS = 160
+"""Points of a curve that are sent."""
+
+_NANOSECONDS = 1e-9
+
+
+def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
+    """Return an estimate as JSON takes it; times in s after `origin_ns`.
+
+    Each parameter is a row of name, value, lower and upper bound, and what the data say of it. A
+    value that the data do not bound is None: it is the value that the estimator began with.
+    """
+    stamp = (estimate.stamp_ns - origin_ns) * _NANOSECONDS
+    return {
+        'estimator': text(estimate.estimator),
+        'stamp': number(stamp),
+        'samples': estimate.samples,
+        'pulses': estimate.pulses,
+        'output_error': number(estimate.output_error),
+        'confidence': number(estimate.confidence),
+        'rate': number(estimate.repetition_rate),
+        'curve': _curve(
+            estimate.curve_intensity,
+            estimate.curve_force,
+            estimate.curve_lower,
+            estimate.curve_upper,
+        ),
+        'response': _curve(
+            estimate.response_time,
+            estimate.response_force,
+            estimate.response_lower,
+            estimate.response_upper,
+        ),
+        'parameters': _parameters(estimate),
+        'physiology': _rows(
+            estimate.physiology_names,
+            estimate.physiology,
+            estimate.physiology_lower,
+            estimate.physiology_upper,
+        ),
+        'rates': _rows(
+            estimate.rate_names, estimate.rate, estimate.rate_lower, estimate.rate_upper
+        ),
+        'changes': estimate.changes,
+        'marks': [
+            [text(kind), number(stamp - ago)]
+            for kind, ago in zip(estimate.change_kinds, estimate.change_ago, strict=False)
+        ][-MOST_NAMES:],
+        'disturbance': number(estimate.disturbance),
+        'disturbance_deviation': number(estimate.disturbance_deviation),
+        'doubts': [[text(name), MEANING.get(name, '')] for name in estimate.doubts[:MOST_NAMES]],
+        'reasons': texts(estimate.reasons),
+        'faults': [
+            [text(name), int(count), MEANING.get(name, '')]
+            for name, count in list(estimate.faults.items())[:MOST_NAMES]
+        ],
+    }
+
+
+def _curve(
+    along: FloatArray, force: FloatArray, lower: FloatArray, upper: FloatArray
+) -> dict[str, Any] | None:
+    if not len(force) or len(force) != len(along):
+        return None
+    shown = thinned(len(along), MOST_POINTS)
+    return {
+        'along': numbers(along[shown]),
+        'force': numbers(force[shown]),
+        'lower': numbers(lower[shown]) if len(lower) == len(along) else None,
+        'upper': numbers(upper[shown]) if len(upper) == len(along) else None,
+    }
+
+
+def _rows(
+    names: Iterable[str], values: FloatArray, lower: FloatArray, upper: FloatArray
+) -> list[list[Any]]:
+    """Return rows of name, value and bounds, None where there are none."""
+    bounded = len(lower) == len(upper) == len(values)
+    return [
+        [
+            text(name),
+            number(value),
+            number(lower[place]) if bounded else None,
+            number(upper[place]) if bounded else None,
+        ]
+        for place, (name, value) in enumerate(zip(names, values, strict=False))
+    ][:MOST_NAMES]
+
+
+def _parameters(estimate: Estimate) -> list[list[Any]]:
+    values, flags = estimate.nonlinear, estimate.nonlinear_identifiability
+    empty = np.empty(0)
+    lower = upper = empty
+    variance = np.diag(estimate.nonlinear_covariance)
+    if len(variance) == len(values) and 0.0 < estimate.confidence < 1.0:
+        quantile = NormalDist().inv_cdf(0.5 + estimate.confidence / 2.0)
+        half = quantile * np.sqrt(np.where(variance >= 0.0, variance, np.nan))
+        lower, upper = values - half, values + half
+    rows = _rows(estimate.nonlinear_names, values, lower, upper)
+    for row, flag in zip(rows, flags, strict=False):
+        row.append(IDENTIFIABILITY[flag] if 0 <= flag < len(IDENTIFIABILITY) else '')
+        if flag == 0:
+            row[1:4] = [None, None, None]
+    return rows

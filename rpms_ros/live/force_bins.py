@@ -1,0 +1,112 @@
+"""The course of the force as a browser can draw it: smallest and largest value in short bins.
+
+A bin lasts for about a pixel, so nothing that a sample shows is lost on the way to the screen, and
+the amount that is sent does not grow with the rate of the sensor.  Bins are kept in a ring.
+"""
+
+import math
+
+import numpy as np
+
+from rpms_ros.pulses import FloatArray
+
+BIN_NS = 5_000_000
+KEPT = 6000
+"""Bins that are kept: half a minute."""
+
+_JUMP = 200
+# A clock that has jumped goes on from there; a single stray stamp does not.
+_STEADY = 5
+
+
+class ForceBins:
+    """Smallest, largest and modelled force a bin.
+
+    Attributes
+    ----------
+    epoch : int
+        Counts how often the stamps began anew, as after a jump of the clock.
+    origin : int
+        Bin of the first sample of this epoch.
+    newest : int
+        Newest bin that is complete, one less than `origin` if there is none.
+    not_finite, stray : int
+        Samples that were left out: NaN or infinite, or stamped far from the others.
+    last : float
+        Newest force [N]; NaN before the first.
+    """
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self.not_finite = 0
+        self.stray = 0
+        self.last = math.nan
+        self.origin = 0
+        self.newest = -1
+        self._open = -1
+        self._low = self._high = 0.0
+        self._strays = (0, 0)
+        self._begun = False
+        self._values: FloatArray = np.full((3, KEPT), np.nan)
+
+    @property
+    def oldest(self) -> int:
+        """Oldest bin that is still kept."""
+        return max(self.origin, self.newest - KEPT + 1)
+
+    def add(self, stamp_ns: int, force: float) -> None:
+        """Add a sample [ns], [N]."""
+        if not math.isfinite(force):
+            self.not_finite += 1
+            return
+        place = stamp_ns // BIN_NS
+        if place == self._open:
+            self._low, self._high = min(self._low, force), max(self._high, force)
+        elif not self._begun or not -_JUMP < place - self._open < KEPT:
+            self._jumped(place, force)
+        elif place > self._open:
+            self._close()
+            self._skip_to(place)
+            self._begin(place, force)
+        self.last = force
+
+    def model(self, first: int, forces: FloatArray) -> None:
+        """Put the modelled force [N] of bins from `first` on beside the measured."""
+        self._values[2, (first + np.arange(len(forces))) % KEPT] = forces
+
+    def since(self, first: int, last: int) -> FloatArray:
+        """Return low, high and modelled force [N] of bins, shape (3, last - first + 1).
+
+        Both bins have to be kept; NaN stands for a bin without a sample.
+        """
+        return self._values[:, np.arange(first, last + 1) % KEPT]
+
+    def _jumped(self, place: int, force: float) -> None:
+        before, count = self._strays
+        count = count + 1 if count and abs(place - before) < _JUMP else 1
+        self._strays = (place, count)
+        if self._begun and count < _STEADY:
+            self.stray += 1
+            return
+        self._strays = (0, 0)
+        self.epoch += self._begun
+        self._begun = True
+        self.origin, self.newest = place, place - 1
+        self._values.fill(np.nan)
+        self._begin(place, force)
+
+    def _begin(self, place: int, force: float) -> None:
+        self._open = place
+        self._low = self._high = force
+
+    def _close(self) -> None:
+        slot = self._open % KEPT
+        self._values[:, slot] = (self._low, self._high, np.nan)
+        self.newest = self._open
+        self._strays = (0, 0)
+
+    def _skip_to(self, place: int) -> None:
+        """Leave the bins before `place` empty: a hole in the force is a hole in the line."""
+        for skipped in range(self._open + 1, place):
+            self._values[:, skipped % KEPT] = np.nan
+        self.newest = place - 1

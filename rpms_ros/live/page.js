@@ -1,0 +1,252 @@
+/* The page: takes frames, draws them, asks for the next.  Texts go into the page as text only. */
+(function () {
+  'use strict';
+  const element = (id) => document.getElementById(id);
+  const calm = matchMedia('(prefers-reduced-motion: reduce)');
+  const TEXT_PERIOD = 500, CALM_PERIOD = 1000, RETRY = 1000, SILENCE = 3000;
+  const known = { estimate: null, driver: null, topics: [], stop: { pressed: false, text: '' } };
+  let token = '', held = false, canStop = false, socket = null, changed = true;
+  let written = 0, drawn = 0, lastFrame = 0, pressedHere = '';
+
+  const shown = (value, unit = '') => value === null || value === undefined ? 'not known'
+    : `${Number(value.toPrecision(4))}${unit && ` ${unit}`}`;
+  const band = (low, high, unit) => low === null || high === null || low === undefined ? ''
+    : `${shown(low)} to ${shown(high, unit)}`;
+  function write(id, text) {
+    const place = element(id);
+    if (place.textContent !== text) { place.textContent = text; }
+  }
+  function list(id, lines) {
+    const made = lines.map((text) => {
+      const item = document.createElement('li');
+      item.textContent = text;
+      return item;
+    });
+    element(id).replaceChildren(...made);
+  }
+  function rows(id, lines) {
+    element(id).parentElement.hidden = !lines.length;
+    element(id).replaceChildren(...lines.map((cells) => {
+      const row = document.createElement('tr');
+      cells.forEach((text, place) => {
+        const cell = document.createElement(place ? 'td' : 'th');
+        if (!place) { cell.scope = 'row'; }
+        cell.textContent = text;
+        row.append(cell);
+      });
+      return row;
+    }));
+  }
+  function facts(id, pairs) {
+    element(id).replaceChildren(...pairs.flatMap(([name, value]) => {
+      const term = document.createElement('dt'), detail = document.createElement('dd');
+      term.textContent = name;
+      detail.textContent = value;
+      return [term, detail];
+    }));
+  }
+
+  function writeEstimate(one) {
+    const level = one.confidence ? `${Math.round(100 * one.confidence)} %` : '';
+    write('estimate-text', `${one.estimator}: ${one.samples} samples, ${one.pulses} pulses, `
+      + `error of the last second ${shown(100 * (one.output_error || 0), '%')}`);
+    rows('parameter-rows', [...one.parameters, ...one.physiology].map(
+      ([name, value, low, high, flag]) => [name, value === null ? '–' : shown(value),
+        band(low, high, '') || 'none', flag || '']));
+    const curve = one.curve, response = one.response;
+    const last = curve ? curve.force.length - 1 : 0;
+    write('curve-text', curve ? `at full intensity, ${shown(one.rate, 'Hz')}: `
+      + `${shown(curve.force[last], 'N')}`
+      + (curve.lower ? `; ${level} band ${band(curve.lower[last], curve.upper[last], 'N')}`
+        : '; this estimator states no band')
+      : 'one intensity only so far: no curve');
+    write('response-text', response ? `peak ${shown(Math.max(...response.force), 'N')}`
+      + (response.lower ? `; band ${level}` : '; this estimator states no band') : 'not known');
+    write('disturbance', one.disturbance_deviation
+      ? `force that the stimulation does not cause: ${shown(one.disturbance, 'N')}`
+        + ` ± ${shown(one.disturbance_deviation, 'N')}` : '');
+    rows('rate-rows', one.rates.map(([name, value, low, high]) =>
+      [name, shown(value), band(low, high, '') || 'none']));
+    write('change-text', one.changes ? `${one.changes} sudden changes since the start`
+      : 'no sudden change found');
+    list('change-list', one.marks.map(([kind, time]) => `${kind} at ${shown(time, 's')}`));
+    write('doubt-text', one.doubts.length
+      ? 'The numbers may be wrong by more than their bands say:' : 'no doubts');
+    element('doubt-text').classList.toggle('alarm', one.doubts.length > 0);
+    list('doubt-list', one.doubts.map(([name, why]) => why ? `${name}: ${why}` : name));
+    list('reason-list', one.reasons);
+    rows('fault-rows', one.faults.map(([name, count, why]) => [name, String(count), why]));
+  }
+  function writeDriver(one) {
+    const place = element('state'), word = document.createElement('strong');
+    const text = `${one.state}${one.reason ? `: ${one.reason}` : ''}`;
+    if (place.textContent !== text) {
+      word.textContent = one.state;
+      place.replaceChildren(word, one.reason ? `: ${one.reason}` : '');
+    }
+    place.classList.toggle('alarm', one.state === 'stopped' || one.state === 'fault');
+    facts('driver-facts', [
+      ['schedule', one.schedule ? `${one.schedule}, segment ${one.segment} of ${one.segments}`
+        : 'none runs'],
+      ['time left', shown(one.time_left, 's')],
+      ['pulses', `${one.delivered} delivered, ${one.dropped} dropped, `
+        + `${one.unverified} not confirmed by the device`],
+      ['dose of the patient', `${one.dose_pulses} pulses, ${shown(one.dose_energy, 'J')}`],
+      ['coil', `${shown(one.coil_energy, 'J')}, ${shown(one.coil_temperature, 'Celsius')}`],
+      ['largest intensity', shown(one.maximum_intensity)],
+      ['largest lateness', shown(1000 * (one.lateness_max || 0), 'ms')],
+      ['device', one.device || 'not known'],
+      ['operator', one.operator ? `${one.operator}, enable ${one.enabled ? 'held' : 'not held'}`
+        : 'nobody'],
+      ['stop buttons', one.buttons.map(([name, state]) => `${name} ${state}`).join(', ') || 'none'],
+      ['faults', one.faults.map(([name, count]) => `${name} ${count}`).join(', ') || 'none'],
+    ]);
+  }
+  function writeTopics(topics) {
+    rows('topic-rows', topics.map((one) => [one.name,
+      one.count ? shown(one.rate, 'Hz') : '–', `${one.state}${one.text ? `: ${one.text}` : ''}`]));
+    const driver = topics[topics.length - 1];
+    if (driver && driver.state !== 'ok' && (!known.driver || driver.state !== 'quiet')) {
+      const text = known.driver
+        ? `${driver.text}; last: ${known.driver.state}` : `driver not heard: ${driver.text}`;
+      write('state', text);
+      element('state').classList.toggle('alarm', Boolean(known.driver));
+      return false;
+    }
+    return true;
+  }
+  function writeStop() {
+    element('controls').hidden = !canStop;
+    element('read-only').hidden = canStop;
+    element('stop').hidden = !token;
+    element('unlock').hidden = Boolean(token);
+    element('let-go').hidden = !token || !known.stop.pressed;
+    write('stopped', pressedHere || known.stop.text);
+  }
+  function writeTexts() {
+    const heard = writeTopics(known.topics);
+    if (known.driver && heard) { writeDriver(known.driver); }
+    if (!held && known.estimate) { writeEstimate(known.estimate); }
+    if (!held) {
+      const low = plots.newest('low');
+      write('force-now', `measured ${shown(low, 'N')}, modelled ${shown(plots.newest('modelled'), 'N')}`);
+    }
+    writeStop();
+  }
+  function draw() {
+    plots.drawForce();
+    if (known.estimate) {
+      plots.mark(known.estimate.marks);
+      plots.drawCurve('curve', known.estimate.curve);
+      plots.drawCurve('response', known.estimate.response);
+    }
+  }
+
+  function take(frame) {
+    if (frame.session) {
+      canStop = frame.session.can_stop;
+      write('title', frame.session.title);
+      document.title = `Live: ${frame.session.title}`;
+    }
+    if (frame.force) { plots.addForce(frame.force); }
+    if (frame.pulses) { plots.addPulses(frame.pulses); }
+    for (const name of ['estimate', 'driver', 'topics', 'stop']) {
+      if (frame[name]) { known[name] = frame[name]; }
+    }
+    if (frame.stop) { pressedHere = ''; }
+    changed = true;
+  }
+  function update(now) {
+    if (!changed) { return; }
+    changed = false;
+    if (!held && now - drawn >= (calm.matches ? CALM_PERIOD : 0)) { drawn = now; draw(); }
+    if (now - written >= TEXT_PERIOD || known.stop.pressed) { written = now; writeTexts(); }
+  }
+
+  function connected(yes, text) {
+    document.body.classList.toggle('lost', !yes);
+    element('connection').classList.toggle('alarm', !yes);
+    write('connection', text);
+  }
+  function connect() {
+    const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
+    const made = new WebSocket(`${scheme}://${location.host}/stream`);
+    socket = made;
+    made.onopen = () => { lastFrame = performance.now(); connected(true, 'connected'); };
+    made.onmessage = (event) => {
+      lastFrame = performance.now();
+      take(JSON.parse(event.data));
+      // the next frame is asked for when this one is on the screen
+      const next = () => {
+        update(performance.now());
+        if (made.readyState === WebSocket.OPEN) { made.send('n'); }
+      };
+      if (document.hidden) { next(); } else { requestAnimationFrame(next); }
+    };
+    made.onclose = (event) => {
+      const reason = event.reason ? `: ${event.reason}` : '';
+      connected(false, `no connection to the page's program${reason}; what is shown is old, `
+        + 'trying again');
+      setTimeout(connect, RETRY);
+    };
+  }
+  setInterval(() => {
+    if (socket && socket.readyState === WebSocket.OPEN && performance.now() - lastFrame > SILENCE) {
+      connected(false, 'the page\'s program is silent; what is shown is old');
+    } else if (socket && socket.readyState === WebSocket.OPEN) {
+      connected(true, 'connected');
+    }
+    changed = true;
+    update(performance.now());
+  }, 1000);
+
+  async function ask(what) {
+    pressedHere = what === 'stop' ? 'stop pressed, sending' : '';
+    writeStop();
+    try {
+      const answer = await fetch(what, { method: 'POST',
+        headers: { Authorization: `Bearer ${token}` } });
+      if (answer.ok) { return; }
+      pressedHere = `NOT STOPPED by this page: ${(await answer.text()).trim()}`;
+      if (answer.status === 403) { token = ''; sessionStorage.removeItem('token'); }
+    } catch (error) {
+      pressedHere = 'NOT STOPPED by this page: its program does not answer; use the switch of the '
+        + 'stimulator';
+    }
+    if (what !== 'stop') { pressedHere = pressedHere.replace('NOT STOPPED', 'NOT LET GO'); }
+    writeStop();
+  }
+  function keep(given) {
+    token = given.trim();
+    if (token) { sessionStorage.setItem('token', token); }
+    pressedHere = '';
+    writeStop();
+  }
+  element('stop').addEventListener('click', () => ask('stop'));
+  element('let-go').addEventListener('click', () => ask('let_go'));
+  element('unlock').addEventListener('submit', (event) => {
+    event.preventDefault();
+    keep(element('token').value);
+    element('token').value = '';
+    if (token) { element('stop').focus(); }
+  });
+  element('hold').addEventListener('click', () => {
+    held = !held;
+    element('hold').setAttribute('aria-pressed', String(held));
+  });
+  for (const button of document.querySelectorAll('[data-span]')) {
+    button.addEventListener('click', () => {
+      plots.show(Number(button.dataset.span));
+      for (const one of document.querySelectorAll('[data-span]')) {
+        one.setAttribute('aria-pressed', String(one === button));
+      }
+      changed = true;
+      update(performance.now());
+    });
+  }
+  // a token behind # stays in the browser; it is taken out of the address and its history
+  const given = new URLSearchParams(location.hash.slice(1)).get('token');
+  if (given) { history.replaceState(null, '', location.pathname); }
+  keep(given || sessionStorage.getItem('token') || '');
+  connect();
+})();

@@ -1,0 +1,130 @@
+/* The plots: uPlot draws; what is here keeps half a minute of force and says which part is shown. */
+const plots = (function () {
+  'use strict';
+  const KEPT = 6000;
+  const FORCE = 260, PULSES = 130, CURVE = 240;
+  const element = (id) => document.getElementById(id);
+  const colour = (name) => () => getComputedStyle(document.documentElement)
+    .getPropertyValue(name).trim();
+  const force = { epoch: -1, first: 0, width: 0.005, time: [], low: [], high: [], modelled: [] };
+  const pulses = { time: [], intensity: [] };
+  let marks = [], span = 10;
+
+  const end = () => force.time.length ? force.time[force.time.length - 1] : 0;
+  const inView = () => [Math.max(0, end() - span), Math.max(span, end())];
+  const axis = (label, size) => ({ label, size, labelSize: 18, labelGap: 0, stroke: colour('--soft'),
+    grid: { stroke: colour('--line'), width: 1 }, ticks: { stroke: colour('--line') },
+    font: '12px system-ui, sans-serif', labelFont: '12px system-ui, sans-serif' });
+  const line = (label, stroke, width) => ({ label, stroke: colour(stroke), width,
+    points: { show: false }, spanGaps: false });
+
+  function make(id, height, xLabel, yLabel, scales, series, bands, hooks) {
+    const place = element(id);
+    return new uPlot({ width: Math.max(place.clientWidth, 200), height, scales, series, bands, hooks,
+      axes: [axis(xLabel, 34), axis(yLabel, 56)], legend: { show: false },
+      cursor: { show: false } }, series.map(() => []), place);
+  }
+  function stick(u, x, y0, y1, stroke, width) {
+    const c = u.ctx, at = Math.round(u.valToPos(x, 'x', true));
+    if (at < u.bbox.left || at > u.bbox.left + u.bbox.width) { return at; }
+    c.save();
+    c.strokeStyle = colour(stroke)();
+    c.lineWidth = width * devicePixelRatio;
+    c.beginPath(); c.moveTo(at, y0); c.lineTo(at, y1); c.stroke();
+    c.restore();
+    return at;
+  }
+  function drawMarks(u) {
+    for (const [kind, time] of marks) {
+      if (time === null || time < inView()[0]) { continue; }
+      const at = stick(u, time, u.bbox.top, u.bbox.top + u.bbox.height, '--change', 2);
+      u.ctx.save();
+      u.ctx.fillStyle = colour('--change')();
+      u.ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+      u.ctx.textBaseline = 'top';
+      u.ctx.fillText(kind, at + 4 * devicePixelRatio, u.bbox.top);
+      u.ctx.restore();
+    }
+  }
+  function drawPulses(u) {
+    const from = inView()[0], bottom = u.valToPos(0, 'y', true);
+    for (let i = pulses.time.length - 1; i >= 0 && pulses.time[i] >= from; i -= 1) {
+      stick(u, pulses.time[i], bottom, u.valToPos(pulses.intensity[i], 'y', true), '--ink', 2);
+    }
+  }
+  const x = { time: false, range: () => inView() };
+  const banded = [{ series: [2, 1], fill: colour('--band') }];
+  const made = {
+    force: make('force-plot', FORCE, '', 'force / N', { x }, [{}, line('low', '--measured', 3),
+      line('high', '--measured', 3), line('modelled', '--modelled', 1.25)],
+    [{ series: [2, 1], fill: colour('--measured') }], { draw: [drawMarks] }),
+    pulses: make('pulse-plot', PULSES, 'time / s', 'intensity', { x, y: { range: [0, 1] } },
+      [{}, { show: true, points: { show: false }, stroke: 'transparent' }], [], { draw: [drawPulses] }),
+    curve: make('curve-plot', CURVE, 'intensity', 'force / N',
+      { x: { time: false, range: [0, 1] } }, [{}, line('lower', '--modelled', 0.5),
+        line('upper', '--modelled', 0.5), line('curve', '--modelled', 2)], banded, {}),
+    response: make('response-plot', CURVE, 'time after the pulse / s', 'force / N',
+      { x: { time: false } }, [{}, line('lower', '--modelled', 0.5),
+        line('upper', '--modelled', 0.5), line('response', '--modelled', 2)], banded, {}),
+  };
+
+  function clear() {
+    for (const name of ['time', 'low', 'high', 'modelled']) { force[name] = []; }
+    pulses.time = []; pulses.intensity = [];
+  }
+  function addForce(part) {
+    const gap = part.first - force.first - force.time.length;
+    if (part.epoch !== force.epoch || gap !== 0) {
+      clear();
+      force.first = part.first;
+    }
+    force.epoch = part.epoch; force.width = part.width;
+    const start = force.first + force.time.length;
+    for (let i = 0; i < part.low.length; i += 1) { force.time.push((start + i) * part.width); }
+    for (const name of ['low', 'high', 'modelled']) { force[name].push(...part[name]); }
+    const over = force.time.length - KEPT;
+    if (over > 0) {
+      force.first += over;
+      for (const name of ['time', 'low', 'high', 'modelled']) { force[name].splice(0, over); }
+    }
+  }
+  function addPulses(part) {
+    for (const [time, intensity] of part) {
+      pulses.time.push(time); pulses.intensity.push(intensity);
+    }
+    const old = pulses.time.findIndex((time) => time >= end() - KEPT * force.width);
+    if (old > 0) { pulses.time.splice(0, old); pulses.intensity.splice(0, old); }
+  }
+  const visible = (name) => {
+    const start = Math.max(0, force.time.length - Math.ceil(span / force.width) - 1);
+    return force[name].slice(start);
+  };
+  function drawForce() {
+    made.force.setData(['time', 'low', 'high', 'modelled'].map(visible));
+    made.pulses.setData([[inView()[0], inView()[1]], [0, 0]]);
+  }
+  const none = (part) => part.along.map(() => null);
+  function drawCurve(name, part) {
+    made[name].setData(part
+      ? [part.along, part.lower || none(part), part.upper || none(part), part.force]
+      : [[], [], [], []]);
+  }
+  function resize() {
+    for (const one of Object.values(made)) {
+      const width = one.root.parentElement.clientWidth;
+      if (width && width !== one.width) { one.setSize({ width, height: one.height }); }
+    }
+  }
+  const newest = (name) => {
+    for (let i = force[name].length - 1; i >= 0; i -= 1) {
+      if (force[name][i] !== null) { return force[name][i]; }
+    }
+    return null;
+  };
+  addEventListener('resize', resize);
+  matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
+    for (const one of Object.values(made)) { one.redraw(false, true); }
+  });
+  return { addForce, addPulses, drawForce, drawCurve, newest, resize, force, pulses, made,
+    mark: (list) => { marks = list; }, show: (seconds) => { span = seconds; } };
+})();

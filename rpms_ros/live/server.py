@@ -1,0 +1,327 @@
+"""The server of the page, in a thread of its own.
+
+Tornado on an event loop that also hears the topics: thirty times a second it takes what has come,
+and sends a frame to every browser that has drawn its last one.  Nothing is queued for a browser,
+so a slow one costs nothing; more of them than `MOST_BROWSERS` are turned away.
+"""
+
+import asyncio
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable
+from importlib.resources import files
+from typing import Protocol
+
+from tornado.httpserver import HTTPServer
+from tornado.iostream import IOStream
+from tornado.web import Application
+from tornado.web import RequestHandler
+from tornado.websocket import WebSocketClosedError
+from tornado.websocket import WebSocketHandler
+
+from rpms_ros.errors import LiveError
+from rpms_ros.live.access import HEADERS
+from rpms_ros.live.access import Access
+from rpms_ros.live.session import Cursor
+from rpms_ros.live.session import LiveSession
+
+RATE = 30.0
+"""Frames a second at most."""
+
+MOST_BROWSERS = 32
+MOST_CONNECTIONS = 128
+# A browser answers each frame with one letter.
+_LONGEST_MESSAGE = 64
+# One that says more between two frames does not draw them.
+_MOST_MESSAGES = 20
+_LONGEST_BODY = 1024
+_PATIENCE = 10.0
+
+_UPLOT = files('rpms_ros.report') / 'session' / 'uplot'
+_HERE = files('rpms_ros.live')
+FILES = {
+    '/': (_HERE / 'page.html', 'text/html'),
+    '/page.css': (_HERE / 'page.css', 'text/css'),
+    '/page.js': (_HERE / 'page.js', 'text/javascript'),
+    '/plots.js': (_HERE / 'plots.js', 'text/javascript'),
+    '/uPlot.css': (_UPLOT / 'uPlot.min.css', 'text/css'),
+    '/uPlot.js': (_UPLOT / 'uPlot.iife.min.js', 'text/javascript'),
+}
+"""What is served, by its path: the file and its type."""
+
+
+class Stop(Protocol):
+    """What the page's stop presses; called by the thread of the server."""
+
+    def press(self) -> None:
+        """Stop the driver, and hold the stop."""
+
+    def let_go(self) -> None:
+        """Hold it no more; the driver stays stopped until somebody resets it."""
+
+
+class LiveServer:
+    """Serves the page of a session.
+
+    Parameters
+    ----------
+    session : LiveSession
+        What is shown; belongs to the thread of the server once that runs.
+    listen : callable
+        Takes what has come since the last call, given the time of a steady clock [s].
+    access : Access
+        Who may look and who may stop.
+    stop : Stop, optional
+        What the stop presses; none for a page that only shows.
+    address : str
+        Of this machine, where the server listens.
+    port : int
+        Where the server listens; 0 takes a free one.
+
+    Raises
+    ------
+    LiveError
+        If the port is taken, or the address is not one of this machine.
+    """
+
+    def __init__(
+        self,
+        session: LiveSession,
+        listen: Callable[[float], None],
+        access: Access,
+        stop: Stop | None = None,
+        address: str = '127.0.0.1',
+        port: int = 0,
+    ) -> None:
+        try:
+            self._socket = _bound(address, port)
+        except (OSError, UnicodeError, OverflowError) as error:
+            raise LiveError(
+                f'expected to listen on port {port} of {address}, got {error}; '
+                'another page may be running there: choose another port'
+            ) from error
+        self.address = address
+        self.port: int = self._socket.getsockname()[1]
+        self.failure: Exception | None = None
+        self.browsers: set[_Stream] = set()
+        self.session, self.access, self.stop = session, access, stop
+        self._listen = listen
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='live_page', daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Where a browser on this machine finds the page."""
+        host = {'': 'localhost', '0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(
+            self.address, f'[{self.address}]' if ':' in self.address else self.address
+        )
+        return f'http://{host}:{self.port}/'
+
+    def start(self) -> None:
+        """Listen from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, its connections and the port."""
+        self._closing.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self._socket.close()
+
+    def call(self, function: Callable[[], None]) -> None:
+        """Have the thread of the server call a function soon; any thread may ask."""
+        loop = self._loop
+        if loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(function)
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except Exception as error:  # noqa: BLE001  the node that owns this thread says so and ends
+            self.failure = error
+
+    async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        server = _Server(
+            _application(self),
+            max_body_size=_LONGEST_BODY,
+            max_header_size=16 * _LONGEST_BODY,
+            idle_connection_timeout=_PATIENCE,
+            body_timeout=_PATIENCE,
+        )
+        server.add_socket(self._socket)
+        due = time.monotonic()
+        try:
+            while not self._closing.is_set():
+                self._tick()
+                # a step that was missed is not made up for
+                due = max(due + 1.0 / RATE, time.monotonic())
+                await asyncio.sleep(due - time.monotonic())
+        finally:
+            server.stop()
+            for browser in list(self.browsers):
+                browser.close(1001, 'the page has ended')
+            await asyncio.wait_for(server.close_all_connections(), _PATIENCE)
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        self._listen(now)
+        self.session.advance(now)
+        # browsers that keep up have the same cursor
+        made: dict[Cursor, tuple[Cursor, str | None]] = {}
+        for browser in list(self.browsers):
+            if not browser.ready:
+                continue
+            if browser.cursor not in made:
+                cursor, frame = self.session.frame(browser.cursor)
+                made[browser.cursor] = (cursor, None if frame is None else _encoded(frame))
+            cursor, text = made[browser.cursor]
+            if text is not None:
+                browser.send(cursor, text)
+
+
+def _bound(address: str, port: int) -> socket.socket:
+    """Return a socket that listens; nobody else can listen there."""
+    family, _, _, _, place = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)[0]
+    bound = socket.create_server(place[:2], family=family, backlog=MOST_CONNECTIONS)
+    bound.setblocking(False)
+    return bound
+
+
+def _encoded(frame: dict[str, object]) -> str:
+    return json.dumps(frame, allow_nan=False, separators=(',', ':'))
+
+
+class _Server(HTTPServer):
+    """Turns connections away beyond a bound, before anything is read from them."""
+
+    def handle_stream(self, stream: IOStream, address: tuple[object, ...]) -> None:
+        if len(self._connections) >= MOST_CONNECTIONS:
+            stream.close()
+            return
+        stream.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 18)
+        super().handle_stream(stream, address)
+
+
+def _application(server: LiveServer) -> Application:
+    contents = {path: (file.read_bytes(), kind) for path, (file, kind) in FILES.items()}
+    return Application(
+        [
+            (r'/stream', _Stream, {'server': server}),
+            (r'/(stop|let_go)', _StopHandler, {'server': server}),
+            (r'(/.*)', _Files, {'server': server, 'contents': contents}),
+        ],
+        log_function=_say_nothing,
+        websocket_max_message_size=_LONGEST_MESSAGE,
+        websocket_ping_interval=_PATIENCE,
+        websocket_ping_timeout=_PATIENCE,
+    )
+
+
+def _say_nothing(_handler: RequestHandler) -> None:
+    """Log no request: whoever asks often would fill a disk."""
+
+
+def _forget(sent: 'asyncio.Future[None]') -> None:
+    """Look at what became of a frame, or asyncio complains of a browser that has gone."""
+    if not sent.cancelled():
+        sent.exception()
+
+
+class _Guarded(RequestHandler):
+    """Answers only who asks by a known name and from the page itself."""
+
+    def initialize(self, server: LiveServer, contents: object = None) -> None:
+        self.server = server
+        self.contents = contents
+
+    def set_default_headers(self) -> None:
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+        self.clear_header('Server')
+
+    def prepare(self) -> None:
+        host = self.request.headers.get('Host', '')
+        if not self.server.access.knows_host(host):
+            self.refuse(421, 'expected an address or a name that was allowed with --allow-name')
+        elif not self.server.access.same_origin(self.request.headers.get('Origin'), host):
+            self.refuse(403, 'expected a request of the page itself')
+
+    def refuse(self, status: int, reason: str) -> None:
+        """Answer with a status and a line."""
+        self.set_status(status)
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish(f'{reason}\n')
+
+    def write_error(self, status_code: int, **_: object) -> None:
+        self.refuse(status_code, self._reason)
+
+
+class _Files(_Guarded):
+    """The page and what it needs."""
+
+    contents: dict[str, tuple[bytes, str]]
+
+    def get(self, path: str) -> None:
+        if path not in self.contents:
+            self.refuse(404, 'expected a part of the page')
+            return
+        content, kind = self.contents[path]
+        self.set_header('Content-Type', f'{kind}; charset=utf-8')
+        self.finish(content)
+
+
+class _StopHandler(_Guarded):
+    """Presses the stop for whoever has the token."""
+
+    def post(self, what: str) -> None:
+        stop = self.server.stop
+        if stop is None:
+            self.refuse(403, 'expected a page with a token, this one only shows')
+        elif not self.server.access.may_stop(self.request.headers.get('Authorization')):
+            self.refuse(403, 'expected the token of this page, got another one')
+        else:
+            (stop.press if what == 'stop' else stop.let_go)()
+            self.finish({'done': what})
+
+
+class _Stream(WebSocketHandler, _Guarded):
+    """One browser: gets a frame, draws it, asks for the next."""
+
+    def initialize(self, server: LiveServer, contents: object = None) -> None:
+        super().initialize(server, contents)
+        self.cursor = Cursor()
+        self.ready = False
+        self._messages = 0
+
+    def prepare(self) -> None:
+        super().prepare()
+        if not self._finished and len(self.server.browsers) >= MOST_BROWSERS:
+            self.refuse(503, f'expected at most {MOST_BROWSERS} browsers, there are as many')
+
+    def check_origin(self, origin: str) -> bool:
+        return self.server.access.same_origin(origin, self.request.headers.get('Host', ''))
+
+    def open(self) -> None:
+        self.ready = True
+        self.server.browsers.add(self)
+
+    def on_message(self, _message: str | bytes) -> None:
+        self.ready = True
+        self._messages += 1
+        if self._messages > _MOST_MESSAGES:
+            self.close(1008, 'expected one message a frame')
+
+    def on_close(self) -> None:
+        self.server.browsers.discard(self)
+
+    def send(self, cursor: Cursor, text: str) -> None:
+        """Send a frame, after which the browser has what `cursor` says."""
+        self.cursor, self.ready, self._messages = cursor, False, 0
+        try:
+            self.write_message(text).add_done_callback(_forget)
+        except WebSocketClosedError:
+            self.server.browsers.discard(self)

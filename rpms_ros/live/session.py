@@ -1,0 +1,233 @@
+"""Everything that the page shows of one muscle, and what of it a browser does not have yet.
+
+A browser that has drawn one frame asks for the next; what it has is its cursor.  So a slow browser
+gets larger frames and fewer of them, and nothing is kept for it.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+from typing import NamedTuple
+
+import numpy as np
+
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.live.driver_view import STOPPED
+from rpms_ros.live.driver_view import driver_view
+from rpms_ros.live.estimate_view import estimate_view
+from rpms_ros.live.force_bins import BIN_NS
+from rpms_ros.live.force_bins import ForceBins
+from rpms_ros.live.heard import Topic
+from rpms_ros.live.modelled import ModelledForce
+from rpms_ros.live.numbers import number
+from rpms_ros.pulses import Pulse
+
+FORCE, PULSES, ESTIMATE, DRIVER = 'force', 'pulses', 'estimate', 'driver_status'
+
+# Pulses of half a minute at 50 Hz, and some.
+_KEPT_PULSES = 2000
+# The modelled force waits so long for pulses that come after their force [bins].
+_HOLD = 20
+_TOPICS_PERIOD = 0.5
+
+
+class Cursor(NamedTuple):
+    """What a browser has: counters of the newest part of each kind, the epoch of the force."""
+
+    epoch: int = -1
+    bin: int = 0
+    pulse: int = 0
+    estimate: int = 0
+    driver: int = 0
+    topics: int = 0
+    stop: int = 0
+
+
+class LiveSession:
+    """Takes what is heard, and gives what has to be drawn.
+
+    Parameters
+    ----------
+    title : str
+        What is shown: the namespace.
+    topics : mapping of str to Topic
+        By `FORCE`, `PULSES`, `ESTIMATE` and `DRIVER`.
+    can_stop : bool
+        Whether the page offers a stop.
+    unit : str
+        Of what the sensor measures.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        topics: Mapping[str, Topic],
+        can_stop: bool = False,
+        unit: str = 'N',
+    ) -> None:
+        self.title = title
+        self.unit = unit
+        self.topics = topics
+        self.can_stop = can_stop
+        self.bins = ForceBins()
+        self.state = ''
+        self._ready = -1
+        self._epoch = 0
+        self._model = ModelledForce()
+        self._pulses: deque[tuple[int, int, float]] = deque(maxlen=_KEPT_PULSES)
+        self._pulse_count = 0
+        self._bad_pulses = 0
+        self._estimate: Estimate | None = None
+        self._estimate_count = 0
+        self._driver: dict[str, Any] | None = None
+        self._driver_count = 0
+        self._topic_views: list[dict[str, Any]] = []
+        self._topic_count = 0
+        self._next_topics = -math.inf
+        self._stop: dict[str, Any] = {'pressed': False, 'text': ''}
+        self._stop_count = 1
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the driver says that a stop is latched."""
+        return self.state == STOPPED
+
+    def force(self, stamp_ns: int, force: float) -> None:
+        """Take a force sample [ns], [N]."""
+        self.bins.add(stamp_ns, force)
+
+    def pulse(self, pulse: Pulse) -> None:
+        """Take a pulse that was delivered; one of an impossible intensity is counted only."""
+        if not 0.0 <= pulse.intensity <= 1.0:
+            self._bad_pulses += 1
+            return
+        self._pulse_count += 1
+        self._pulses.append((self._pulse_count, pulse.onset_ns, pulse.intensity))
+        self._model.pulse(pulse.onset_ns, pulse.intensity)
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Take an estimate."""
+        self._estimate = estimate
+        self._estimate_count += 1
+        self._model.estimate(estimate)
+
+    def driver(self, message: Any) -> None:
+        """Take an rpms_msgs/DriverStatus."""
+        view = driver_view(message)
+        self.state = view['state']
+        if view != self._driver:
+            self._driver = view
+            self._driver_count += 1
+
+    def stop(self, pressed: bool, text: str) -> None:
+        """Take the state of the page's stop."""
+        stop = {'pressed': pressed, 'text': text}
+        if stop != self._stop:
+            self._stop = stop
+            self._stop_count += 1
+
+    def advance(self, now: float) -> None:
+        """Work out what can be shown by now [s], a steady clock."""
+        if self._epoch != self.bins.epoch or self._ready < self.bins.origin - 1:
+            self._epoch = self.bins.epoch
+            self._ready = self.bins.origin - 1
+        last = self.bins.newest - _HOLD
+        if last > self._ready:
+            first = max(self._ready + 1, self.bins.oldest)
+            # the middle of each bin
+            stamps = np.arange(first, last + 1, dtype=np.int64) * BIN_NS + BIN_NS // 2
+            self.bins.model(first, self._model.at(stamps))
+            self._ready = last
+        if now >= self._next_topics:
+            self._next_topics = now + _TOPICS_PERIOD
+            self._topic_views = [topic.view(now) for topic in self.topics.values()]
+            self._note_bad_data()
+            self._topic_count += 1
+
+    def frame(self, cursor: Cursor) -> tuple[Cursor, dict[str, Any] | None]:
+        """Return what a browser does not have, as JSON takes it, and its new cursor.
+
+        None if it has everything.
+        """
+        parts: dict[str, Any] = {}
+        if cursor == Cursor():
+            parts['session'] = {
+                'title': self.title,
+                'can_stop': self.can_stop,
+                'unit': self.unit,
+            }
+        if self._ready >= self.bins.origin and (
+            cursor.epoch != self._epoch or cursor.bin < self._ready
+        ):
+            parts['force'] = self._force_part(cursor)
+        # times of pulses and changes count from the first sample
+        if self._pulse_count > cursor.pulse and self._begun:
+            parts['pulses'] = self._pulse_part(cursor)
+        if self._estimate is not None and self._estimate_count > cursor.estimate:
+            parts['estimate'] = estimate_view(self._estimate, self._origin_ns)
+        if self._driver_count > cursor.driver:
+            parts['driver'] = self._driver
+        if self._topic_count > cursor.topics:
+            parts['topics'] = self._topic_views
+        if self._stop_count > cursor.stop:
+            parts['stop'] = self._stop
+        if not parts:
+            return cursor, None
+        return self._whole(cursor), parts
+
+    @property
+    def _begun(self) -> bool:
+        return self._ready >= self.bins.origin
+
+    @property
+    def _origin_ns(self) -> int:
+        return self.bins.origin * BIN_NS
+
+    def _whole(self, cursor: Cursor) -> Cursor:
+        """Return the cursor of a browser that has everything."""
+        return Cursor(
+            epoch=self._epoch if self._begun else cursor.epoch,
+            bin=self._ready,
+            pulse=self._pulse_count if self._begun else cursor.pulse,
+            estimate=self._estimate_count,
+            driver=self._driver_count,
+            topics=self._topic_count,
+            stop=self._stop_count,
+        )
+
+    def _force_part(self, cursor: Cursor) -> dict[str, Any]:
+        first = self.bins.oldest
+        if cursor.epoch == self._epoch:
+            first = max(first, cursor.bin + 1)
+        low, high, modelled = self.bins.since(first, self._ready)
+        return {
+            'epoch': self._epoch,
+            'first': first - self.bins.origin,
+            'width': BIN_NS * 1e-9,
+            'low': [number(value) for value in low],
+            'high': [number(value) for value in high],
+            'modelled': [number(value) for value in modelled],
+        }
+
+    def _pulse_part(self, cursor: Cursor) -> list[list[float | None]]:
+        origin_ns = self._origin_ns
+        have = cursor.pulse if cursor.epoch == self._epoch else 0
+        return [
+            [round((onset_ns - origin_ns) * 1e-9, 4), number(intensity)]
+            for count, onset_ns, intensity in self._pulses
+            if count > have
+        ]
+
+    def _note_bad_data(self) -> None:
+        counts = {
+            FORCE: (
+                (self.bins.not_finite, 'samples not finite'),
+                (self.bins.stray, 'samples stamped far from the others'),
+                (self.bins.epoch, 'jumps of the clock'),
+            ),
+            PULSES: ((self._bad_pulses, 'pulses with an intensity outside 0..1'),),
+        }
+        for view, name in zip(self._topic_views, self.topics, strict=True):
+            words = [f'{count} {word}' for count, word in counts.get(name, ()) if count]
+            view['text'] = '; '.join([view['text'], *words] if view['text'] else words)

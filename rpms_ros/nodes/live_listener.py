@@ -1,0 +1,170 @@
+"""What the live page hears, past the executor.
+
+A second node, that is in no executor, is read thirty times a second: a message costs a few
+microseconds so, where rclpy would wake up a thousand times a second.  The subscriptions ask for
+nothing but best effort, so they hear every publisher, and no publisher ever waits for them.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+
+from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import Pulse
+from rpms_ros import messages
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import Axis
+from rpms_ros.errors import MessageError
+from rpms_ros.live import session as shown
+from rpms_ros.live.heard import Endpoint
+from rpms_ros.live.heard import Topic
+from rpms_ros.live.session import LiveSession
+from rpms_ros.nodes import qos
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.taking import Taker
+
+SUFFIX = '_watch'
+"""What the name of the second node adds to the page's."""
+
+TYPES: dict[str, tuple[str, type, float]] = {
+    shown.FORCE: (topics.FORCE, WrenchStamped, 0.5),
+    # no pulses are no fault
+    shown.PULSES: (topics.PULSES, Pulse, float('inf')),
+    shown.ESTIMATE: (topics.ESTIMATE, MuscleEstimate, 2.0),
+    shown.DRIVER: (topics.DRIVER_STATUS, DriverStatus, 1.0),
+}
+"""Topic, type and longest silence [s] of what is shown."""
+
+# A second at the highest rate of a sensor; what is behind it is taken with the next look.
+_MOST = 20000
+
+
+def expected_topics(node: Node) -> dict[str, Topic]:
+    """Return the topics of a page, with the names that they have for `node`."""
+    return {
+        key: Topic(node.resolve_topic_name(name), type_name_of(kind), silence)
+        for key, (name, kind, silence) in TYPES.items()
+    }
+
+
+def type_name_of(kind: Any) -> str:
+    """Return the name of a message class, such as ``rpms_msgs/msg/Pulse``."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
+class LiveListener:
+    """Hands what has come to the session.
+
+    Parameters
+    ----------
+    node : Node
+        The page's.
+    session : LiveSession
+        What is shown.
+    axis : tuple of float
+        Direction of the wrench along which the muscle pulls.
+    quantity : str
+        `FORCE` or `TORQUE`: what the sensor measures.
+    """
+
+    def __init__(
+        self, node: Node, session: LiveSession, axis: Axis, quantity: str = FORCE
+    ) -> None:
+        self._page = node
+        self._session = session
+        self._axis = axis
+        self._quantity = quantity
+        # of the page's context and namespace, but served by nobody
+        self._node = Node(
+            node.get_name() + SUFFIX,
+            namespace=node.get_namespace(),
+            context=node.context,
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        self._takers = {key: self._taker(key) for key in TYPES}
+        self._take: dict[str, Callable[[bytes], None]] = {
+            shown.FORCE: self._force,
+            shown.PULSES: self._pulse,
+            shown.ESTIMATE: self._estimate,
+            shown.DRIVER: self._driver,
+        }
+
+    def listen(self, now: float) -> None:
+        """Take everything that has come by `now` [s], of a steady clock."""
+        # pulses first: the force that they cause is modelled with them
+        for key in (shown.PULSES, shown.FORCE, shown.ESTIMATE, shown.DRIVER):
+            self._session.topics[key].heard(self._hear(key), now)
+
+    def endpoints(self) -> dict[str, list[Endpoint]]:
+        """Return who publishes and hears each topic, without this node."""
+        return {key: self._endpoints(topic.name) for key, topic in self._session.topics.items()}
+
+    def close(self) -> None:
+        """End the second node; nobody may listen any more."""
+        for taker in self._takers.values():
+            taker.close()
+        self._node.destroy_node()
+
+    def _taker(self, key: str) -> Taker:
+        _, kind, _ = TYPES[key]
+        name = self._session.topics[key].name
+        return Taker(self._node.create_subscription(kind, name, _served_by_nobody, qos.VIEW))
+
+    def _hear(self, key: str) -> int:
+        taker, take, topic = self._takers[key], self._take[key], self._session.topics[key]
+        for count in range(_MOST):
+            taken = taker.take()
+            if taken is None:
+                return count
+            try:
+                take(taken.data)
+                topic.refused = ''
+            except MessageError as error:
+                topic.refused = str(error)
+        return _MOST
+
+    def _force(self, data: bytes) -> None:
+        self._session.force(*messages.force_of_bytes(data, self._axis, self._quantity))
+
+    def _pulse(self, data: bytes) -> None:
+        self._session.pulse(messages.pulse_of(deserialize_message(data, Pulse)))
+
+    def _estimate(self, data: bytes) -> None:
+        self._session.estimate(messages.estimate_of(deserialize_message(data, MuscleEstimate)))
+
+    def _driver(self, data: bytes) -> None:
+        self._session.driver(deserialize_message(data, DriverStatus))
+
+    def _endpoints(self, topic: str) -> list[Endpoint]:
+        own = self._node.get_name()
+        found = [
+            (publishes, one)
+            for publishes, ask in (
+                (True, self._node.get_publishers_info_by_topic),
+                (False, self._node.get_subscriptions_info_by_topic),
+            )
+            for one in ask(topic)
+        ]
+        return [
+            Endpoint(
+                f'{one.node_namespace.rstrip("/")}/{one.node_name}',
+                one.topic_type,
+                publishes,
+                one.qos_profile.reliability is ReliabilityPolicy.RELIABLE,
+                one.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
+            )
+            for publishes, one in found
+            if publishes or one.node_name != own
+        ]
+
+
+def _served_by_nobody(_message: Any) -> None:
+    """Stand for a callback: messages are taken."""

@@ -1,0 +1,141 @@
+"""Node that serves the live page: one muscle in a browser, while it is stimulated.
+
+The thread of the server hears the topics and draws; the executor serves the rest.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.node import Node
+
+from rpms_ros import messages
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import UNITS
+from rpms_ros.errors import NodeError
+from rpms_ros.live.access import Access
+from rpms_ros.live.access import token_of
+from rpms_ros.live.modelled import warm_up
+from rpms_ros.live.server import LiveServer
+from rpms_ros.live.session import LiveSession
+from rpms_ros.nodes.live_listener import LiveListener
+from rpms_ros.nodes.live_listener import expected_topics
+from rpms_ros.nodes.live_stop import LiveStop
+from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.parameters import NodeParameters
+from rpms_ros.nodes.parameters import declare_parameters
+from rpms_ros.nodes.parameters import parameter
+from rpms_ros.nodes.runner import run
+
+PORT = 8765
+_GRAPH_PERIOD = 1.0
+
+
+@dataclass(frozen=True)
+class LivePageParameters(NodeParameters):
+    """Parameters of the live page."""
+
+    address: str = parameter(
+        '127.0.0.1', 'Address of this machine to listen on; 0.0.0.0 lets the network look.'
+    )
+    port: int = parameter(PORT, 'Port to listen on; 0 takes a free one.', minimum=0, maximum=65535)
+    names: tuple[str, ...] = parameter(
+        ('localhost',), 'Names, beside addresses, under which the page may be asked for.'
+    )
+    token_file: str = parameter(
+        '',
+        'File, readable by its owner only, with the token that presses the stop; '
+        'empty for a page that only shows.',
+    )
+    axis: str = parameter(
+        'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'
+    )
+    quantity: str = parameter(
+        FORCE, 'What the sensor measures: a force, or a torque.', choices=tuple(UNITS)
+    )
+    sign: int = parameter(1, '1 or -1: the pull of the muscle is positive.', minimum=-1, maximum=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.sign:
+            raise NodeError('parameter sign: expected 1 or -1, got 0')
+
+
+class LivePage(Node):
+    """The live page; keyword arguments go to `rclpy.node.Node`.
+
+    Parameters
+    ----------
+    token : str, optional
+        What presses the stop; the one in `token_file` if not given.
+
+    Attributes
+    ----------
+    server : LiveServer
+        The server.
+
+    Raises
+    ------
+    LiveError
+        If the port is taken, or the token is not one to use.
+    """
+
+    settings_type = LivePageParameters
+
+    def __init__(self, token: str = '', **options: Any) -> None:
+        super().__init__('live_page', **options)
+        self.settings = settings = declare_parameters(self, LivePageParameters)
+        axis = messages.axis_of(settings.axis, settings.sign)
+        if settings.token_file and not token:
+            token = token_of(Path(settings.token_file).expanduser())
+        access = Access(token, settings.names)
+        title = self.get_namespace()
+        unit = UNITS[settings.quantity]
+        self.session = LiveSession(title, expected_topics(self), bool(token), unit)
+        self.stop = LiveStop(self, self._is_stopped, self._tell) if token else None
+        self.listener = LiveListener(self, self.session, axis, settings.quantity)
+        self.server = LiveServer(
+            self.session, self.listener.listen, access, self.stop, settings.address, settings.port
+        )
+        warm_up()
+        self.server.start()
+        self._look()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_GRAPH_PERIOD, self._look, clock=steady)
+        logger_of(self).info(
+            f'{self.server.url} shows {title}; '
+            + ('its stop needs the token' if token else 'it only shows')
+        )
+
+    def destroy_node(self) -> None:
+        """End the server, then the node."""
+        if hasattr(self, 'server'):
+            self.server.close()
+        if hasattr(self, 'listener'):
+            self.listener.close()
+        Node.destroy_node(self)
+
+    def _look(self) -> None:
+        """Look at the graph, and at the server, once a second."""
+        if self.server.failure is not None:
+            raise NodeError(f'expected the page to be served, got {self.server.failure!r}')
+        found = self.listener.endpoints()
+
+        def take_over() -> None:
+            for key, endpoints in found.items():
+                self.session.topics[key].endpoints(endpoints)
+
+        self.server.call(take_over)
+
+    def _is_stopped(self) -> bool:
+        return self.session.stopped
+
+    def _tell(self, pressed: bool, text: str) -> None:
+        self.server.call(lambda: self.session.stop(pressed, text))
+
+
+def main() -> int:
+    """Run the live page as a process."""
+    return run(LivePage)

@@ -1,0 +1,189 @@
+"""A browser without a window, driven by the DevTools protocol: what a person would do and see."""
+
+import asyncio
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+from tornado.websocket import websocket_connect
+
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome-stable', 'google-chrome', 'chrome')
+FLAGS = (
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--disable-dev-shm-usage',
+    '--remote-debugging-port=0',
+)
+PATIENCE = 60.0
+
+
+def browser_program():
+    """The program that RPMS_BROWSER names, or one of the usual names; skips without one."""
+    names = [os.environ['RPMS_BROWSER']] if os.environ.get('RPMS_BROWSER') else BROWSERS
+    found = next((path for name in names if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip(f'RPMS_BROWSER: no browser of {", ".join(names)} on this machine')
+    return found
+
+
+async def _connected(url):
+    return await websocket_connect(url, max_message_size=2**26)
+
+
+class Browser:
+    """A browser with one page; use it in a ``with`` block."""
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._loop = asyncio.new_event_loop()
+        self._count = 0
+        self.events = []
+
+    def __enter__(self):
+        command = [browser_program(), *FLAGS, f'--user-data-dir={self._folder}', 'about:blank']
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        port = self._port()
+        with urllib.request.urlopen(f'http://127.0.0.1:{port}/json/list', timeout=30) as answer:
+            (page,) = [one for one in json.load(answer) if one['type'] == 'page']
+        self._socket = self._loop.run_until_complete(_connected(page['webSocketDebuggerUrl']))
+        for domain in ('Page', 'Runtime', 'Log', 'Network'):
+            self.call(f'{domain}.enable')
+        return self
+
+    def __exit__(self, *_):
+        with contextlib.suppress(Exception):
+            self.call('Browser.close')
+        self._loop.run_until_complete(self._hang_up())
+        try:
+            self._process.wait(10)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._loop.close()
+
+    def call(self, method, **parameters):
+        """Ask the browser for something and return its answer."""
+        self._count += 1
+        request = {'id': self._count, 'method': method, 'params': parameters}
+        return self._loop.run_until_complete(asyncio.wait_for(self._answer(request), PATIENCE))
+
+    def evaluate(self, expression):
+        """Return the value of an expression in the page, of a promise what it becomes."""
+        answer = self.call(
+            'Runtime.evaluate', expression=expression, returnByValue=True, awaitPromise=True
+        )
+        assert 'exceptionDetails' not in answer, answer['exceptionDetails']
+        return answer['result'].get('value')
+
+    def text(self, selector):
+        """Return the text of an element."""
+        return self.evaluate(f'document.querySelector({json.dumps(selector)}).textContent')
+
+    def open(self, url):
+        """Open a page."""
+        self.events.clear()
+        self.call('Page.navigate', url=url)
+        # a fragment alone would not load the page again
+        self.wait_for('document.readyState === "complete"')
+
+    def wait_for(self, expression, timeout=20.0):
+        """Wait until an expression in the page is true."""
+        end = time.monotonic() + timeout
+        while not self.evaluate(expression):
+            if time.monotonic() > end:
+                pytest.fail(f'still waiting for {expression} after {timeout} s')
+            time.sleep(0.02)
+
+    def screen(self, width, height=800, dark=False, reduced=False):
+        """Show the page on a screen of this width [px], light or dark."""
+        self.call(
+            'Emulation.setDeviceMetricsOverride',
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=width < 600,
+        )
+        features = [
+            {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'},
+            {'name': 'prefers-reduced-motion', 'value': 'reduce' if reduced else 'no-preference'},
+        ]
+        self.call('Emulation.setEmulatedMedia', features=features)
+
+    def press(self, key):
+        """Press and release a key."""
+        code = {'Tab': 9, 'Enter': 13, ' ': 32}[key]
+        text = {'Enter': '\r', ' ': ' '}.get(key, '')
+        for kind in ('keyDown', 'keyUp'):
+            self.call(
+                'Input.dispatchKeyEvent',
+                type=kind,
+                key=key,
+                code=key,
+                windowsVirtualKeyCode=code,
+                text=text if kind == 'keyDown' else '',
+            )
+
+    def complaints(self):
+        """Return what the page has complained of: exceptions, errors, warnings of the console."""
+        self.call('Runtime.evaluate', expression='0')
+        return [
+            event
+            for event in self.events
+            if event['method'] in ('Runtime.exceptionThrown', 'Log.entryAdded')
+            or (
+                event['method'] == 'Runtime.consoleAPICalled'
+                and event['params']['type'] in ('error', 'warning', 'assert')
+            )
+        ]
+
+    def requested(self):
+        """Return every address that the page has asked for."""
+        asked = [
+            event['params']['request']['url']
+            for event in self.events
+            if event['method'] == 'Network.requestWillBeSent'
+        ]
+        return asked + [
+            event['params']['url']
+            for event in self.events
+            if event['method'] == 'Network.webSocketCreated'
+        ]
+
+    async def _hang_up(self):
+        self._socket.close()
+
+    async def _answer(self, request):
+        await self._socket.write_message(json.dumps(request))
+        while True:
+            text = await self._socket.read_message()
+            assert text is not None, 'the browser has ended'
+            message = json.loads(text)
+            if message.get('id') == request['id']:
+                assert 'error' not in message, message['error']
+                return message['result']
+            if 'method' in message:
+                self.events.append(message)
+
+    def _port(self):
+        path = self._folder / 'DevToolsActivePort'
+        end = time.monotonic() + PATIENCE
+        while True:
+            lines = path.read_text().splitlines() if path.exists() else []
+            if len(lines) >= 2:
+                return int(lines[0])
+            assert self._process.poll() is None, 'the browser did not start'
+            assert time.monotonic() < end, 'the browser says no port'
+            time.sleep(0.02)

@@ -1,0 +1,78 @@
+"""A session without ROS: topics, an estimate, a driver's status."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.live.heard import Topic
+from rpms_ros.live.session import LiveSession
+from rpms_ros.muscle.identified_form import PARAMETER_NAMES
+
+START_NS = 1_700_000_000_000_000_000
+
+
+@pytest.fixture
+def start_ns():
+    return START_NS
+
+
+@pytest.fixture
+def session():
+    topics = {
+        name: Topic(f'/{name}', kind, silence)
+        for name, kind, silence in (
+            ('force', 'geometry_msgs/msg/WrenchStamped', 0.5),
+            ('pulses', 'rpms_msgs/msg/Pulse', float('inf')),
+            ('estimate', 'rpms_msgs/msg/MuscleEstimate', 2.0),
+            ('driver_status', 'rpms_msgs/msg/DriverStatus', 1.0),
+        )
+    }
+    return LiveSession('/', topics)
+
+
+def _estimate(**fields):
+    time = np.linspace(0.0, 0.4, 81)
+    grid = np.linspace(0.0, 1.0, 101)
+    return Estimate(
+        **{
+            'stamp_ns': START_NS + 1_000_000_000,
+            'estimator': 'horizon',
+            'nonlinear_names': PARAMETER_NAMES,
+            'nonlinear': np.array([0.3, 0.7, 6.0, 6.0]),
+            'linear_names': ('basis_1', 'baseline_1', 'baseline_2'),
+            'linear': np.array([1.0, 5.0, 0.5]),
+            'repetition_rate': 20.0,
+            'curve_intensity': grid,
+            'curve_force': 10.0 * grid,
+            'response_time': time,
+            'response_force': 100.0 * time * np.exp(-time / 0.04),
+            'output_error': 0.01,
+            'samples': 1000,
+            'pulses': 20,
+            **fields,
+        }
+    )
+
+
+@pytest.fixture
+def make_estimate():
+    return _estimate
+
+
+@pytest.fixture
+def make_status():
+    def make(**fields):
+        plain = {
+            'state': 3, 'reason': 'running', 'schedule': 's', 'segment': 0, 'segments': 2,
+            'time_left': 4.0, 'pulses_commanded': 3, 'pulses_delivered': 2, 'pulses_dropped': 1,
+            'pulses_unverified': 0, 'coil_energy': 1.0, 'coil_temperature': 20.0,
+            'lateness_max': 0.001, 'device': 'simulated', 'maximum_intensity': 1.0,
+            'operator_id': 'ada', 'enabled': True, 'dose_pulses': 2, 'dose_energy': 3.0,
+            'fault_names': ['late'], 'fault_counts': [1], 'button_names': ['/stop_button'],
+            'button_states': [0],
+        }  # fmt: skip
+        return SimpleNamespace(**{**plain, **fields})
+
+    return make

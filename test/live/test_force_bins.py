@@ -1,0 +1,95 @@
+"""Bins of the force: nothing is lost of its course, and stamps of anybody break nothing."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given
+
+from rpms_ros.live.force_bins import BIN_NS
+from rpms_ros.live.force_bins import KEPT
+from rpms_ros.live.force_bins import ForceBins
+
+MILLISECOND = 1_000_000
+
+
+def test_each_bin_has_the_smallest_and_largest_sample(start_ns):
+    bins, force = ForceBins(), np.sin(np.arange(1000) / 20.0)
+    for index, value in enumerate(force):
+        bins.add(start_ns + index * MILLISECOND, float(value))
+    low, high, modelled = bins.since(bins.oldest, bins.newest)
+    parts = force[: 5 * len(low)].reshape(-1, 5)
+    # start_ns is a multiple of the bin; comparisons and copies only, so equality is exact
+    assert start_ns % BIN_NS == 0
+    np.testing.assert_array_equal(low, parts.min(axis=1))
+    np.testing.assert_array_equal(high, parts.max(axis=1))
+    assert np.isnan(modelled).all()
+
+
+def test_a_hole_in_the_force_is_a_hole_in_the_line(start_ns):
+    bins = ForceBins()
+    for index in (0, 1, 10, 11):
+        bins.add(start_ns + index * BIN_NS, 1.0)
+    low = bins.since(bins.oldest, bins.newest)[0]
+    assert np.isnan(low).tolist() == [False, False, *[True] * 8, False]
+
+
+def test_only_the_newest_bins_are_kept(start_ns):
+    bins = ForceBins()
+    for index in range(KEPT + 100):
+        bins.add(start_ns + index * BIN_NS, float(index))
+    assert bins.newest - bins.oldest == KEPT - 1
+    low = bins.since(bins.oldest, bins.newest)[0]
+    assert (low[0], low[-1]) == (99.0, KEPT + 98.0)
+
+
+def test_what_is_not_finite_is_counted_and_not_drawn(start_ns):
+    bins = ForceBins()
+    for index, value in enumerate((1.0, float('nan'), float('inf'), 2.0)):
+        bins.add(start_ns + index * BIN_NS, value)
+    assert bins.not_finite == 2
+    assert bins.last == 2.0
+
+
+def test_one_stray_stamp_changes_nothing_and_a_jump_of_the_clock_begins_anew(start_ns):
+    bins = ForceBins()
+    for index in range(10):
+        bins.add(start_ns + index * BIN_NS, 1.0)
+    bins.add(start_ns + 10**15, 5.0)
+    bins.add(start_ns + 10 * BIN_NS, 1.0)
+    assert (bins.stray, bins.epoch) == (1, 0)
+    for index in range(10):
+        bins.add(start_ns - 10**12 + index * BIN_NS, 2.0)
+    assert bins.epoch == 1
+    # the stamp from which on the clock is believed is the fifth
+    assert bins.since(bins.oldest, bins.newest)[0].tolist() == [2.0] * 5
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(-(2**31) * 10**9, 2**31 * 10**9),
+            st.floats(allow_nan=True, allow_infinity=True),
+        ),
+        max_size=60,
+    )
+)
+def test_whatever_comes_the_bins_stay_whole(samples):
+    bins = ForceBins()
+    for stamp_ns, force in samples:
+        bins.add(stamp_ns, force)
+        assert bins.oldest <= bins.newest + 1
+        assert bins.newest - bins.oldest < KEPT
+    if bins.newest >= bins.origin:
+        low, high, _ = bins.since(bins.oldest, bins.newest)
+        known = ~np.isnan(low)
+        assert (low[known] <= high[known]).all()
+        assert np.isfinite(high[known]).all()
+
+
+@pytest.mark.parametrize('behind', [1, 100])
+def test_a_sample_that_comes_late_does_not_move_the_line(start_ns, behind):
+    bins = ForceBins()
+    for index in range(200):
+        bins.add(start_ns + index * BIN_NS, 1.0)
+    bins.add(start_ns + (199 - behind) * BIN_NS, 9.0)
+    assert bins.since(bins.oldest, bins.newest)[1].max() == 1.0

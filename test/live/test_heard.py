@@ -1,0 +1,74 @@
+"""Whether a topic is heard, and in plain words why not."""
+
+import pytest
+
+from rpms_ros.live.heard import Endpoint
+from rpms_ros.live.heard import Topic
+from rpms_ros.live.heard import mismatches
+
+PULSE = 'rpms_msgs/msg/Pulse'
+
+
+@pytest.fixture
+def topic():
+    return Topic('/pulses', PULSE, 0.5)
+
+
+def test_a_topic_that_nobody_publishes(topic):
+    topic.endpoints([Endpoint('/identifier', PULSE, False)])
+    view = topic.view(1.0)
+    assert (view['state'], view['text']) == (
+        'never',
+        f'nobody publishes it; expected type {PULSE}',
+    )
+
+
+def test_a_topic_of_another_type(topic):
+    topic.endpoints([Endpoint('/mine', 'std_msgs/msg/Float64', True)])
+    assert topic.view(1.0)['text'] == f'expected type {PULSE}, got std_msgs/msg/Float64'
+
+
+def test_a_publisher_that_says_nothing(topic):
+    topic.endpoints([Endpoint('/mine', PULSE, True)])
+    assert topic.view(1.0)['text'] == '1 publisher, but nothing has come yet'
+
+
+def test_a_topic_that_falls_silent(topic):
+    for step in range(100):
+        topic.heard(10, 0.1 * step)
+    view = topic.view(10.0)
+    assert (view['state'], view['count']) == ('ok', 1000)
+    # three seconds are counted, to a tenth of a second
+    assert view['rate'] == pytest.approx(100.0, rel=0.05)
+    assert topic.view(10.6)['state'] == 'silent'
+    assert topic.view(15.2)['text'] == 'silent for 5 s'
+    topic.endpoints([])
+    assert topic.view(15.2)['text'].endswith('nobody publishes it any more')
+
+
+def test_silence_of_pulses_is_no_fault():
+    topic = Topic('/pulses', PULSE, float('inf'))
+    topic.heard(1, 0.0)
+    topic.heard(0, 60.0)
+    assert topic.view(60.0)['state'] == 'quiet'
+    assert topic.view(60.0)['rate'] == 0.0
+
+
+def test_two_publishers_are_named(topic):
+    topic.heard(1, 0.0)
+    topic.endpoints([Endpoint('/b', PULSE, True), Endpoint('/a', PULSE, True)])
+    assert topic.view(0.0)['text'] == '2 publishers: /a, /b'
+
+
+def test_who_does_not_hear_whom_because_of_the_quality_of_service():
+    best_effort = Endpoint('/sensor', 'W', True, reliable=False)
+    asks = Endpoint('/recorder', 'W', False)
+    assert mismatches([best_effort, asks]) == [
+        '/recorder does not hear /sensor: it asks for reliable, best effort is offered'
+    ]
+    # a second subscription that hears it
+    assert mismatches([best_effort, asks, Endpoint('/recorder', 'W', False, False)]) == []
+    kept = Endpoint('/late', 'W', False, transient_local=True)
+    assert mismatches([Endpoint('/sensor', 'W', True), kept]) == [
+        '/late does not hear /sensor: it asks for transient local, volatile is offered'
+    ]

@@ -1,0 +1,338 @@
+"""The server against those who mean it harm: other pages, floods, giants, the slow, the many."""
+
+import asyncio
+import contextlib
+import json
+import socket
+import struct
+import threading
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+from tornado.httpclient import HTTPRequest
+from tornado.iostream import StreamClosedError
+from tornado.websocket import WebSocketClosedError
+from tornado.websocket import websocket_connect
+
+from rpms_ros.errors import LiveError
+from rpms_ros.live import server as module
+from rpms_ros.live.access import Access
+from rpms_ros.live.server import FILES
+from rpms_ros.live.server import MOST_BROWSERS
+from rpms_ros.live.server import LiveServer
+
+TOKEN = 'correct-horse-battery'
+MILLISECOND = 1_000_000
+
+
+class Feed:
+    """A sensor at 1 kHz, as the server's thread hears it, and what the stop was told."""
+
+    def __init__(self, session, start_ns):
+        self.session, self.start_ns = session, start_ns
+        self.samples, self.begun, self.told = 0, None, []
+        self.late = 0.0
+        self._before = None
+
+    def listen(self, now):
+        self.begun = self.begun or now
+        if self._before is not None:
+            self.late = max(self.late, now - self._before)
+        self._before = now
+        due = int(1000 * (now - self.begun))
+        for index in range(self.samples, due):
+            self.session.force(self.start_ns + index * MILLISECOND, 1.0)
+        self.samples = due
+
+    def press(self):
+        self.told.append('press')
+
+    def let_go(self):
+        self.told.append('let_go')
+
+
+@pytest.fixture
+def feed(session, start_ns):
+    return Feed(session, start_ns)
+
+
+@pytest.fixture
+def server(session, feed):
+    running = LiveServer(session, feed.listen, Access(TOKEN), feed)
+    running.start()
+    yield running
+    running.close()
+    assert running.failure is None
+
+
+def asked(server, path='/', method='GET', **headers):
+    """Status and text of an answer."""
+    request = urllib.request.Request(server.url.rstrip('/') + path, method=method)
+    for name, value in headers.items():
+        request.add_header(name.replace('_', '-'), value)
+    try:
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            return answer.status, answer.read().decode(), answer.headers
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode(), error.headers
+
+
+@pytest.mark.parametrize('path', FILES)
+def test_every_part_of_the_page_is_served_with_the_headers(server, path):
+    status, text, headers = asked(server, path)
+    assert (status, bool(text)) == (200, True)
+    assert headers['Content-Security-Policy'].startswith("default-src 'none'")
+    assert headers['X-Content-Type-Options'] == 'nosniff'
+    assert headers['Server'] is None
+
+
+@pytest.mark.parametrize('path', ['/nothing', '/../errors.py', '/page.css/', '/%2e%2e/errors.py'])
+def test_nothing_else_is_served(server, path):
+    assert asked(server, path)[0] == 404
+
+
+@pytest.mark.parametrize('path', ['/', '/stream', '/stop'])
+def test_a_name_that_was_made_to_point_here_is_refused(server, path):
+    status, text, _ = asked(
+        server, path, 'POST' if path == '/stop' else 'GET', Host='evil.example'
+    )
+    assert (status, text) == (
+        421,
+        'expected an address or a name that was allowed with --allow-name\n',
+    )
+
+
+def test_the_stop_needs_the_token(server, feed):
+    def post(path='/stop', **headers):
+        return asked(server, path, 'POST', **headers)[:2]
+
+    refused = (403, 'expected the token of this page, got another one\n')
+    assert post() == refused
+    assert post(Authorization='Bearer wrong-horse-battery') == refused
+    assert post(Authorization=f'Bearer {TOKEN}', Origin='http://evil.example')[0] == 403
+    assert asked(server, '/stop', Authorization=f'Bearer {TOKEN}')[0] == 405
+    assert asked(server, f'/stop?token={TOKEN}', 'POST')[0] == 403
+    assert feed.told == []
+    origin = server.url.rstrip('/')
+    assert post(Authorization=f'Bearer {TOKEN}', Origin=origin) == (200, '{"done": "stop"}')
+    assert post('/let_go', Authorization=f'Bearer {TOKEN}')[0] == 200
+    assert feed.told == ['press', 'let_go']
+
+
+def test_a_page_without_a_token_has_no_stop(session, feed):
+    running = LiveServer(session, feed.listen, Access())
+    running.start()
+    try:
+        for header in ({}, {'Authorization': 'Bearer '}, {'Authorization': f'Bearer {TOKEN}'}):
+            status, text, _ = asked(running, '/stop', 'POST', **header)
+            assert (status, text) == (403, 'expected a page with a token, this one only shows\n')
+    finally:
+        running.close()
+    assert feed.told == []
+
+
+def test_a_port_that_is_taken_is_one_line(server, session, feed):
+    taken = rf'expected to listen on port {server.port} of 127\.0\.0\.1'
+    with pytest.raises(LiveError, match=taken):
+        LiveServer(session, feed.listen, Access(), port=server.port)
+    with pytest.raises(LiveError, match=r'expected to listen on port 0 of nowhere\.invalid'):
+        LiveServer(session, feed.listen, Access(), address='nowhere.invalid')
+
+
+def test_an_error_of_the_listener_ends_the_server_and_is_kept(session, wait_for):
+    def listen(_now):
+        raise LiveError('expected to hear, got nothing')
+
+    running = LiveServer(session, listen, Access())
+    running.start()
+    wait_for(lambda: running.failure is not None)
+    assert str(running.failure) == 'expected to hear, got nothing'
+    running.close()
+
+
+def stream_address(server):
+    return server.url.replace('http', 'ws') + 'stream'
+
+
+async def frames(server, count, answer='n'):
+    """The first frames of a browser that draws at once."""
+    socket = await websocket_connect(stream_address(server))
+    found = []
+    while len(found) < count:
+        text = await asyncio.wait_for(socket.read_message(), 10)
+        if text is None:
+            socket.close()
+            return found
+        found.append(json.loads(text))
+        await socket.write_message(answer)
+    await ended(socket)
+    return found
+
+
+async def ended(socket):
+    """Close a connection from this side, to its end."""
+    socket.close()
+    while await asyncio.wait_for(socket.read_message(), 10) is not None:
+        pass
+
+
+def test_a_browser_gets_the_course_and_then_what_is_new(server, feed, wait_for):
+    wait_for(lambda: feed.samples > 500)
+    found = asyncio.run(frames(server, 10))
+    assert found[0]['session'] == {'title': '/', 'can_stop': False}
+    parts = [frame['force'] for frame in found if 'force' in frame]
+    assert len(parts[0]['low']) > 50
+    assert all(len(part['low']) < len(parts[0]['low']) for part in parts[1:])
+    ends = [part['first'] + len(part['low']) for part in parts]
+    assert [part['first'] for part in parts[1:]] == ends[:-1]
+
+
+def test_at_most_thirty_frames_a_second(server):
+    begun = time.monotonic()
+    asyncio.run(frames(server, 31))
+    # thirty periods lie between 31 frames, whatever else the machine does
+    assert time.monotonic() - begun > 0.95
+
+
+def test_another_page_gets_no_stream(server):
+    async def connect(**headers):
+        request = HTTPRequest(stream_address(server), headers=headers)
+        await websocket_connect(request)
+
+    for headers in ({'Origin': 'http://evil.example'}, {'Origin': 'null'}):
+        with pytest.raises(Exception, match='403'):
+            asyncio.run(connect(**headers))
+
+
+def test_giant_messages_and_floods_end_the_connection(server):
+    giant = asyncio.run(frames(server, 10, 'x' * 100_000))
+    assert len(giant) < 10
+
+    async def flood():
+        socket = await websocket_connect(stream_address(server))
+        sent = 0
+        with contextlib.suppress(WebSocketClosedError, StreamClosedError):
+            for _ in range(100_000):
+                await socket.write_message('n')
+                sent += 1
+        await ended(socket)
+        return sent
+
+    assert asyncio.run(flood()) < 100_000
+    assert asked(server)[0] == 200
+
+
+def handshake(server):
+    """A raw connection to the stream, whose frames nobody reads."""
+    raw = socket.create_connection(('127.0.0.1', server.port), timeout=10)
+    raw.sendall(
+        b'GET /stream HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'
+        b'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n'
+    )
+    assert b' 101 ' in raw.recv(64)
+    return raw
+
+
+def test_a_frame_that_claims_to_be_huge_is_not_waited_for(server, wait_for):
+    raw = handshake(server)
+    wait_for(lambda: len(server.browsers) == 1)
+    # masked text of 2^40 bytes, of which nothing comes
+    raw.sendall(b'\x81\xff' + struct.pack('>Q', 2**40) + b'\0\0\0\0')
+    wait_for(lambda: not server.browsers)
+    raw.close()
+
+
+def test_one_that_never_reads_gets_one_frame_and_holds_up_nobody(server, wait_for):
+    slow = handshake(server)
+    wait_for(lambda: len(server.browsers) == 1)
+    (stalled,) = server.browsers
+    wait_for(lambda: not stalled.ready)
+    before = stalled.cursor
+    assert len(asyncio.run(frames(server, 20))) == 20
+    assert stalled.cursor == before
+    slow.close()
+    wait_for(lambda: not server.browsers)
+
+
+def test_a_thousand_connections_are_bounded_and_the_page_stays(server, wait_for):
+    held, answers = [], []
+    place = ('127.0.0.1', server.port)
+    try:
+        held.extend(socket.create_connection(place, timeout=10) for _ in range(1000))
+        # those beyond the bound were closed before they said anything
+        for one in held[module.MOST_CONNECTIONS :]:
+            assert one.recv(1) == b''
+    finally:
+        for one in held:
+            one.close()
+    wait_for(lambda: asked_quietly(server, answers))
+    assert len(asyncio.run(frames(server, 5))) == 5
+
+
+def asked_quietly(server, answers):
+    """Whether the page answers again."""
+    try:
+        answers.append(asked(server)[0])
+    except OSError:
+        return False
+    return answers[-1] == 200
+
+
+def test_too_many_browsers_are_turned_away(server, wait_for):
+    held = [handshake(server) for _ in range(MOST_BROWSERS)]
+    wait_for(lambda: len(server.browsers) == MOST_BROWSERS)
+
+    async def connect():
+        await websocket_connect(stream_address(server))
+
+    with pytest.raises(Exception, match='503'):
+        asyncio.run(connect())
+    for one in held:
+        one.close()
+    wait_for(lambda: not server.browsers)
+    assert len(asyncio.run(frames(server, 2))) == 2
+
+
+@pytest.mark.parametrize(
+    'request_bytes',
+    [
+        b'\x00\xff' * 100 + b'\r\n\r\n',
+        b'GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ' + b'x' * 100_000 + b'\r\n\r\n',
+        b'POST /stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 99999999\r\n\r\n',
+        b'POST /stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: -1\r\n\r\n',
+        b'GET / HTTP/1.1\r\n\r\n',
+        b'GET http://evil.example/ HTTP/1.1\r\nHost: evil.example\r\n\r\n',
+    ],
+)
+def test_requests_that_are_none_end_and_harm_nobody(server, feed, request_bytes):
+    with socket.create_connection(('127.0.0.1', server.port), timeout=10) as raw:
+        try:
+            raw.sendall(request_bytes)
+            answer = raw.recv(100)
+        except ConnectionError:
+            answer = b''
+    assert b' 200 ' not in answer
+    assert asked(server)[0] == 200
+    assert feed.told == []
+
+
+def test_closing_ends_the_thread_and_frees_the_port(session, feed):
+    running = LiveServer(session, feed.listen, Access())
+    running.start()
+    raw = handshake(running)
+    running.close()
+    raw.close()
+    assert 'live_page' not in {one.name for one in threading.enumerate()}
+    again = LiveServer(session, feed.listen, Access(), port=running.port)
+    again.close()
+
+
+def test_uplot_is_the_one_of_the_report():
+    from rpms_ros import report
+
+    folder = Path(report.__file__).parent / 'session' / 'uplot'
+    assert FILES['/uPlot.js'][0].read_bytes() == (folder / 'uPlot.iife.min.js').read_bytes()
+    assert (folder / 'LICENSE').is_file()

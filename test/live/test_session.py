@@ -1,0 +1,214 @@
+"""What a browser gets: everything once, in valid JSON, whatever was published."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from rpms_ros.live.force_bins import BIN_NS
+from rpms_ros.live.modelled import ModelledForce
+from rpms_ros.live.numbers import LONGEST_TEXT
+from rpms_ros.live.numbers import MOST_NAMES
+from rpms_ros.live.session import Cursor
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment
+from rpms_ros.pulses import Pulse
+
+MILLISECOND = 1_000_000
+
+
+def feed(session, start_ns, first, last):
+    for index in range(first, last):
+        session.force(start_ns + index * MILLISECOND, 0.001 * index)
+
+
+def valid(frame):
+    """What a browser makes of a frame."""
+    return json.loads(json.dumps(frame, allow_nan=False))
+
+
+def test_frames_one_after_another_are_the_whole_course(session, start_ns):
+    cursor, low = Cursor(), []
+    for step in range(40):
+        feed(session, start_ns, 50 * step, 50 * step + 50)
+        session.advance(0.0)
+        cursor, frame = session.frame(cursor)
+        if frame is not None and 'force' in frame:
+            assert frame['force']['first'] == len(low)
+            low += frame['force']['low']
+    # the last tenth of a second waits for pulses, the last bin for its end
+    assert len(low) == 400 - 20 - 1
+    assert low == pytest.approx([0.005 * index for index in range(len(low))])
+
+
+def test_a_browser_that_was_away_gets_what_it_lacks_in_one_frame(session, start_ns):
+    feed(session, start_ns, 0, 1000)
+    session.advance(0.0)
+    cursor, _ = session.frame(Cursor())
+    assert session.frame(cursor) == (cursor, None)
+    feed(session, start_ns, 1000, 5000)
+    session.advance(0.0)
+    _, frame = session.frame(cursor)
+    assert frame['force']['first'] == cursor.bin - session.bins.origin + 1
+    assert len(frame['force']['low']) == 800
+
+
+def test_a_jump_of_the_clock_tells_the_browser_to_begin_anew(session, start_ns):
+    feed(session, start_ns, 0, 1000)
+    session.advance(0.0)
+    cursor, first = session.frame(Cursor())
+    feed(session, start_ns - 10**12, 0, 1000)
+    session.advance(0.0)
+    _, again = session.frame(cursor)
+    assert (first['force']['epoch'], again['force']['epoch']) == (0, 1)
+    assert again['force']['first'] == 0
+
+
+def test_the_modelled_force_is_the_sum_of_the_responses(make_estimate, start_ns):
+    model, estimate = ModelledForce(), make_estimate()
+    stamps = start_ns + np.arange(200) * BIN_NS
+    assert np.isnan(model.at(stamps)).all()
+    model.estimate(estimate)
+    pulses = [(0.1, 1.0), (0.15, 0.5), (5.0, 1.0)]
+    for onset, intensity in pulses:
+        model.pulse(start_ns + round(onset * 1e9), intensity)
+    parameters = RecruitmentParameters(*estimate.nonlinear)
+    rho = identified_recruitment(parameters, [1.0, 0.5])
+    time = np.arange(200) * 0.005
+    # the newest level of the baseline is 0.5 N
+    expected = np.full(200, 0.5)
+    for (onset, _), share in zip(pulses[:2], rho / rho[0], strict=True):
+        after = time - onset
+        held = np.interp(
+            after, estimate.response_time, estimate.response_force, left=0.0, right=0.0
+        )
+        expected += share * held
+    # the same sum in another order
+    np.testing.assert_allclose(model.at(stamps), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_an_estimator_of_another_form_is_modelled_by_its_curve(make_estimate, start_ns):
+    model = ModelledForce()
+    model.estimate(make_estimate(nonlinear_names=(), nonlinear=np.empty(0), linear_names=()))
+    model.pulse(start_ns, 0.25)
+    estimate = make_estimate()
+    stamps = start_ns + np.array([BIN_NS * 8])
+    # its curve is a straight line through zero
+    assert model.at(stamps) == pytest.approx(0.25 * estimate.response_force[8])
+
+
+def test_parameters_have_their_band_and_what_the_data_lack_is_not_printed(session, make_estimate):
+    session.estimate(
+        make_estimate(
+            nonlinear_covariance=np.diag([0.01**2, 0.02**2, 1.0, 1.0]),
+            nonlinear_identifiability=np.array([2, 1, 0, 7]),
+            confidence=0.95,
+        )
+    )
+    rows = valid(session.frame(Cursor())[1])['estimate']['parameters']
+    # 1.96 standard deviations
+    assert rows[0][:4] == ['u_thr', 0.3, pytest.approx(0.2804), pytest.approx(0.3196)]
+    assert [row[4] for row in rows] == ['settled', 'still moving', 'not in the data', '']
+    assert rows[2][1:4] == [None, None, None]
+
+
+def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start_ns):
+    feed(session, start_ns, 0, 1500)
+    session.advance(0.0)
+    session.estimate(
+        make_estimate(
+            changes=3,
+            change_kinds=('gain', 'thresholds'),
+            change_ago=np.array([0.75, 0.25]),
+            rate_names=('force_percent',),
+            rate=np.array([-2.0]),
+            rate_lower=np.array([-3.0]),
+            rate_upper=np.array([-1.0]),
+            disturbance=0.1,
+            disturbance_deviation=0.02,
+            doubts=('force_spike',),
+            reasons=('one intensity only',),
+            faults={'force_spike': 3, 'of_somebody_else': 1},
+        )
+    )
+    view = valid(session.frame(Cursor())[1])['estimate']
+    assert view['marks'] == [['gain', 0.25], ['thresholds', 0.75]]
+    assert view['rates'] == [['force_percent', -2.0, -3.0, -1.0]]
+    assert (view['changes'], view['disturbance']) == (3, 0.1)
+    assert view['doubts'][0][0] == 'force_spike'
+    assert 'not learnt from' in view['doubts'][0][1]
+    assert view['faults'][1] == ['of_somebody_else', 1, '']
+    assert view['reasons'] == ['one intensity only']
+
+
+def test_numbers_that_are_not_finite_are_null(session, make_estimate, make_status, start_ns):
+    bad = np.full(101, math.nan)
+    session.estimate(
+        make_estimate(
+            curve_force=bad,
+            curve_lower=bad,
+            curve_upper=bad + math.inf,
+            output_error=math.inf,
+            nonlinear=np.array([math.nan, math.inf, 0.0, 1.0]),
+            nonlinear_covariance=np.full((4, 4), -1.0),
+            confidence=0.95,
+            disturbance=math.nan,
+        )
+    )
+    session.driver(make_status(coil_temperature=math.nan, time_left=math.inf))
+    session.pulse(Pulse(start_ns, math.nan, 1, 1e-4))
+    feed(session, start_ns, 0, 1000)
+    session.advance(0.0)
+    frame = valid(session.frame(Cursor())[1])
+    assert set(frame['estimate']['curve']['force']) == {None}
+    assert frame['driver']['coil_temperature'] is None
+    assert 'pulses' not in frame
+    assert '1 pulses with an intensity outside 0..1' in frame['topics'][1]['text']
+
+
+def test_an_estimate_of_any_size_makes_a_small_frame(session, make_estimate):
+    many = 200_000
+    along = np.linspace(0.0, 1.0, many)
+    session.estimate(
+        make_estimate(
+            estimator='x' * 10_000,
+            curve_intensity=along,
+            curve_force=along,
+            response_time=along,
+            response_force=along,
+            reasons=tuple('y' * 10_000 for _ in range(1000)),
+            faults={f'fault {index}': 1 for index in range(1000)},
+        )
+    )
+    frame = valid(session.frame(Cursor())[1])
+    assert len(json.dumps(frame)) < 60_000
+    assert len(frame['estimate']['reasons']) == len(frame['estimate']['faults']) == MOST_NAMES
+    assert len(frame['estimate']['estimator']) <= LONGEST_TEXT + 2
+    assert frame['estimate']['curve']['along'][0::159] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize('lengths', [(3, 5), (0, 5), (5, 0)])
+def test_a_response_that_cannot_be_drawn_is_left_out(session, make_estimate, lengths):
+    time, force = (np.arange(length, dtype=float) for length in lengths)
+    session.estimate(make_estimate(response_time=time, response_force=force))
+    session.advance(0.0)
+    frame = valid(session.frame(Cursor())[1])
+    assert frame['estimate']['response'] is None
+
+
+def test_the_driver_is_sent_when_it_changes(session, make_status):
+    session.driver(make_status())
+    cursor, frame = session.frame(Cursor())
+    view = valid(frame)['driver']
+    assert (view['state'], view['segment'], view['segments']) == ('running', 1, 2)
+    assert view['buttons'] == [['/stop_button', 'released']]
+    session.driver(make_status())
+    assert session.frame(cursor)[1] is None
+    session.driver(make_status(state=4, reason='emergency stop\n is pressed'))
+    assert session.stopped
+    view = session.frame(cursor)[1]['driver']
+    assert (view['state'], view['reason']) == ('stopped', 'emergency stop  is pressed')
+    session.driver(make_status(state=9, button_states=[77]))
+    view = session.frame(cursor)[1]['driver']
+    assert (view['state'], view['buttons'][0][1]) == ('state 9', 'state 77')
