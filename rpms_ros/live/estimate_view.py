@@ -34,6 +34,7 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
     stamp = (estimate.stamp_ns - origin_ns) * _NANOSECONDS
     return {
         'estimator': text(estimate.estimator),
+        'unit': text(estimate.unit) or 'N',
         'stamp': number(stamp),
         'samples': estimate.samples,
         'pulses': estimate.pulses,

@@ -53,18 +53,18 @@
     rows('parameter-rows', [...one.parameters, ...one.physiology].map(
       ([name, value, low, high, flag]) => [name, value === null ? '–' : shown(value),
         band(low, high, '') || 'none', flag || '']));
-    const curve = one.curve, response = one.response;
+    const curve = one.curve, response = one.response, unit = one.unit;
     const last = curve ? curve.force.length - 1 : 0;
     write('curve-text', curve ? `at full intensity, ${shown(one.rate, 'Hz')}: `
-      + `${shown(curve.force[last], 'N')}`
-      + (curve.lower ? `; ${level} band ${band(curve.lower[last], curve.upper[last], 'N')}`
+      + `${shown(curve.force[last], unit)}`
+      + (curve.lower ? `; ${level} band ${band(curve.lower[last], curve.upper[last], unit)}`
         : '; this estimator states no band')
       : 'one intensity only so far: no curve');
-    write('response-text', response ? `peak ${shown(Math.max(...response.force), 'N')}`
+    write('response-text', response ? `peak ${shown(Math.max(...response.force), unit)}`
       + (response.lower ? `; band ${level}` : '; this estimator states no band') : 'not known');
     write('disturbance', one.disturbance_deviation
-      ? `force that the stimulation does not cause: ${shown(one.disturbance, 'N')}`
-        + ` ± ${shown(one.disturbance_deviation, 'N')}` : '');
+      ? `force that the stimulation does not cause: ${shown(one.disturbance, unit)}`
+        + ` ± ${shown(one.disturbance_deviation, unit)}` : '');
     rows('rate-rows', one.rates.map(([name, value, low, high]) =>
       [name, shown(value), band(low, high, '') || 'none']));
     write('change-text', one.changes ? `${one.changes} sudden changes since the start`
@@ -128,14 +128,16 @@
     if (known.driver && heard) { writeDriver(known.driver); }
     if (!held && known.estimate) { writeEstimate(known.estimate); }
     if (!held) {
-      const low = plots.newest('low');
-      write('force-now', `measured ${shown(low, 'N')}, modelled ${shown(plots.newest('modelled'), 'N')}`);
+      const unit = known.estimate ? known.estimate.unit : 'N';
+      write('force-now', `measured ${shown(plots.newest('low'), unit)}, `
+        + `modelled ${shown(plots.newest('modelled'), unit)}`);
     }
     writeStop();
   }
   function draw() {
     plots.drawForce();
     if (known.estimate) {
+      plots.unit(known.estimate.unit);
       plots.mark(known.estimate.marks);
       plots.drawCurve('curve', known.estimate.curve);
       plots.drawCurve('response', known.estimate.response);

@@ -115,6 +115,10 @@ const plots = (function () {
       if (width && width !== one.width) { one.setSize({ width, height: one.height }); }
     }
   }
+  function unit(name) {
+    const label = `${name === 'N' ? 'force' : 'torque'} / ${name}`;
+    for (const one of [made.force, made.curve, made.response]) { one.axes[1].label = label; }
+  }
   const newest = (name) => {
     for (let i = force[name].length - 1; i >= 0; i -= 1) {
       if (force[name][i] !== null) { return force[name][i]; }
@@ -125,6 +129,6 @@ const plots = (function () {
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
     for (const one of Object.values(made)) { one.redraw(false, true); }
   });
-  return { addForce, addPulses, drawForce, drawCurve, newest, resize, force, pulses, made,
+  return { addForce, addPulses, drawForce, drawCurve, newest, resize, unit, force, pulses, made,
     mark: (list) => { marks = list; }, show: (seconds) => { span = seconds; } };
 })();

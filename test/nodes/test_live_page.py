@@ -116,7 +116,7 @@ def test_a_driver_still_asks_for_a_button(graph, page):
     driver = graph.add(
         StimulatorDriver, require_stop_button=True, require_operator=False, **PATIENT
     )
-    graph.wait_for(lambda: page.session.driver_state is not None)
+    graph.wait_for(lambda: page.session.state == 'unconfigured')
     graph.wait_for(lambda: page.count_subscribers('/emergency_stop') > 0)
     problem = driver.buttons.problem(time.monotonic_ns())
     assert problem == 'expected a stop button that says its state at a rate, got none'
