@@ -53,6 +53,8 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         add_option(group, f'--{name}-topic NAME', name, text)
     text = 'axis of the wrench along which the muscle pulls: x, y, z, -x or 0.6,0,0.8'
     add_option(group, '--axis AXIS', 'z', text)
+    text = 'what the sensor measures'
+    add_option(group, '--quantity', 'force', text, choices=('force', 'torque'))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -101,6 +103,7 @@ def _builder(arguments: argparse.Namespace, namespace: str, token: str) -> 'Call
         'port': arguments.port,
         'names': ['localhost', *arguments.allow_name],
         'axis': arguments.axis,
+        'quantity': arguments.quantity,
     }
     remappings = [
         part

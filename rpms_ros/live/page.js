@@ -4,7 +4,7 @@
   const element = (id) => document.getElementById(id);
   const calm = matchMedia('(prefers-reduced-motion: reduce)');
   const TEXT_PERIOD = 500, CALM_PERIOD = 1000, RETRY = 1000, SILENCE = 3000;
-  const known = { estimate: null, driver: null, topics: [], stop: { pressed: false, text: '' } };
+  const known = { unit: 'N', estimate: null, driver: null, topics: [], stop: { pressed: false, text: '' } };
   let token = '', held = false, canStop = false, socket = null, changed = true;
   let written = 0, drawn = 0, lastFrame = 0, pressedHere = '';
 
@@ -128,16 +128,14 @@
     if (known.driver && heard) { writeDriver(known.driver); }
     if (!held && known.estimate) { writeEstimate(known.estimate); }
     if (!held) {
-      const unit = known.estimate ? known.estimate.unit : 'N';
-      write('force-now', `measured ${shown(plots.newest('low'), unit)}, `
-        + `modelled ${shown(plots.newest('modelled'), unit)}`);
+      write('force-now', `measured ${shown(plots.newest('low'), known.unit)}, `
+        + `modelled ${shown(plots.newest('modelled'), known.unit)}`);
     }
     writeStop();
   }
   function draw() {
     plots.drawForce();
     if (known.estimate) {
-      plots.unit(known.estimate.unit);
       plots.mark(known.estimate.marks);
       plots.drawCurve('curve', known.estimate.curve);
       plots.drawCurve('response', known.estimate.response);
@@ -147,6 +145,8 @@
   function take(frame) {
     if (frame.session) {
       canStop = frame.session.can_stop;
+      known.unit = frame.session.unit;
+      plots.unit(known.unit);
       write('title', frame.session.title);
       document.title = `Live: ${frame.session.title}`;
     }

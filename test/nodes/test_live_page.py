@@ -187,8 +187,11 @@ def test_the_force_is_read_from_the_bytes_as_from_the_message(frame_id):
     message.header.stamp.sec, message.header.stamp.nanosec = 5, 6
     force = message.wrench.force
     force.x, force.y, force.z = 1.25, float('nan'), -2.5
+    message.wrench.torque.x = 2.5
     data = serialize_message(message)
     assert messages.force_of_bytes(data, axis) == messages.force_of(message, axis)
+    torque = messages.force_of_bytes(data, axis, 'torque')
+    assert torque == messages.force_of(message, axis, 'torque') == (5_000_000_006, 1.5)
     for length in range(20):
         with pytest.raises(MessageError, match='expected a serialised WrenchStamped, got'):
             messages.force_of_bytes(data[:length], axis)
