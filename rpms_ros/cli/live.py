@@ -2,16 +2,11 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.errors import LiveError
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
 
 _DESCRIPTION = """\
 Serves one page that shows a running session: force measured and modelled, pulses, recruitment
@@ -61,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve the page until a signal; return the exit code."""
     from rpms_ros.live.access import new_token
     from rpms_ros.live.access import token_of
-    from rpms_ros.nodes.runner import run as run_node
+    from rpms_ros.nodes.live_page import serve
 
     token = new_token() if arguments.stop else ''
     if arguments.token_file is not None:
@@ -69,7 +64,15 @@ def run(arguments: argparse.Namespace) -> int:
     if not 0 <= arguments.port <= 65535:
         raise LiveError(f'expected a port of 0 to 65535, got {arguments.port}')
     namespace = arguments.namespace or _only_namespace()
-    return run_node(_builder(arguments, namespace, token), ['rpms live'])
+    parameters = {
+        'address': arguments.address,
+        'port': arguments.port,
+        'names': ['localhost', *arguments.allow_name],
+        'axis': arguments.axis,
+        'quantity': arguments.quantity,
+    }
+    topics = {'force': arguments.force_topic, 'pulses': arguments.pulses_topic}
+    return serve(namespace, token, parameters, topics, print_address)
 
 
 def _only_namespace() -> str:
@@ -93,38 +96,6 @@ def _only_namespace() -> str:
     return found[0] if found else '/'
 
 
-def _builder(arguments: argparse.Namespace, namespace: str, token: str) -> 'Callable[[], Node]':
-    from rclpy.parameter import Parameter
-
-    from rpms_ros.nodes.live_page import LivePage
-
-    parameters = {
-        'address': arguments.address,
-        'port': arguments.port,
-        'names': ['localhost', *arguments.allow_name],
-        'axis': arguments.axis,
-        'quantity': arguments.quantity,
-    }
-    remappings = [
-        part
-        for name in ('force', 'pulses')
-        if (topic := getattr(arguments, f'{name}_topic')) != name
-        for part in ('-r', f'{name}:={topic}')
-    ]
-
-    def build() -> 'Node':
-        node = LivePage(
-            token,
-            namespace=namespace,
-            parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
-            cli_args=['--ros-args', *remappings] if remappings else None,
-        )
-        print(address_line(node.server.url, token), flush=True)
-        return node
-
-    return build
-
-
-def address_line(url: str, token: str) -> str:
-    """Return what is printed: a token goes behind ``#``, which browsers never send."""
-    return f'{url}#token={token}' if token else url
+def print_address(url: str, token: str) -> None:
+    """Print where the page is: a token goes behind ``#``, which browsers never send."""
+    print(f'{url}#token={token}' if token else url, flush=True)

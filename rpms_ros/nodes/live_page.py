@@ -3,6 +3,8 @@
 The thread of the server hears the topics and draws; the executor serves the rest.
 """
 
+from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from rpms_ros import messages
 from rpms_ros.axis import FORCE
@@ -134,6 +137,44 @@ class LivePage(Node):
 
     def _tell(self, pressed: bool, text: str) -> None:
         self.server.call(lambda: self.session.stop(pressed, text))
+
+
+def serve(
+    namespace: str,
+    token: str,
+    parameters: Mapping[str, Any],
+    names: Mapping[str, str],
+    tell: Callable[[str, str], None],
+) -> int:
+    """Run the live page in this process until a signal; return the exit code.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the node.
+    token : str
+        What presses the stop; empty for a page that only shows.
+    parameters : mapping of str
+        Those of `LivePageParameters` that are not at their default.
+    names : mapping of str to str
+        What topics are called, by their usual name.
+    tell : callable
+        Told the address of the page, and the token, once it is served.
+    """
+    rules = [f'{usual}:={name}' for usual, name in names.items() if usual != name]
+    remappings = [part for rule in rules for part in ('-r', rule)]
+
+    def build() -> Node:
+        node = LivePage(
+            token,
+            namespace=namespace,
+            parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
+            cli_args=['--ros-args', *remappings] if remappings else None,
+        )
+        tell(node.server.url, token)
+        return node
+
+    return run(build, ['rpms live'])
 
 
 def main() -> int:
