@@ -20,6 +20,7 @@ from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.settings import settings_by_name
+from rpms_ros.identification.tracking.estimator import TrackingEstimator
 
 GROUP = 'rpms_ros.estimators'
 _PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line', 'update')
@@ -34,6 +35,7 @@ class EstimatorOptions:
     preset : str
         Design parameters by name; the batch and the horizon take their start from it, and begin
         the response without a latency (``table_4``) or 8 ms after the pulse (``table_5``).
+        `tracking` needs none.
     seed : int
         Seed of a random start.
     rate_hz : float
@@ -69,8 +71,12 @@ def _horizon(options: EstimatorOptions) -> Estimator:
     return HorizonEstimator(_projection(options), options.rate_hz)
 
 
+def _tracking(options: EstimatorOptions) -> Estimator:
+    return TrackingEstimator(None, options.rate_hz)
+
+
 ESTIMATORS: Mapping[str, EstimatorBuilder] = MappingProxyType(
-    {'recursive': _recursive, 'batch': _batch, 'horizon': _horizon}
+    {'recursive': _recursive, 'batch': _batch, 'horizon': _horizon, 'tracking': _tracking}
 )
 """What builds a fresh estimator of this package, by name."""
 

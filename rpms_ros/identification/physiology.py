@@ -24,6 +24,8 @@ PRIOR: Mapping[str, tuple[float, float]] = dict(
     zip(PHYSIOLOGY_NAMES, zip(_CENTRE.tolist(), _DEVIATION.tolist(), strict=True), strict=False)
 )
 """Mean and standard deviation of what people have, by name; the peak has none."""
+# For a basis that was chosen by the samples: any muscle.
+_WIDE_DEVIATION = np.array([60e-3, 20e-3, 1.0])
 _LOWER = np.array([8e-3, 0.0, 1.5])
 _UPPER = np.array([0.15, 60e-3, 6.0])
 # Stands for the time before the onset, where the twitch is nothing [T_a].
@@ -51,14 +53,22 @@ class TwitchReader:
         The basis.
     step : float
         Grid on which twitches are projected [s].
+    wide : bool
+        Hardly prefer twitches as people mostly have them.
     """
 
     basis: LaguerreBasis
     step: float = 4e-3
+    wide: bool = False
+
+    @cached_property
+    def _deviation(self) -> FloatArray:
+        return _WIDE_DEVIATION if self.wide else _DEVIATION
 
     @cached_property
     def _grid(self) -> FloatArray:
-        return np.arange(self.step / 2, self.basis.duration, self.step)
+        step = min(self.step, self.basis.time_constant / 10.0)
+        return np.arange(step / 2, self.basis.duration, step)
 
     @cached_property
     def _projection(self) -> FloatArray:
@@ -84,7 +94,24 @@ class TwitchReader:
         noise = covariance + (MISFIT * length) ** 2 * np.eye(len(response))
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
         target = whiten @ response
-        shape = _CENTRE.copy()
+        fits = [self._fit(start, whiten, target) for start in self._starts()]
+        shape, peak, _ = min(fits, key=lambda fit: fit[2])
+        jacobian, _ = self._equations(shape, peak, whiten, target)
+        inverse = np.linalg.inv(jacobian.T @ jacobian + 1e-12 * np.eye(4))
+        return Physiology(np.append(shape, peak), np.sqrt(np.maximum(np.diag(inverse), 0.0)))
+
+    def _starts(self) -> list[FloatArray]:
+        """Return the shapes (3,) from which fits begin."""
+        if not self.wide:
+            return [_CENTRE.copy()]
+        constant, latency = self.basis.time_constant, self.basis.latency
+        return [np.array([constant, latency + 1e-3, order]) for order in (2.2, 3.0, 4.0)]
+
+    def _fit(
+        self, start: FloatArray, whiten: FloatArray, target: FloatArray
+    ) -> tuple[FloatArray, float, float]:
+        """Return shape (3,), peak and cost of the best twitch near a start (3,)."""
+        shape = np.clip(start, _LOWER, _UPPER)
         cost, peak = self._match(shape, whiten, target)
         damping = 1e-4
         for _ in range(_ITERATIONS):
@@ -102,9 +129,7 @@ class TwitchReader:
                     break
             else:
                 damping = max(10.0 * damping, 1e-6)
-        jacobian, _ = self._equations(shape, peak, whiten, target)
-        inverse = np.linalg.inv(jacobian.T @ jacobian + 1e-12 * np.eye(4))
-        return Physiology(np.append(shape, peak), np.sqrt(np.maximum(np.diag(inverse), 0.0)))
+        return shape, peak, cost
 
     def _model(self, shape: FloatArray) -> FloatArray:
         """Return the coefficients of a twitch of peak 1 and of its derivatives (functions, 4).
@@ -129,7 +154,7 @@ class TwitchReader:
         model = whiten @ self._model(shape)[:, 0]
         peak = float(model @ target) / max(float(model @ model), 1e-300)
         residual = target - peak * model
-        away = (shape - _CENTRE) / _DEVIATION
+        away = (shape - _CENTRE) / self._deviation
         return float(residual @ residual + away @ away), peak
 
     def _equations(
@@ -138,6 +163,6 @@ class TwitchReader:
         """Return Jacobian (functions + 3, 4) and residual (functions + 3,), prior included."""
         model = whiten @ self._model(shape)
         data = np.column_stack((peak * model[:, 1:], model[:, 0]))
-        prior = np.column_stack((np.diag(1.0 / _DEVIATION), np.zeros(3)))
+        prior = np.column_stack((np.diag(1.0 / self._deviation), np.zeros(3)))
         residual = target - peak * model[:, 0]
-        return np.vstack((data, prior)), np.append(residual, (_CENTRE - shape) / _DEVIATION)
+        return np.vstack((data, prior)), np.append(residual, (_CENTRE - shape) / self._deviation)

@@ -82,7 +82,7 @@ def install_fixture(tmp_path, monkeypatch):
 
 def test_an_estimator_from_outside_of_the_package_runs_a_session(install):
     install('mean_force = acme_estimators:MeanForce')
-    assert estimator_names() == ('recursive', 'batch', 'horizon', 'mean_force')
+    assert estimator_names() == ('recursive', 'batch', 'horizon', 'tracking', 'mean_force')
     estimator = estimator_by_name('mean_force', rate_hz=25.0)
     stamp = np.arange(2000, dtype=np.int64) * 1_000_000
     session = identify(

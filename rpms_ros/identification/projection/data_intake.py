@@ -38,8 +38,9 @@ class Intake(NamedTuple):
         The force of the newest block at tau is ``response^T e(tau)``.
     values : ndarray (functions,)
         e(tau), overwritten.
-    error_energy, force_energy : ndarray (1,)
-        Sums of squares of the a-priori error and of the force, decaying [N^2].
+    error_energy, force_energy, recent : ndarray (1,)
+        Sums of squares of the a-priori error and of the force [N^2], and number of samples, each
+        decaying alike.
     learnt : ndarray (1,)
         Number of samples that were learnt from.
     fresh : ndarray (1,)
@@ -53,6 +54,7 @@ class Intake(NamedTuple):
     values: FloatArray
     error_energy: FloatArray
     force_energy: FloatArray
+    recent: FloatArray
     learnt: FloatArray
     fresh: FloatArray
     previous_ns: IntArray
@@ -67,6 +69,7 @@ def fresh_intake(functions: int) -> Intake:
         values=values,
         error_energy=np.zeros(1),
         force_energy=np.zeros(1),
+        recent=np.zeros(1),
         learnt=np.zeros(1),
         fresh=np.ones(1),
         previous_ns=np.zeros(1, dtype=np.int64),
@@ -164,6 +167,7 @@ def take(
         intake.previous_ns[0] = stamp
         intake.error_energy[0] = decay * intake.error_energy[0] + error * error
         intake.force_energy[0] = decay * intake.force_energy[0] + force[index] * force[index]
+        intake.recent[0] = decay * intake.recent[0] + 1.0
         intake.learnt[0] += 1.0
         add_sample(blocks, here, tau, force[index], intake.values)
     return begun

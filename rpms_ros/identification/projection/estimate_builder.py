@@ -61,14 +61,23 @@ class EstimateBuilder:
         Rate for which the curve is stated [Hz].
     confidence : float
         Level of the intervals.
+    wide : bool
+        Read twitches from 8 to 90 ms, not only those that people mostly have.
     """
 
-    def __init__(self, name: str, basis: LaguerreBasis, rate_hz: float, confidence: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        basis: LaguerreBasis,
+        rate_hz: float,
+        confidence: float,
+        wide: bool = False,
+    ) -> None:
         self._name = name
         self._basis = basis
         self._rate_hz = rate_hz
         self._confidence = confidence
-        self._reader = TwitchReader(basis)
+        self._reader = TwitchReader(basis, wide=wide)
         self._time = np.arange(0.0, RESPONSE_DURATION, RESPONSE_STEP)
         self._values = basis.evaluate(self._time)
 
@@ -83,6 +92,21 @@ class EstimateBuilder:
     ) -> Estimate:
         """Return the estimate of a fit whose equations are complete."""
         sure = uncertainty(fit, prior, spread, self._confidence)
+        return self.stated(stamp_ns, fit, sure, prior.deviation, counters, faults)
+
+    def stated(
+        self,
+        stamp_ns: int,
+        fit: Fit,
+        sure: Uncertainty | None,
+        deviation: FloatArray,
+        counters: Counters,
+        faults: Mapping[str, int],
+    ) -> Estimate:
+        """Return the estimate of a fit that is as sure as `sure` says.
+
+        `deviation` (4,) is that of the prior of theta, alpha as logarithms.
+        """
         count = len(fit.linear)
         names = tuple(f'basis_{index + 1}' for index in range(count))
         levels = tuple(f'baseline_{index + 1}' for index in range(len(fit.levels)))
@@ -92,7 +116,7 @@ class EstimateBuilder:
                 'confidence': self._confidence,
                 'nonlinear_covariance': sure.parameter_covariance,
                 'nonlinear_identifiability': identifiability(
-                    sure.deviations, prior.deviation, float(fit.moved[0])
+                    sure.deviations, deviation, float(fit.moved[0])
                 ),
                 'condition_number': _condition(fit),
             }

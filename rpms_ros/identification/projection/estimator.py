@@ -137,6 +137,7 @@ class ProjectionEstimator(RestorableWithSettings):
         self._intake.fresh[0] = 1.0
         self._intake.error_energy[0] = 0.0
         self._intake.force_energy[0] = 0.0
+        self._intake.recent[0] = 0.0
         # The baseline goes on at its last level: its slope holds for the old time line only.
         self._fit.levels[:] = self._fit.levels[-1:]
 
@@ -188,22 +189,25 @@ class ProjectionEstimator(RestorableWithSettings):
 
     def _build(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the estimate of the fit as it stands."""
-        low, high = self._intensity_range
-        intake = self._intake
-        energy = float(intake.force_energy[0])
-        counters = Counters(
-            samples=int(intake.learnt[0]),
-            pulses=self._pulses,
-            intensity_span=high - low,
-            output_error=float(np.sqrt(intake.error_energy[0] / energy)) if energy > 0.0 else 0.0,
-        )
         return self._builder.make(
             stamp_ns,
             self._fit,
             self._problem.prior,
             self._spread(),
-            counters,
+            self._counters(),
             self._with_own(faults),
+        )
+
+    def _counters(self) -> Counters:
+        """Return what has been seen."""
+        low, high = self._intensity_range
+        intake = self._intake
+        energy = float(intake.force_energy[0])
+        return Counters(
+            samples=int(intake.learnt[0]),
+            pulses=self._pulses,
+            intensity_span=high - low,
+            output_error=float(np.sqrt(intake.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
 
     def _with_own(self, faults: Mapping[str, int]) -> dict[str, int]:

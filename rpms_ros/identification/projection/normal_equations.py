@@ -92,7 +92,7 @@ def hat(offset: int, position: float, baseline: BaselineKnots) -> tuple[float, f
 
 
 @numba.njit(cache=True)
-def _add_state_terms(
+def add_state_terms(
     gram: FloatArray,
     response: FloatArray,
     state: FloatArray,
@@ -122,7 +122,7 @@ def _add_state_terms(
 
 
 @numba.njit(cache=True)
-def _add_baseline_terms(
+def add_baseline_terms(
     start_ns: int,
     response: FloatArray,
     moments: FloatArray,
@@ -198,16 +198,16 @@ def linear_pass(
         samples += moments[COUNT]
         energy += moments[FORCE_SQUARED]
         response = blocks.response[here]
-        _add_state_terms(blocks.gram[here], response, state, work.product, matrix, right)
+        add_state_terms(blocks.gram[here], response, state, work.product, matrix, right)
         if baseline.knots:
-            _add_baseline_terms(
+            add_baseline_terms(
                 blocks.start_ns[here], response, moments, state, baseline, matrix, right
             )
     return samples, energy
 
 
 @numba.njit(cache=True)
-def _advance_gradient(
+def advance_gradient(
     blocks: BlockStatistics,
     here: int,
     theta: FloatArray,
@@ -231,7 +231,7 @@ def _advance_gradient(
 
 
 @numba.njit(cache=True)
-def _add_gradient_terms(
+def add_gradient_terms(
     gram: FloatArray,
     response: FloatArray,
     linear: FloatArray,
@@ -271,6 +271,25 @@ def _add_gradient_terms(
 
 
 @numba.njit(cache=True)
+def add_gradient_baseline_terms(
+    start_ns: int, response: FloatArray, baseline: BaselineKnots, work: Pass, matrix: FloatArray
+) -> None:
+    """Add psi, whose correlations `add_gradient_terms` left in `work`, against the baseline."""
+    count = response.shape[0]
+    knot, position = knot_of(start_ns, baseline)
+    for offset in range(min(baseline.knots, 2)):
+        value, slope = hat(offset, position, baseline)
+        row = PARAMETERS + count + knot + offset
+        for place in range(PARAMETERS):
+            total = 0.0
+            for shift in range(count):
+                total += work.correlated[1 + place, shift] * (
+                    value * response[shift, RESPONSE_ONE] + slope * response[shift, RESPONSE_TIME]
+                )
+            matrix[row, place] += total
+
+
+@numba.njit(cache=True)
 def gradient_pass(
     problem: Problem,
     last: int,
@@ -284,27 +303,15 @@ def gradient_pass(
     `linear` (functions,) are the coefficients w at which the derivatives are taken.
     """
     blocks, first, baseline, work = problem.blocks, problem.first, problem.baseline, problem.work
-    count = len(linear)
     work.state[:] = 0.0
     origin = arctan_recruitment_with_gradient(0.0, theta, work.origin_slope)
     for index in range(last):
         here = (blocks.head[0] + index) % len(blocks.start_ns)
-        _advance_gradient(blocks, here, theta, origin, problem.input_gain, work)
+        advance_gradient(blocks, here, theta, origin, problem.input_gain, work)
         if index < first or blocks.moments[here, COUNT] == 0.0:
             continue
         response = blocks.response[here]
-        _add_gradient_terms(blocks.gram[here], response, linear, work, matrix, right)
+        add_gradient_terms(blocks.gram[here], response, linear, work, matrix, right)
         if not baseline.knots:
             continue
-        knot, position = knot_of(blocks.start_ns[here], baseline)
-        for offset in range(min(baseline.knots, 2)):
-            value, slope = hat(offset, position, baseline)
-            row = PARAMETERS + count + knot + offset
-            for place in range(PARAMETERS):
-                total = 0.0
-                for shift in range(count):
-                    total += work.correlated[1 + place, shift] * (
-                        value * response[shift, RESPONSE_ONE]
-                        + slope * response[shift, RESPONSE_TIME]
-                    )
-                matrix[row, place] += total
+        add_gradient_baseline_terms(blocks.start_ns[here], response, baseline, work, matrix)

@@ -49,6 +49,19 @@ class PulseDelayLine(Restorable):
         self.weight = np.concatenate((self.weight, self._weights(onset_ns)))
         self._last_ns = int(onset_ns[-1])
 
+    def latency(self, latency: float) -> None:
+        """Let pulses that are added from now on wait so long [s]."""
+        self._latency_ns = round(latency * NANOSECONDS_PER_SECOND)
+
+    def restart(
+        self, onset_ns: IntArray, intensity: FloatArray, weight: FloatArray, latency: float
+    ) -> None:
+        """Hold these pulses (pulses,) instead of what was held, behind another latency [s]."""
+        self.latency(latency)
+        self.begin_ns = onset_ns + self._latency_ns
+        self.intensity = intensity.copy()
+        self.weight = weight.copy()
+
     def drop(self, count: int) -> None:
         """Drop the first pulses: they act now."""
         if count:

@@ -1,0 +1,1 @@
+"""Estimation of a muscle that changes: slow change, sudden change, disturbance, dynamics."""

@@ -1,0 +1,418 @@
+r"""Normal equations of a muscle that changes slowly under a disturbance, from the intervals.
+
+The force of interval j, whose middle lies ``a_j`` seconds before now, is
+
+.. math:: f_j = (1 + \gamma_j) \left( Z w + \delta_j Z D w
+          + a_j (\sigma_1 \psi_1 + \sigma_2 \psi_2) \right) + B b
+
+with theta and w as they are *now*, gamma the relative change of the force since and delta that of
+the time constant (piecewise linear in a, nothing at a = 0), sigma the change of u_thr and u_sat a
+second, and b a piecewise linear disturbance.  D is the derivative of the Laguerre functions by
+the logarithm of their time constant,
+
+.. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right).
+
+The unknowns ``x = [theta, w, gamma, delta, sigma]`` are few; b has a knot at the end of every
+interval and is eliminated, which costs a few hundred multiplications an interval because its
+second differences and the intervals couple three neighbours only.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.tracking.intervals import Intervals
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+SLOPES = 2
+
+
+class Point(NamedTuple):
+    """Where the equations are linearised: the muscle now and how it has changed.
+
+    Attributes
+    ----------
+    theta : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr now.
+    linear : ndarray (functions,)
+        w now.
+    gain, slowing : ndarray (knots,)
+        Relative force and relative time constant at the knots of the past, against now.
+    slope : ndarray (2,)
+        Change of u_thr and u_sat with the age [1/s].
+    """
+
+    theta: FloatArray
+    linear: FloatArray
+    gain: FloatArray
+    slowing: FloatArray
+    slope: FloatArray
+
+
+class Equations(NamedTuple):
+    """Sums of a window, unscaled.
+
+    Attributes
+    ----------
+    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
+        Of x, symmetric; the right-hand side is that of the residual at the point with b = 0.
+    coupling : ndarray (knots, unknowns + 1)
+        Of each knot of the disturbance with x, and its right-hand side.
+    band : ndarray (knots, 3)
+        Of each knot with itself and the next two.
+    energy : ndarray (1,)
+        Sum of the squared residuals at the point with b = 0 [N^2].
+    """
+
+    matrix: FloatArray
+    right: FloatArray
+    coupling: FloatArray
+    band: FloatArray
+    energy: FloatArray
+
+
+def point_at(theta: FloatArray, linear: FloatArray, knots: int) -> Point:
+    """Return a point at which nothing changes."""
+    return Point(theta.copy(), linear.copy(), np.zeros(knots), np.zeros(knots), np.zeros(SLOPES))
+
+
+def unknowns_of(point: Point) -> int:
+    """Return the number of unknowns in x."""
+    return PARAMETERS + len(point.linear) + 2 * len(point.gain) + SLOPES
+
+
+@numba.njit(cache=True)
+def slowed(linear: FloatArray) -> FloatArray:
+    """Return D w (functions,), cut off at the number of functions."""
+    count = len(linear)
+    result = np.zeros(count)
+    for index in range(count):
+        if index + 1 < count:
+            result[index] += 0.5 * (index + 1) * linear[index + 1]
+        if index > 0:
+            result[index] -= 0.5 * index * linear[index - 1]
+    return result
+
+
+@numba.njit(cache=True)
+def _at_age(knots: FloatArray, position: float) -> float:
+    """Return a piecewise linear function of the age that is 0 at 0 and has knots at 1, 2, ..."""
+    count = len(knots)
+    if count == 0:
+        return 0.0
+    knot = min(int(position), count - 1)
+    share = position - knot
+    low = knots[knot - 1] if knot > 0 else 0.0
+    return (1.0 - share) * low + share * float(knots[knot])
+
+
+@numba.njit(cache=True)
+def at_ages(knots: FloatArray, position: FloatArray) -> FloatArray:
+    """Return what is piecewise linear in the age at positions (n,), in knots."""
+    values = np.empty(len(position))
+    for index in range(len(position)):
+        values[index] = _at_age(knots, position[index])
+    return values
+
+
+@numba.njit(cache=True)
+def _add_now(
+    gram: FloatArray,
+    rest: FloatArray,
+    gain: float,
+    index: int,
+    local: int,
+    equations: Equations,
+) -> None:
+    """Add theta, w and the disturbance of an interval; `rest` is what is left of the samples."""
+    for row in range(local):
+        equations.right[row] += gain * rest[row]
+        for column in range(local):
+            equations.matrix[row, column] += gain * gain * gram[row, column]
+        for hat in range(2):
+            equations.coupling[index + hat, row] += gain * gram[row, local + hat]
+    for hat in range(2):
+        equations.coupling[index + hat, -1] += rest[local + hat]
+        equations.band[index + hat, 0] += gram[local + hat, local + hat]
+    equations.band[index, 1] += gram[local, local + 1]
+
+
+@numba.njit(cache=True)
+def _changing_columns(
+    force: FloatArray,
+    slow: FloatArray,
+    gain: float,
+    age: float,
+    position: float,
+    knots: int,
+    local: int,
+    basis: FloatArray,
+    place: IntArray,
+) -> int:
+    """Write the columns of gain, slowing and slopes that act in an interval; return how many."""
+    count = 0
+    knot = min(int(position), knots - 1)
+    share = position - knot
+    for side in range(2):
+        if knots == 0 or knot - 1 + side < 0:
+            continue
+        hat = share if side else 1.0 - share
+        place[count] = local + knot - 1 + side
+        basis[count] = hat * force
+        place[count + 1] = local + knots + knot - 1 + side
+        basis[count + 1] = (hat * gain) * slow
+        count += 2
+    for slope in range(SLOPES):
+        place[count] = local + 2 * knots + slope
+        basis[count] = 0.0
+        basis[count, slope] = gain * age
+        count += 1
+    return count
+
+
+@numba.njit(cache=True)
+def _add_past(
+    gram: FloatArray,
+    rest: FloatArray,
+    gain: float,
+    index: int,
+    local: int,
+    basis: FloatArray,
+    place: IntArray,
+    equations: Equations,
+) -> None:
+    """Add columns (columns, local + 2), whose unknowns are at `place`, of an interval."""
+    for extra in range(len(place)):
+        row = place[extra]
+        product = gram @ basis[extra]
+        total = 0.0
+        for column in range(local + 2):
+            total += basis[extra, column] * rest[column]
+        equations.right[row] += total
+        for column in range(local):
+            value = gain * product[column]
+            equations.matrix[row, column] += value
+            equations.matrix[column, row] += value
+        for hat in range(2):
+            equations.coupling[index + hat, row] += product[local + hat]
+        for other in range(len(place)):
+            total = 0.0
+            for column in range(local):
+                total += basis[other, column] * product[column]
+            equations.matrix[row, place[other]] += total
+
+
+@numba.njit(cache=True)
+def assemble(
+    intervals: Intervals, point: Point, now: float, spacing: float, equations: Equations
+) -> None:
+    """Fill equations that are zero.
+
+    Parameters
+    ----------
+    intervals : Intervals
+        At the point's theta and w.
+    point : Point
+        Where to linearise.
+    now : float
+        Where the last interval ends, in intervals from the first one's beginning.
+    spacing : float
+        Distance of the knots of gain and slowing, in intervals.
+    equations : Equations
+        Filled.
+    """
+    knots = len(point.gain)
+    local = PARAMETERS + len(point.linear)
+    steady = np.zeros(local + 2)
+    slow = np.zeros(local + 2)
+    steady[PARAMETERS:local] = point.linear
+    slow[PARAMETERS:local] = slowed(point.linear)
+    basis = np.zeros((6, local + 2))
+    place = np.zeros(6, dtype=np.int64)
+    for index in range(len(intervals.samples)):
+        if intervals.samples[index] == 0.0:
+            continue
+        gram, right = intervals.gram[index], intervals.right[index]
+        age = max(now - (index + 0.5), 0.0)
+        position = age / spacing
+        gain = 1.0 + _at_age(point.gain, position)
+        force = steady + _at_age(point.slowing, position) * slow
+        force[0] = age * point.slope[0]
+        force[1] = age * point.slope[1]
+        # what is left of the samples at the point, by the interval's columns
+        rest = right - gain * (gram @ force)
+        equations.energy[0] += intervals.energy[index]
+        for column in range(local):
+            equations.energy[0] -= gain * force[column] * (right[column] + rest[column])
+        _add_now(gram, rest, gain, index, local, equations)
+        count = _changing_columns(force, slow, gain, age, position, knots, local, basis, place)
+        _add_past(gram, rest, gain, index, local, basis[:count], place[:count], equations)
+
+
+def assembled(intervals: Intervals, point: Point, now: float, spacing: float) -> Equations:
+    """Return the equations of a window; see `assemble`."""
+    unknowns = unknowns_of(point)
+    knots = len(intervals.samples) + 1
+    equations = Equations(
+        matrix=np.zeros((unknowns, unknowns)),
+        right=np.zeros(unknowns),
+        coupling=np.zeros((knots, unknowns + 1)),
+        band=np.zeros((knots, 3)),
+        energy=np.zeros(1),
+    )
+    assemble(intervals, point, now, spacing, equations)
+    return equations
+
+
+class Reduced(NamedTuple):
+    """Equations of x with the disturbance eliminated, in units of the residuals' variance.
+
+    Attributes
+    ----------
+    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
+        Information about x and minus half the gradient of the cost.
+    cost : ndarray (1,)
+        Cost at the point, with the best disturbance.
+    evidence : ndarray (1,)
+        Logarithm of the factor that the disturbance gives to the evidence.
+    factor : ndarray (knots, unknowns + 4)
+        Rows from which the disturbance follows: coupling with x, right-hand side, with the next
+        two knots, and pivot.
+    """
+
+    matrix: FloatArray
+    right: FloatArray
+    cost: FloatArray
+    evidence: FloatArray
+    factor: FloatArray
+
+
+@numba.njit(cache=True)
+def _add_stiffness(stiffness: FloatArray, unknowns: int, factor: FloatArray) -> float:
+    """Add what is known of second differences; return the sum of its logarithms."""
+    ahead, pivot = unknowns + 1, unknowns + 3
+    logarithm = 0.0
+    for middle in range(1, len(factor) - 1):
+        value = stiffness[middle]
+        logarithm += np.log(value)
+        factor[middle - 1, pivot] += value
+        factor[middle, pivot] += 4.0 * value
+        factor[middle + 1, pivot] += value
+        factor[middle - 1, ahead] -= 2.0 * value
+        factor[middle, ahead] -= 2.0 * value
+        factor[middle - 1, ahead + 1] += value
+    return logarithm
+
+
+@numba.njit(cache=True)
+def _pass_on(factor: FloatArray, knot: int, unknowns: int) -> None:
+    """Take a knot out of the rows of the next two."""
+    ahead, pivot = unknowns + 1, unknowns + 3
+    inverse = 1.0 / factor[knot, pivot]
+    for step in range(1, min(3, len(factor) - knot)):
+        share = factor[knot, ahead + step - 1] * inverse
+        for column in range(unknowns + 1):
+            factor[knot + step, column] -= share * factor[knot, column]
+        factor[knot + step, pivot] -= share * factor[knot, ahead + step - 1]
+        if step == 1:
+            factor[knot + 1, ahead] -= share * factor[knot, ahead + 1]
+
+
+@numba.njit(cache=True)
+def _eliminate(
+    equations: Equations,
+    variance: float,
+    stiffness: FloatArray,
+    level: FloatArray,
+    about: FloatArray,
+    reduced: Reduced,
+) -> None:
+    unknowns = len(equations.right)
+    knots = len(equations.band)
+    scale = 1.0 / variance
+    factor = reduced.factor
+    right, ahead, pivot = unknowns, unknowns + 1, unknowns + 3
+    cost = scale * equations.energy[0]
+    for knot in range(knots):
+        for column in range(unknowns + 1):
+            factor[knot, column] = scale * equations.coupling[knot, column]
+        factor[knot, ahead] = scale * equations.band[knot, 1]
+        factor[knot, ahead + 1] = 0.0
+        factor[knot, pivot] = scale * equations.band[knot, 0] + level[knot]
+        factor[knot, right] += level[knot] * about[knot]
+        cost += level[knot] * about[knot] * about[knot]
+    logarithm = _add_stiffness(stiffness, unknowns, factor)
+    # two directions, offset and slope, are as uncertain as `level` says whatever the stiffness
+    for knot in range(min(knots, 2)):
+        logarithm += np.log(level[knot])
+    reduced.right[:] = scale * equations.right
+    reduced.matrix[:] = scale * equations.matrix
+    for knot in range(knots):
+        inverse = 1.0 / factor[knot, pivot]
+        logarithm += np.log(inverse)
+        cost -= factor[knot, right] * factor[knot, right] * inverse
+        for row in range(unknowns):
+            share = factor[knot, row] * inverse
+            if share == 0.0:
+                continue
+            reduced.right[row] -= share * factor[knot, right]
+            for column in range(row + 1):
+                reduced.matrix[row, column] -= share * factor[knot, column]
+        _pass_on(factor, knot, unknowns)
+    for row in range(unknowns):
+        for column in range(row):
+            reduced.matrix[column, row] = reduced.matrix[row, column]
+    reduced.cost[0] = cost
+    reduced.evidence[0] = 0.5 * logarithm
+
+
+def eliminated(
+    equations: Equations,
+    variance: float,
+    stiffness: FloatArray,
+    level: FloatArray,
+    about: FloatArray,
+) -> Reduced:
+    """Eliminate the disturbance.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of a window.
+    variance : float
+        Of the residuals, correlation included [N^2].
+    stiffness : ndarray (knots,)
+        Information about the second difference around each knot [1/N^2].
+    level, about : ndarray (knots,)
+        Information about the level of each knot [1/N^2], and its mean [N].
+    """
+    unknowns, knots = len(equations.right), len(equations.band)
+    reduced = Reduced(
+        matrix=np.zeros((unknowns, unknowns)),
+        right=np.zeros(unknowns),
+        cost=np.zeros(1),
+        evidence=np.zeros(1),
+        factor=np.zeros((knots, unknowns + 4)),
+    )
+    _eliminate(equations, variance, stiffness, level, about, reduced)
+    return reduced
+
+
+@numba.njit(cache=True)
+def disturbance_at(reduced: Reduced, step: FloatArray) -> FloatArray:
+    """Return the disturbance at its knots (knots,) [N] after a step of x (unknowns,)."""
+    factor = reduced.factor
+    knots, unknowns = len(factor), len(step)
+    levels = np.zeros(knots)
+    for knot in range(knots - 1, -1, -1):
+        total = factor[knot, unknowns]
+        for column in range(unknowns):
+            total -= factor[knot, column] * step[column]
+        for ahead in range(1, 3):
+            if knot + ahead < knots:
+                total -= factor[knot, unknowns + ahead] * levels[knot + ahead]
+        levels[knot] = total / factor[knot, unknowns + 3]
+    return levels

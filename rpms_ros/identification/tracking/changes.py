@@ -1,0 +1,237 @@
+r"""Sudden changes of the muscle: when, and of what.
+
+At every step a snapshot is kept of what is known.  When the prediction errors grow, samples after
+each snapshot of the last seconds are explained in several ways, each a prior around the snapshot:
+
+* nothing changed, but the patient or the sensor did something (a livelier disturbance);
+* the *gain* changed: w is known but for a factor;
+* the *thresholds* changed (the coil has moved): u_thr, u_sat and the gain are free again, the
+  dynamics and the sharpness of the bends hold;
+* the *dynamics* changed: w is free, the recruitment holds;
+* the *baseline* jumped.
+
+The evidence of each explanation is the probability of the samples under it, its free parameters
+integrated out, so an explanation that could have explained anything is worth less.  A change is
+declared where the best explanation beats "nothing changed" by `DECISION`: under it, odds of
+``e^DECISION`` come up at most once in as many tests (Ville's inequality).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Problem
+from rpms_ros.identification.tracking.assembly import SLOPES
+from rpms_ros.identification.tracking.assembly import Point
+from rpms_ros.identification.tracking.assembly import slowed
+from rpms_ros.identification.tracking.knowledge import Knowledge
+from rpms_ros.identification.tracking.window_fit import LIVELINESS
+from rpms_ros.identification.tracking.window_fit import StartLevels
+from rpms_ros.identification.tracking.window_fit import Window
+from rpms_ros.identification.tracking.window_fit import WindowFit
+from rpms_ros.identification.tracking.window_fit import coordinates
+from rpms_ros.identification.tracking.window_fit import explained
+from rpms_ros.pulses import FloatArray
+
+DECISION = 30.0
+_STEPS = 3
+# Standard deviations of a change: factor on the force, of u_thr and u_sat, of time constant and
+# latency relative to the time constant, and of the shape.
+_GAIN = 0.4
+_THRESHOLD = 0.1
+_DYNAMICS = 0.3
+_SHAPE = 0.1
+# Of a jump of the baseline, as a share of the force.
+_JUMP = 0.5
+# Mean square of what is left, against the noise, of samples that are explained.
+_EXPLAINED = 1.25
+NOTHING, GAIN, THRESHOLDS, DYNAMICS, BASELINE = (
+    'nothing',
+    'gain',
+    'thresholds',
+    'dynamics',
+    'baseline',
+)
+MUSCLE = (GAIN, THRESHOLDS, DYNAMICS)
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What was known at a time.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        When [ns].
+    point : Point
+        The muscle.
+    covariance : ndarray (4 + functions, 4 + functions)
+        Of theta and w.
+    levels : ndarray (2,)
+        The newest two knots of the disturbance [N].
+    level_deviation : float
+        Of the newest [N].
+    number : int
+        Number of the interval that ends with the newest knot.
+    fit : WindowFit
+        Scales, variance.
+    """
+
+    stamp_ns: int
+    point: Point
+    covariance: FloatArray
+    levels: FloatArray
+    level_deviation: float
+    number: int
+    fit: WindowFit
+
+
+def snapshot(fit: WindowFit, stamp_ns: int) -> Snapshot:
+    """Return what a fit knows at a time [ns]."""
+    joint = PARAMETERS + len(fit.point.linear)
+    return Snapshot(
+        stamp_ns=stamp_ns,
+        point=fit.point,
+        covariance=fit.covariance[:joint, :joint].copy(),
+        levels=fit.levels[-2:].copy(),
+        level_deviation=fit.level_deviation,
+        number=fit.first + len(fit.levels) - 2,
+        fit=replace(fit),
+    )
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A way to explain the samples after a snapshot."""
+
+    kind: str
+    odds: float
+    before: Snapshot
+    fit: WindowFit
+    knowledge: Knowledge
+
+
+def after(before: Snapshot, kind: str, knowledge: Knowledge, seconds: float) -> Knowledge:
+    """Return what is known after a change of a kind, so many seconds after a snapshot."""
+    point = before.point
+    functions = len(point.linear)
+    joint = PARAMETERS + functions
+    covariance = before.covariance.copy()
+    freed: list[FloatArray] = []
+
+    def free(start: int, values: FloatArray | float) -> None:
+        direction = np.zeros(joint)
+        direction[start : start + np.size(values)] = values
+        freed.append(direction)
+
+    # what changes slowly goes on, more or less
+    rate = float(point.gain[0]) if len(point.gain) else 0.0
+    slow = float(point.slowing[0]) if len(point.slowing) else 0.0
+    free(PARAMETERS, (0.002 + 0.3 * abs(rate) * seconds) * point.linear)
+    free(PARAMETERS, 0.3 * abs(slow) * seconds * slowed(point.linear))
+    if kind in (GAIN, THRESHOLDS, DYNAMICS):
+        free(PARAMETERS, _GAIN * point.linear)
+    if kind == THRESHOLDS:
+        free(0, _THRESHOLD)
+        free(1, _THRESHOLD)
+    if kind == DYNAMICS:
+        free(PARAMETERS, _DYNAMICS * slowed(point.linear))
+        size = _SHAPE * float(np.linalg.norm(point.linear))
+        for place in range(functions):
+            free(PARAMETERS + place, size)
+    for direction in freed:
+        covariance += np.outer(direction, direction)
+    scale = 1.0 / np.sqrt(np.diag(covariance))
+    scaled = covariance * np.outer(scale, scale) + 1e-9 * np.eye(joint)
+    information = np.linalg.inv(scaled) * np.outer(scale, scale)
+    reference = np.concatenate((coordinates(point.theta), point.linear))
+    return replace(knowledge, information=information, reference=reference)
+
+
+def _start(before: Snapshot, window: Window, kind: str, force: float) -> StartLevels:
+    """Return where the disturbance goes on after a snapshot."""
+    ahead = window.first_ns // window.length_ns - before.number
+    slope = before.levels[1] - before.levels[0]
+    # a level is carried on; a slope only as far as it may be believed
+    reach = min(max(float(ahead), 0.0), 2.0)
+    levels = before.levels[1] + slope * np.array([reach - 1.0, reach])
+    deviation = (
+        before.level_deviation
+        + LIVELINESS[before.fit.scales.disturbance] * force * (1.0 + reach)
+        + 0.5 * abs(slope) * reach
+    )
+    if kind == BASELINE:
+        deviation += _JUMP * force
+    return StartLevels(levels, np.full(2, max(deviation, 1e-6 * force)))
+
+
+def explain(
+    problem: Problem,
+    before: Snapshot,
+    knowledge: Knowledge,
+    window: Window,
+    kind: str,
+    disturbance: int,
+    force: float,
+) -> Explanation | None:
+    """Explain the samples of a window that begins after a snapshot; None if it cannot be done."""
+    seconds = 1e-9 * (window.now_ns - before.stamp_ns)
+    known = after(before, kind, knowledge, seconds)
+    functions = len(before.point.linear)
+    unknowns = PARAMETERS + functions + SLOPES
+    point = Point(
+        before.point.theta, before.point.linear, np.zeros(0), np.zeros(0), np.zeros(SLOPES)
+    )
+    scales = replace(before.fit.scales, disturbance=disturbance, slope=0)
+    fit = replace(
+        before.fit,
+        point=point,
+        scales=scales,
+        levels=np.zeros(2),
+        first=0,
+        covariance=np.zeros((unknowns, unknowns)),
+    )
+    span = replace(window, start=_start(before, window, kind, force), knots=0)
+    steps = _STEPS if kind == THRESHOLDS else 2
+    if not explained(problem, fit, known, span, steps):
+        return None
+    return Explanation(kind, fit.evidence, before, fit, known)
+
+
+def judged(
+    problem: Problem,
+    before: Snapshot,
+    knowledge: Knowledge,
+    window: Window,
+    force: float,
+    doubted: bool = True,
+) -> Mapping[str, Explanation]:
+    """Return the explanations of a window by kind, each with its odds against no change.
+
+    While it is `doubted` that the muscle has changed, none of its changes is tried where the
+    patient or the sensor explains the samples.
+    """
+    now = before.fit.scales.disturbance
+    lively = len(LIVELINESS) - 2
+    found: dict[str, Explanation] = {}
+    for kind in (NOTHING, BASELINE, *MUSCLE):
+        explained_so = any(one.fit.misfit < _EXPLAINED for one in found.values())
+        if doubted and kind in MUSCLE and explained_so:
+            break
+        best: Explanation | None = None
+        for disturbance in sorted({now, lively}):
+            other = explain(problem, before, knowledge, window, kind, disturbance, force)
+            if other is not None and (best is None or other.odds > best.odds):
+                best = other
+        if best is not None:
+            found[kind] = best
+    if NOTHING not in found:
+        return MappingProxyType({})
+    base = found[NOTHING].odds
+    return MappingProxyType(
+        {kind: replace(one, odds=one.odds - base) for kind, one in found.items()}
+    )

@@ -1,0 +1,417 @@
+"""On-line estimator of a muscle that changes: exact fits of a window, widths by evidence.
+
+Samples of the last minute are kept in blocks of one pulse each.  Four times a second the muscle
+as it is now, its slow change and the disturbance are fitted to all of them together; how fast the
+muscle changes and how lively the disturbance is follow from the evidence (`window_fit`).  A
+sudden change is found by its prediction errors, and the window begins anew with what still holds
+(`changes`).  Latency and time constant of the basis are chosen by the samples (`basis_choice`).
+Steps are triggered by stamps alone, so the answer does not depend on how the data are cut.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import PULSES_TOO_FREQUENT
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.data_intake import restate
+from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
+from rpms_ros.identification.projection.estimator import ProjectionEstimator
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import BaselineKnots
+from rpms_ros.identification.tracking.basis_choice import better
+from rpms_ros.identification.tracking.basis_choice import conversion
+from rpms_ros.identification.tracking.basis_choice import grid
+from rpms_ros.identification.tracking.basis_choice import neighbours
+from rpms_ros.identification.tracking.change_watch import Alert
+from rpms_ros.identification.tracking.change_watch import ChangeWatch
+from rpms_ros.identification.tracking.change_watch import first_block_after
+from rpms_ros.identification.tracking.change_watch import origin_of
+from rpms_ros.identification.tracking.changes import DYNAMICS
+from rpms_ros.identification.tracking.changes import MUSCLE
+from rpms_ros.identification.tracking.changes import Explanation
+from rpms_ros.identification.tracking.changes import after
+from rpms_ros.identification.tracking.changes import snapshot
+from rpms_ros.identification.tracking.intervals import Origin
+from rpms_ros.identification.tracking.intervals import no_change
+from rpms_ros.identification.tracking.knowledge import Knowledge
+from rpms_ros.identification.tracking.knowledge import informed
+from rpms_ros.identification.tracking.knowledge import knowledge_of
+from rpms_ros.identification.tracking.raw_samples import RawSamples
+from rpms_ros.identification.tracking.report import described_fit
+from rpms_ros.identification.tracking.settings import LONGEST_BASIS
+from rpms_ros.identification.tracking.settings import TrackingSettings
+from rpms_ros.identification.tracking.window_fit import Window
+from rpms_ros.identification.tracking.window_fit import WindowFit
+from rpms_ros.identification.tracking.window_fit import fresh_fit
+from rpms_ros.identification.tracking.window_fit import improved
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+# There is room for pulses at this rate over the window [Hz]; at a higher one it is shorter.
+_HIGHEST_RATE = 120.0
+_SPARE_BLOCKS = 128
+_BLOCKS_OF_PAUSES = 4
+INTERVAL_NS = 125_000_000
+# Between two knots of the slow change, in intervals.
+_KNOT_INTERVALS = 48
+_KNOT_S = _KNOT_INTERVALS * INTERVAL_NS / NANOSECONDS_PER_SECOND
+# The window ends where the muscle was so different that the model of its change, linear in the
+# time constant, is wrong by more than the noise.
+_LARGEST_GAIN = 0.25
+_LARGEST_SLOWING = 0.07
+_SHORTEST_S = 20.0
+_STEPS, _FIRST_STEPS = 2, 6
+_SETTLING_NS = NANOSECONDS_PER_SECOND // 2
+_YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
+# When the basis is compared with others, since a response shows; later with this period [s].
+_CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
+_CHOICE_PERIOD_S = 32.0
+# So many times with all that people have, then with its neighbours.
+_GRIDS = 3
+_CHOICE_NS = 8 * NANOSECONDS_PER_SECOND
+
+
+class TrackingEstimator(ProjectionEstimator):
+    """Estimator of a muscle that changes.
+
+    Parameters
+    ----------
+    settings : TrackingSettings or None
+        Model and numerics.
+    rate_hz : float
+        Rate for which the recruitment curve is stated [Hz].
+
+    Raises
+    ------
+    IdentificationError
+        If the rate is not above zero.
+    """
+
+    name = 'tracking'
+
+    _basis: LaguerreBasis
+    _last_ns: int | None
+    _begun_ns: int | None
+    _choices: int
+    _knowledge: Knowledge
+    _window: WindowFit
+    _origin: Origin
+    _watch: ChangeWatch
+    _raw: RawSamples
+
+    def __init__(
+        self,
+        settings: TrackingSettings | None = None,
+        rate_hz: float = DEFAULT_RATE,
+    ) -> None:
+        settings = settings if settings is not None else TrackingSettings()
+        seconds = settings.horizon + LONGEST_BASIS.duration
+        self._choose, self._find = settings.choose_basis, settings.find_changes
+        self._capacity = int(seconds * _HIGHEST_RATE) + _SPARE_BLOCKS
+        super().__init__(settings, rate_hz, self._capacity, 2)
+        self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
+        functions = settings.basis.functions
+        self._basis = settings.basis
+        self._last_ns = None
+        self._begun_ns = None
+        self._choices = 0
+        self._prior = knowledge_of(settings)
+        self._knowledge = self._prior
+        self._window = fresh_fit(np.array(settings.start), functions)
+        self._origin = no_change(functions)
+        self._watch = ChangeWatch()
+        self._raw = RawSamples()
+
+    @property
+    def memory(self) -> float:
+        """Longest time for which a pulse may act on the model's output [s]."""
+        return LONGEST_BASIS.duration
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what was saved; see `Restorable.restore`."""
+        super().restore(state)
+        self._use(self._basis)
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        super().add_pulses(onset_ns, intensity)
+        if len(onset_ns):
+            weight = self._delay_line.weight[-len(onset_ns) :]
+            self._raw.add_pulses(onset_ns, intensity, weight)
+
+    def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
+        """Learn from samples (samples,), ascending; return their a-priori prediction [N].
+
+        See `rpms_ros.identification.estimate.Estimator.update`.
+        """
+        prediction = np.empty(len(stamp_ns))
+        if not len(stamp_ns):
+            return prediction
+        period = stamp_ns // self._step_ns
+        starts = np.flatnonzero(np.diff(period)) + 1
+        for first, last in zip((0, *starts), (*starts, len(stamp_ns)), strict=True):
+            if self._last_ns is not None and period[first] != self._last_ns // self._step_ns:
+                self._step()
+            part = slice(first, last)
+            self._make_room(int(stamp_ns[first]), int(stamp_ns[last - 1]))
+            self._take(stamp_ns[part], force[part], usable[part], prediction[part])
+            self._raw.add(stamp_ns[part], force[part], usable[part])
+            self._last_ns = int(stamp_ns[last - 1])
+        return prediction
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act; what is known of the muscle is kept."""
+        super().forget_pulses()
+        self._begin_anew()
+        self._last_ns = None
+
+    def tell_change(self, kind: str) -> None:
+        """Take note that the muscle has changed after the newest sample.
+
+        Parameters
+        ----------
+        kind : str
+            `gain`, `thresholds` (the coil was moved) or `dynamics`.
+
+        Raises
+        ------
+        IdentificationError
+            If there is no such kind, or nothing is known that could have changed.
+        """
+        if kind not in MUSCLE:
+            raise IdentificationError(f'expected a change of {", ".join(MUSCLE)}, got {kind!r}')
+        if self._last_ns is None or not self._window.shows_response:
+            raise IdentificationError('expected a known muscle before it changes, got none')
+        before = snapshot(self._window, self._last_ns)
+        self._watch.forget()
+        self._knowledge = after(before, kind, self._prior, 0.0)
+        self._origin = origin_of(before)
+        size = int(self._problem.blocks.size[0])
+        self._problem = self._problem._replace(first=size)
+
+    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return what is known now."""
+        return described_fit(
+            self._build(stamp_ns, faults),
+            self._window,
+            self._watch.found,
+            self._watch.count,
+            self._watch.deliberating,
+            _KNOT_S,
+            INTERVAL_NS * 1e-9,
+            self._basis.area,
+        )
+
+    def _build(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return the estimate of the window's fit."""
+        return self._builder.stated(
+            stamp_ns,
+            self._fit,
+            self._window.uncertainty(self._prior.deviation, self.settings.confidence),
+            self._prior.deviation,
+            self._counters(),
+            self._with_own(faults),
+        )
+
+    def _step(self) -> None:
+        """Fit the window."""
+        if self._intake.learnt[0] == 0.0:
+            return
+        if self._begun_ns is None and self._window.shows_response:
+            self._begun_ns = self._last_ns
+        self._slide()
+        if not self._holds_samples():
+            return
+        self._choose_basis()
+        window = self._span()
+        self._look_for_change(window)
+        if not self._watch.deliberating:
+            young = window.now_ns - window.first_ns < _YOUNG_NS
+            steps = _FIRST_STEPS if young else _STEPS
+            improved(self._problem, self._window, self._knowledge, self._span(), steps)
+            if self._find:
+                self._watch.remember(snapshot(self._window, window.now_ns))
+        self._predict_by_window()
+
+    def _look_for_change(self, window: Window) -> None:
+        """Let the window begin anew where the muscle has changed."""
+        if not self._find:
+            return
+        intake = self._intake
+        samples = float(intake.recent[0])
+        alert = Alert(
+            float(intake.error_energy[0]) / max(samples, 1.0),
+            float(intake.force_energy[0]) / max(samples, 1.0),
+            samples,
+        )
+        change = self._watch.look(self._problem, window, self._window, self._prior, alert)
+        if change is not None:
+            self._begin_after(change)
+
+    def _begin_after(self, change: Explanation) -> None:
+        """Let the window begin after a change."""
+        self._window = replace(change.fit)
+        self._knowledge = change.knowledge
+        self._origin = origin_of(change.before)
+        # The force of pulses before takes on new dynamics too: it has to die away first.
+        settling = _SETTLING_NS if change.kind == DYNAMICS else 0
+        first = first_block_after(self._problem, change.before.stamp_ns + settling)
+        first = min(first, int(self._problem.blocks.size[0]) - 2)
+        self._problem = self._problem._replace(first=first)
+
+    def _holds_samples(self) -> bool:
+        """Return whether the window holds enough blocks to be fitted."""
+        return int(self._problem.blocks.size[0]) - self._problem.first >= 2
+
+    def _span(self) -> Window:
+        """Return the window as it is."""
+        assert self._last_ns is not None
+        blocks = self._problem.blocks
+        begin = (int(blocks.head[0]) + self._problem.first) % len(blocks.start_ns)
+        first_ns = int(blocks.start_ns[begin])
+        knots = int((self._last_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5)
+        return Window(
+            first_ns, self._last_ns, INTERVAL_NS, float(_KNOT_INTERVALS), knots, self._origin
+        )
+
+    def _predict_by_window(self) -> None:
+        """Let the intake predict by the window's fit."""
+        window, fit = self._window, self._fit
+        fit.theta[:] = window.point.theta
+        fit.linear[:] = window.point.linear
+        fit.levels[:] = window.levels[-2:]
+        fit.failures[0] = window.failures
+        fit.moved[0] = float(np.abs(window.moved).max())
+        origin = (window.first + len(window.levels) - 2) * INTERVAL_NS
+        self._problem = self._problem._replace(baseline=BaselineKnots(2, origin, INTERVAL_NS))
+        restate(self._problem, self._intake, fit)
+
+    def _slide(self) -> None:
+        """Let blocks go that lie before the window; keep what leads the state up to it."""
+        assert self._last_ns is not None
+        blocks = self._problem.blocks
+        capacity = len(blocks.start_ns)
+        head, size = int(blocks.head[0]), int(blocks.size[0])
+        start_ns = blocks.start_ns[(head + np.arange(size)) % capacity]
+        surplus = size - (capacity - _SPARE_BLOCKS)
+        oldest = self._last_ns - self._length_ns()
+        first = max(int(np.searchsorted(start_ns, oldest)), self._problem.first, surplus)
+        first = max(min(first, size), 0)
+        if first == size:
+            return
+        memory_ns = round(self._basis.duration * NANOSECONDS_PER_SECOND)
+        dropped = int(np.searchsorted(start_ns, int(start_ns[first]) - memory_ns))
+        dropped = max(min(max(dropped, surplus), first), 0)
+        if dropped:
+            blocks.head[0] = (head + dropped) % capacity
+            blocks.size[0] -= dropped
+        self._problem = self._problem._replace(first=first - dropped)
+        self._raw.drop(int(start_ns[first]) - round(self.memory * NANOSECONDS_PER_SECOND))
+
+    def _length_ns(self) -> int:
+        """Return how far back the window may reach: a muscle that changes fast has a short one."""
+        point = self._window.point
+        large = (np.abs(point.gain) > _LARGEST_GAIN) | (np.abs(point.slowing) > _LARGEST_SLOWING)
+        longest = self.settings.horizon
+        seconds = _KNOT_S * int(np.argmax(large)) if large.any() else longest
+        return round(min(max(seconds, _SHORTEST_S), longest) * NANOSECONDS_PER_SECOND)
+
+    def _make_room(self, first_ns: int, last_ns: int) -> None:
+        """Let there be room for the blocks up to `last_ns`.
+
+        Pulses that began long before the first sample, in an outage of the force, no longer act.
+        """
+        pending = self._delay_line
+        memory_ns = round(2.0 * self.memory * NANOSECONDS_PER_SECOND)
+        pending.drop(pending.begin_until(first_ns - memory_ns))
+        capacity = len(self._problem.blocks.start_ns)
+        coming = pending.begin_until(last_ns)
+        most = capacity - _BLOCKS_OF_PAUSES
+        if coming > most:
+            self._faults.add(PULSES_TOO_FREQUENT, coming - most)
+            pending.drop(coming - most)
+            coming = most
+        lacking = int(self._problem.blocks.size[0]) + coming + _BLOCKS_OF_PAUSES - capacity
+        if lacking > 0:
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Begin with an empty window and what is known of the muscle."""
+        if self._window.variance > 0.0:
+            self._knowledge = informed(self._prior, self._window)
+        self._problem.blocks.size[0] = 0
+        self._problem = self._problem._replace(first=0)
+        self._intake.fresh[0] = 1.0
+        self._origin = no_change(self._basis.functions)
+        self._window.levels = self._window.levels[-2:].copy()
+        self._watch.forget()
+        self._raw.forget()
+
+    def _choose_basis(self) -> None:
+        """Compare the basis with others when it is time to."""
+        if not self._choose or self._watch.deliberating:
+            return
+        if self._begun_ns is None:
+            return
+        assert self._last_ns is not None
+        seconds = (self._last_ns - self._begun_ns) / NANOSECONDS_PER_SECOND
+        done = self._choices
+        due = _CHOICES_S[done] if done < len(_CHOICES_S) else _CHOICE_PERIOD_S * (done - 3)
+        if seconds < due or not self._window.shows_response:
+            return
+        self._choices += 1
+        functions = self._basis.functions
+        candidates = grid(functions) if done < _GRIDS else neighbours(self._basis)
+        first_ns = max(self._span().first_ns, self._last_ns - _CHOICE_NS)
+        found = better(
+            self._raw,
+            candidates,
+            self._basis,
+            self._window,
+            self._prior,
+            self._problem.prior,
+            first_ns,
+            self._last_ns,
+            INTERVAL_NS,
+        )
+        if found is not None:
+            self._change_basis(found)
+
+    def _change_basis(self, basis: LaguerreBasis) -> None:
+        """Put the samples of the window into blocks of another basis."""
+        matrix = conversion(self._basis, basis)
+        fit = self._window
+        linear = matrix @ fit.point.linear
+        first_ns = self._span().first_ns
+        problem, intake, pending = self._raw.condensed(
+            basis, fit.point.theta, linear, first_ns, self._problem.prior, self._capacity
+        )
+        self._problem = problem._replace(baseline=self._problem.baseline)
+        for name in ('error_energy', 'force_energy', 'recent', 'learnt', 'previous_ns'):
+            getattr(intake, name)[:] = getattr(self._intake, name)
+        self._intake = intake
+        self._delay_line.restart(*self._raw.newest_pulses(pending), basis.latency)
+        both = np.eye(PARAMETERS + basis.functions)
+        both[PARAMETERS:, PARAMETERS:] = matrix
+        self._knowledge = self._knowledge.converted(both, float(np.linalg.norm(linear)))
+        self._window.point = fit.point._replace(linear=linear)
+        self._origin = self._origin._replace(linear=matrix @ self._origin.linear)
+        self._watch.forget()
+        self._use(basis)
+
+    def _use(self, basis: LaguerreBasis) -> None:
+        """Take a basis for what follows."""
+        self._basis = basis
+        self._rate = 2.0 / basis.time_constant
+        self._delay_line.latency(basis.latency)
+        self._builder = EstimateBuilder(
+            self.name, basis, self.rate_hz, self.settings.confidence, wide=True
+        )

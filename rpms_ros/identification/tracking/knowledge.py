@@ -1,0 +1,174 @@
+"""What is known besides the samples of a window: physiology, bounds, what was learnt before."""
+
+from dataclasses import dataclass
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.tracking.assembly import SLOPES
+from rpms_ros.identification.tracking.assembly import Point
+from rpms_ros.pulses import FloatArray
+
+if TYPE_CHECKING:
+    from rpms_ros.identification.tracking.window_fit import Scales
+    from rpms_ros.identification.tracking.window_fit import WindowFit
+
+# Share of the response that another basis, or a rest, may have lost.
+_LOST = 0.01
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """Priors of x.
+
+    Attributes
+    ----------
+    mean, deviation : ndarray (4,)
+        Physiological prior of theta, alpha as logarithms.
+    lower, upper : ndarray (4,)
+        Bounds of theta, alpha as logarithms.
+    separation : float
+        u_sat is at least this far above u_thr.
+    information, reference : ndarray (4 + functions, 4 + functions), (4 + functions,)
+        What was learnt before the window about [theta, w]: inverse covariance and mean.
+    """
+
+    mean: FloatArray
+    deviation: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    separation: float
+    information: FloatArray
+    reference: FloatArray
+
+    @cached_property
+    def _logarithm(self) -> float:
+        """Log-determinant of what is known of [theta, w], 0 if only the physiology is."""
+        if not self.information.any():
+            return 0.0
+        matrix = self.information.copy()
+        place = np.arange(PARAMETERS)
+        matrix[place, place] += 1.0 / self.deviation**2
+        return float(np.linalg.slogdet(matrix)[1])
+
+    def about(
+        self, point: Point, scales: 'Scales', changes: FloatArray, drifts: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float, float]:
+        """Return information (unknowns, unknowns), gradient (unknowns,), cost, log-determinant."""
+        functions, knots = len(point.linear), len(point.gain)
+        unknowns = PARAMETERS + functions + 2 * knots + SLOPES
+        joint = PARAMETERS + functions
+        matrix = np.zeros((unknowns, unknowns))
+        gradient = np.zeros(unknowns)
+        theta = np.concatenate((point.theta[:2], np.log(point.theta[2:])))
+        place = np.arange(PARAMETERS)
+        away = theta - self.mean
+        matrix[place, place] = 1.0 / self.deviation**2
+        gradient[:PARAMETERS] = -away / self.deviation**2
+        cost = float(np.sum((away / self.deviation) ** 2))
+        before = np.concatenate((theta, point.linear)) - self.reference
+        pull = self.information @ before
+        matrix[:joint, :joint] += self.information
+        gradient[:joint] -= pull
+        cost += float(before @ pull)
+        logarithm = self._logarithm
+        walk = 2.0 * np.eye(knots) - np.eye(knots, k=1) - np.eye(knots, k=-1)
+        if knots:
+            walk[-1, -1] = 1.0
+        for start, values, scale in (
+            (joint, point.gain, changes[scales.gain]),
+            (joint + knots, point.slowing, changes[scales.slowing]),
+        ):
+            part = slice(start, start + knots)
+            matrix[part, part] = walk / scale**2
+            gradient[part] = -walk @ values / scale**2
+            cost += float(values @ walk @ values) / scale**2
+            logarithm -= 2.0 * knots * np.log(scale)
+        scale = drifts[scales.slope]
+        last = np.arange(unknowns - SLOPES, unknowns)
+        matrix[last, last] = 1.0 / scale**2
+        gradient[last] = -point.slope / scale**2
+        cost += float(point.slope @ point.slope) / scale**2
+        logarithm -= 2.0 * SLOPES * np.log(scale)
+        return matrix, gradient, cost, float(logarithm)
+
+    def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
+        """Return the step (unknowns,) with theta within its bounds, the rest solved again."""
+        theta = np.concatenate((point.theta[:2], np.log(point.theta[2:])))
+        low, high = self.lower - theta, self.upper - theta
+        held = np.zeros(len(step), dtype=bool)
+        right = hessian @ step
+        for _ in range(PARAMETERS):
+            inside = np.clip(step[:PARAMETERS], low, high)
+            leaves = (np.abs(inside - step[:PARAMETERS]) > 0.0) & ~held[:PARAMETERS]
+            if not leaves.any():
+                break
+            held[:PARAMETERS] |= leaves
+            step = step.copy()
+            step[:PARAMETERS][leaves] = inside[leaves]
+            free = ~held
+            rest = right[free] - hessian[np.ix_(free, held)] @ step[held]
+            step[free] = np.linalg.solve(hessian[np.ix_(free, free)], rest)
+        step[:PARAMETERS] = np.clip(step[:PARAMETERS], low, high)
+        return step
+
+    def part(self, theta: FloatArray) -> None:
+        """Keep u_sat of theta (4,) above u_thr, in place."""
+        lacking = self.separation - (theta[1] - theta[0])
+        if lacking > 0.0:
+            theta[0] = max(theta[0] - 0.5 * lacking, self.lower[0])
+            theta[1] = theta[0] + self.separation
+
+    def converted(self, matrix: FloatArray, size: float) -> 'Knowledge':
+        """Return what is known in other coordinates [theta, w], `matrix` times these.
+
+        `size` is the length of w, of which a share may be lost on the way.
+        """
+        if not self.information.any():
+            return self
+        joint = len(self.reference)
+        covariance = matrix @ _inverse(self.information) @ matrix.T
+        place = np.arange(PARAMETERS, joint)
+        covariance[place, place] += (_LOST * size) ** 2
+        return replace(self, information=_inverse(covariance), reference=matrix @ self.reference)
+
+
+def knowledge_of(settings: ProjectionSettings) -> Knowledge:
+    """Return what is known before any sample."""
+    prior = settings.as_prior()
+    joint = PARAMETERS + settings.basis.functions
+    return Knowledge(
+        mean=prior.mean,
+        deviation=prior.deviation,
+        lower=_logarithmic(prior.lower),
+        upper=_logarithmic(prior.upper),
+        separation=prior.separation,
+        information=np.zeros((joint, joint)),
+        reference=np.zeros(joint),
+    )
+
+
+def informed(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
+    """Return what is known after a fit whose samples are given up, a little widened."""
+    point = fit.point
+    joint = PARAMETERS + len(point.linear)
+    covariance = fit.covariance[:joint, :joint].copy()
+    place = np.arange(PARAMETERS, joint)
+    covariance[place, place] += (_LOST * float(np.linalg.norm(point.linear))) ** 2
+    reference = np.concatenate((_logarithmic(point.theta), point.linear))
+    return replace(knowledge, information=_inverse(covariance), reference=reference)
+
+
+def _logarithmic(theta: FloatArray) -> FloatArray:
+    return np.concatenate((theta[:2], np.log(theta[2:])))
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix * np.outer(scale, scale) + 1e-9 * np.eye(len(matrix))
+    inverse: FloatArray = np.linalg.inv(scaled) * np.outer(scale, scale)
+    return 0.5 * (inverse + inverse.T)

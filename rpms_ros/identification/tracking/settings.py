@@ -1,0 +1,30 @@
+"""Settings of the tracking estimator."""
+
+from dataclasses import dataclass
+
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.settings import ProjectionSettings
+
+LONGEST_BASIS = LaguerreBasis(7, 90e-3, 30e-3)
+"""The slowest twitch and the longest latency that are looked for."""
+
+
+@dataclass(frozen=True)
+class TrackingSettings(ProjectionSettings):
+    """Model and numerics of the tracking estimator.
+
+    `basis` and `start` are where it begins; `horizon` is the longest window.  `knot_spacing`,
+    `steps` and `forgetting` belong to the batch and the horizon.
+
+    Attributes
+    ----------
+    choose_basis : bool
+        Choose latency and time constant of the basis by the samples.
+    find_changes : bool
+        Look for sudden changes of the muscle.
+    """
+
+    horizon: float = 60.0
+    step_period: float = 0.25
+    choose_basis: bool = True
+    find_changes: bool = True

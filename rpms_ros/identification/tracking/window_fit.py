@@ -1,0 +1,475 @@
+"""The fit of a window: muscle now, its slow change and the disturbance, with widths by evidence.
+
+How fast the muscle may change and how lively the disturbance is are not settings.  Each has a
+scale on a coarse grid; at every step the neighbours of the present value are held against it by
+the evidence, which is the probability of the samples with everything else integrated out
+(Laplace's approximation, exact but for theta).
+"""
+
+import math
+from dataclasses import dataclass
+from dataclasses import replace
+
+import numpy as np
+
+from rpms_ros.identification.projection.fit import LEAST_ENERGY
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Problem
+from rpms_ros.identification.projection.uncertainty import Uncertainty
+from rpms_ros.identification.tracking.assembly import SLOPES
+from rpms_ros.identification.tracking.assembly import Equations
+from rpms_ros.identification.tracking.assembly import Point
+from rpms_ros.identification.tracking.assembly import Reduced
+from rpms_ros.identification.tracking.assembly import assembled
+from rpms_ros.identification.tracking.assembly import at_ages
+from rpms_ros.identification.tracking.assembly import disturbance_at
+from rpms_ros.identification.tracking.assembly import eliminated
+from rpms_ros.identification.tracking.assembly import point_at
+from rpms_ros.identification.tracking.assembly import slowed
+from rpms_ros.identification.tracking.intervals import Intervals
+from rpms_ros.identification.tracking.intervals import Origin
+from rpms_ros.identification.tracking.intervals import condensed
+from rpms_ros.identification.tracking.knowledge import Knowledge
+from rpms_ros.pulses import FloatArray
+
+# Standard deviation of the disturbance's second difference over an interval, as a share of the
+# force: from a sensor that drifts to a voluntary effort.
+LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
+# Change of force and time constant over the distance of two knots (relative), of thresholds a
+# second.
+CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
+DRIFTS: FloatArray = np.concatenate(([1e-7], 10.0 ** np.arange(-5.5, -2.4, 0.5)))
+# The model's error is at least this share of the force's mean square, for so many samples.
+_MODEL_ERROR = 1e-4
+_MODEL_ERROR_SAMPLES = 200.0
+# Standard deviation of a knot's level, as a multiple of the force: nothing is known of it.
+_LEVEL = 30.0
+_LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
+_ROUNDING = 1e-9
+_RIDGE = 1e-2
+_MOST_TOGETHER = 3.0
+# Standard deviations by which w differs from nothing where a response shows.
+_SHOWN = 8.0
+# Degrees of freedom of the bends of the disturbance: mostly small, some of them large.
+_FREEDOM = 1.0
+
+
+@dataclass(frozen=True)
+class StartLevels:
+    """What is known of the first two knots of the disturbance: mean and deviation [N]."""
+
+    levels: FloatArray
+    deviation: FloatArray
+
+
+@dataclass(frozen=True)
+class Window:
+    """Which samples a fit is of.
+
+    Attributes
+    ----------
+    first_ns, now_ns : int
+        Beginning of the first block and newest sample [ns].
+    length_ns : int
+        Length of an interval [ns].
+    spacing : float
+        Distance of the knots of the past, in intervals.
+    knots : int
+        Number of them.
+    origin : Origin
+        Where the window begins if the muscle has changed there.
+    start : StartLevels or None
+        What is known of the disturbance at the beginning.
+    """
+
+    first_ns: int
+    now_ns: int
+    length_ns: int
+    spacing: float
+    knots: int
+    origin: Origin
+    start: StartLevels | None = None
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Places on the grids `LIVELINESS`, `CHANGES` and `DRIFTS`."""
+
+    disturbance: int = 2
+    gain: int = 0
+    slowing: int = 0
+    slope: int = 0
+
+
+@dataclass
+class WindowFit:
+    """Where the fit of a window stands.
+
+    Attributes
+    ----------
+    point : Point
+        The muscle now, and how it has changed.
+    scales : Scales
+        Widths that the evidence prefers.
+    variance : float
+        Of the residuals [N^2].
+    together : float
+        Factor by which neighbouring residuals tell less than independent ones.
+    levels : ndarray (knots,)
+        Disturbance at the ends of the intervals [N], the newest last.
+    first : int
+        Number of the interval whose beginning is the first knot.
+    covariance : ndarray (unknowns, unknowns)
+        Of x, alpha as logarithms.
+    level_deviation : float
+        Standard deviation of the newest knot [N].
+    moved : ndarray (4,)
+        Last step of theta, alpha as logarithms.
+    failures : int
+        Steps that could not be solved.
+    evidence : float
+        Of the last step [nat].
+    misfit : float
+        Mean square of what the last step leaves, against the variance.
+    """
+
+    point: Point
+    scales: Scales
+    variance: float
+    together: float
+    levels: FloatArray
+    first: int
+    covariance: FloatArray
+    level_deviation: float
+    moved: FloatArray
+    failures: int
+    evidence: float = -math.inf
+    misfit: float = 1.0
+
+    @property
+    def weighed(self) -> float:
+        """Variance by which samples are weighed [N^2].
+
+        Where neighbouring residuals are alike because a scale is too small, that must not make
+        the samples too light to say so: there is a limit.
+        """
+        return self.variance * min(self.together, _MOST_TOGETHER)
+
+    @property
+    def shows_response(self) -> bool:
+        """Whether the response is known to differ from nothing."""
+        part = slice(PARAMETERS, PARAMETERS + len(self.point.linear))
+        uncertain = float(np.sum(np.diag(self.covariance)[part]))
+        size = float(self.point.linear @ self.point.linear)
+        return self.variance > 0.0 and uncertain > 0.0 and size > _SHOWN**2 * uncertain
+
+    def uncertainty(self, deviation: FloatArray, confidence: float) -> Uncertainty | None:
+        """Return how sure theta and w are, None before the first fit.
+
+        No parameter is less sure than its prior `deviation` (4,), alpha as logarithms.
+        """
+        if self.variance <= 0.0 or not self.covariance.any():
+            return None
+        joint = PARAMETERS + len(self.point.linear)
+        covariance = self.covariance[:joint, :joint]
+        found = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 1e-300))
+        scale = np.ones(joint)
+        scale[:PARAMETERS] = np.minimum(1.0, deviation / found)
+        return Uncertainty(
+            covariance * np.outer(scale, scale), self.point.theta.copy(), confidence
+        )
+
+
+def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
+    """Return a fit that has seen nothing."""
+    point = point_at(theta, np.zeros(functions), 0)
+    unknowns = PARAMETERS + functions + SLOPES
+    return WindowFit(
+        point=point,
+        scales=Scales(),
+        variance=0.0,
+        together=1.0,
+        levels=np.zeros(2),
+        first=0,
+        covariance=np.zeros((unknowns, unknowns)),
+        level_deviation=0.0,
+        moved=np.ones(PARAMETERS),
+        failures=0,
+    )
+
+
+def coordinates(theta: FloatArray) -> FloatArray:
+    """Return theta (4,) with alpha as logarithms."""
+    return np.concatenate((theta[:2], np.log(theta[2:])))
+
+
+def with_knots(point: Point, knots: int) -> Point:
+    """Return the point with so many knots of the past."""
+    if len(point.gain) == knots:
+        return point
+    gain, slowing = (_resized(values, knots) for values in (point.gain, point.slowing))
+    return point._replace(gain=gain, slowing=slowing)
+
+
+def _resized(values: FloatArray, count: int) -> FloatArray:
+    last = values[-1] if len(values) else 0.0
+    return np.concatenate((values[:count], np.full(max(count - len(values), 0), last)))
+
+
+class _Linearised:
+    """A window at a point, with what it costs and what the priors say there."""
+
+    def __init__(
+        self,
+        intervals: Intervals,
+        point: Point,
+        knowledge: Knowledge,
+        now: float,
+        spacing: float,
+        bends: FloatArray,
+        start: 'StartLevels | None',
+    ) -> None:
+        self.bends = bends
+        self.start = start
+        self.intervals = intervals
+        self.point = point
+        self.knowledge = knowledge
+        self.equations: Equations = assembled(intervals, point, now, spacing)
+        self.samples = float(intervals.samples.sum())
+        self.power = float(intervals.energy.sum()) / max(self.samples, 1.0)
+
+    def reduced(self, variance: float, disturbance: int) -> Reduced:
+        """Eliminate the disturbance at a liveliness.
+
+        Its bends have a Student distribution: each is a normal one whose precision is the most
+        likely one for the bend that was found last, which bounds the evidence from below.
+        """
+        force = math.sqrt(self.power) + 1e-9
+        deviation = LIVELINESS[disturbance] * force
+        precision = (_FREEDOM + 1.0) / (_FREEDOM + (self.bends / deviation) ** 2)
+        level = np.full(len(precision), 1.0 / (_LEVEL * force) ** 2)
+        about = np.zeros(len(precision))
+        if self.start is not None:
+            level[:2] = 1.0 / self.start.deviation**2
+            about[:2] = self.start.levels
+        reduced = eliminated(self.equations, variance, precision / deviation**2, level, about)
+        inner = precision[1:-1]
+        reduced.evidence[0] += 0.5 * _FREEDOM * float(np.sum(np.log(inner) - inner))
+        return reduced
+
+    def prior(self, scales: Scales) -> tuple[FloatArray, FloatArray, float, float]:
+        """Return information, gradient, cost and log-determinant of what is known before."""
+        information, gradient, cost, logarithm = self.knowledge.about(
+            self.point, scales, CHANGES, DRIFTS
+        )
+        # too weak to be seen, but w is solvable where nothing has been stimulated
+        linear = self.point.linear
+        ridge = _RIDGE / (self.power + LEAST_ENERGY)
+        place = np.arange(PARAMETERS, PARAMETERS + len(linear))
+        information[place, place] += ridge
+        gradient[place] -= ridge * linear
+        return information, gradient, cost + ridge * float(linear @ linear), logarithm
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """A step of x from a point at given scales, and what speaks for it."""
+
+    step: FloatArray
+    hessian: FloatArray
+    evidence: float
+    left: float
+    reduced: Reduced
+
+
+def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
+    """Solve for the step; None if the equations are not positive."""
+    information, gradient, cost, logarithm = at.prior(scales)
+    hessian = reduced.matrix + information
+    right = reduced.right + gradient
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    try:
+        factor = np.linalg.cholesky(
+            hessian * np.outer(scale, scale) + _ROUNDING * np.eye(len(scale))
+        )
+    except np.linalg.LinAlgError:
+        return None
+    half = np.linalg.solve(factor, scale * right)
+    step = scale * np.linalg.solve(factor.T, half)
+    determinant = 2.0 * float(np.sum(np.log(np.diag(factor)) - np.log(scale)))
+    here = float(reduced.cost[0]) + cost
+    evidence = -0.5 * (here - float(half @ half) + determinant - logarithm) + float(
+        reduced.evidence[0]
+    )
+    return _Solution(step, hessian, evidence, here - float(half @ half), reduced)
+
+
+def _best_scales(at: _Linearised, variance: float, scales: Scales) -> tuple[Scales, _Solution]:
+    """Return the neighbour of the scales, in each, that the evidence prefers."""
+    best = scales
+    reduced = at.reduced(variance, scales.disturbance)
+    solution = _solution(at, reduced, scales)
+    for disturbance in (scales.disturbance - 1, scales.disturbance + 1):
+        if not 0 <= disturbance < len(LIVELINESS):
+            continue
+        trial = replace(scales, disturbance=disturbance)
+        other = _solution(at, at.reduced(variance, disturbance), trial)
+        if other is not None and (solution is None or other.evidence > solution.evidence):
+            best, solution = trial, other
+    for name, grid in (('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)):
+        for move in (-1, 1):
+            place = getattr(best, name) + move
+            if not 0 <= place < len(grid) or solution is None:
+                continue
+            trial = replace(best, **{name: place})
+            other = _solution(at, solution.reduced, trial)
+            if other is not None and other.evidence > solution.evidence:
+                best, solution = trial, other
+    if solution is None:
+        raise np.linalg.LinAlgError
+    return best, solution
+
+
+def improved(
+    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
+) -> None:
+    """Take up to so many steps; scales and variance follow the samples."""
+    for _ in range(steps):
+        at = _linearised(problem, fit, knowledge, window)
+        if at.samples == 0.0:
+            return
+        if fit.variance == 0.0:
+            fit.variance = at.power * 0.01 + LEAST_ENERGY
+        try:
+            fit.scales, solution = _best_scales(at, fit.weighed, fit.scales)
+        except np.linalg.LinAlgError:
+            fit.failures += 1
+            return
+        _move(fit, at, solution)
+        _restate_noise(fit, at, solution, window)
+        settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:PARAMETERS])
+        if settled.all():
+            break
+
+
+def explained(
+    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
+) -> bool:
+    """Take so many steps at the scales and the variance as they are; return whether it worked."""
+    for _ in range(steps):
+        at = _linearised(problem, fit, knowledge, window)
+        if at.samples == 0.0:
+            return False
+        reduced = at.reduced(fit.weighed, fit.scales.disturbance)
+        solution = _solution(at, reduced, fit.scales)
+        if solution is None:
+            return False
+        _move(fit, at, solution)
+    return True
+
+
+def _linearised(
+    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
+) -> _Linearised:
+    fit.point = with_knots(fit.point, window.knots)
+    point = fit.point
+    first_ns, length_ns = window.first_ns, window.length_ns
+    theta, linear = point.theta, point.linear
+    intervals = condensed(problem, theta, linear, first_ns, length_ns, window.origin)
+    first = int(intervals.first[0])
+    now = window.now_ns / window.length_ns - first
+    bends = _bends(fit, first, len(intervals.samples) + 1)
+    return _Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
+
+
+def _move(fit: WindowFit, at: _Linearised, solution: _Solution) -> None:
+    """Go where a solution leads, no further than the model is linear."""
+    step = at.knowledge.bounded(at.point, solution.step, solution.hessian)
+    largest = np.abs(step[:PARAMETERS]) / _LARGEST_STEP
+    step = step / max(1.0, float(largest.max()))
+    fit.point = moved(at.point, step)
+    at.knowledge.part(fit.point.theta)
+    fit.moved = step[:PARAMETERS]
+    fit.levels = disturbance_at(solution.reduced, step)
+    fit.first = int(at.intervals.first[0])
+    fit.covariance = _inverse(solution.hessian) * max(1.0, fit.together / _MOST_TOGETHER)
+    fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
+    fit.evidence = solution.evidence
+    fit.misfit = solution.left / at.samples
+
+
+def _bends(fit: WindowFit, first: int, knots: int) -> FloatArray:
+    """Return the second differences of the disturbance (knots,) as found last, 0 where unknown."""
+    known = np.zeros(len(fit.levels))
+    known[1:-1] = np.diff(fit.levels, 2)
+    bends = np.zeros(knots)
+    shift = first - fit.first
+    part = known[max(shift, 0) :][: max(knots + min(shift, 0), 0)]
+    begin = max(-shift, 0)
+    bends[begin : begin + len(part)] = part
+    return bends
+
+
+def moved(point: Point, step: FloatArray) -> Point:
+    """Return the point after a step of x (unknowns,)."""
+    functions, knots = len(point.linear), len(point.gain)
+    ends = np.cumsum([PARAMETERS, functions, knots, knots])
+    theta, linear, gain, slowing, slope = np.split(step, ends)
+    changed = coordinates(point.theta) + theta
+    return Point(
+        theta=np.concatenate((changed[:2], np.exp(changed[2:]))),
+        linear=point.linear + linear,
+        gain=point.gain + gain,
+        slowing=point.slowing + slowing,
+        slope=point.slope + slope,
+    )
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse: FloatArray = np.linalg.inv(
+        matrix * np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
+    ) * np.outer(scale, scale)
+    return 0.5 * (inverse + inverse.T)
+
+
+def _restate_noise(fit: WindowFit, at: _Linearised, solution: _Solution, window: Window) -> None:
+    """Find the variance of the residuals, and how much neighbouring ones are alike."""
+    intervals, point = at.intervals, at.point
+    now, spacing = window.now_ns / window.length_ns - int(intervals.first[0]), window.spacing
+    functions = len(point.linear)
+    local = PARAMETERS + functions
+    count = len(intervals.samples)
+    age = np.maximum(now - (np.arange(count) + 0.5), 0.0)
+    # the linear model after the step, interval by interval
+    gain = 1.0 + at_ages(fit.point.gain, age / spacing)
+    delay = at_ages(fit.point.slowing, age / spacing)
+    coefficients = np.zeros((count, local + 2))
+    theta = coordinates(fit.point.theta) - coordinates(point.theta)
+    coefficients[:, :PARAMETERS] = theta
+    coefficients[:, :2] += age[:, None] * fit.point.slope
+    coefficients[:, PARAMETERS:local] = fit.point.linear + delay[:, None] * slowed(
+        fit.point.linear
+    )
+    coefficients *= gain[:, None]
+    coefficients[:, local] = fit.levels[:-1]
+    coefficients[:, local + 1] = fit.levels[1:]
+    product = np.einsum('jkl,jl->jk', intervals.gram, coefficients)
+    scores = intervals.right - product
+    squares = intervals.energy - np.einsum('jk,jk->j', coefficients, intervals.right + scores)
+    total = max(float(squares.sum()), 0.0)
+    floor = _MODEL_ERROR * at.power
+    used = float(len(solution.step) + 1)
+    freedom = max(at.samples - used, 1.0) + _MODEL_ERROR_SAMPLES
+    fit.variance = (total + _MODEL_ERROR_SAMPLES * floor) / freedom + LEAST_ENERGY
+    some = intervals.samples > 0.0
+    scores = (gain[:, None] * scores)[some, :local]
+    scatter = scores.T @ scores
+    for lag in (1, 2, 3):
+        cross = scores[lag:].T @ scores[:-lag]
+        scatter += (1.0 - lag / 4.0) * (cross + cross.T)
+    steady = np.einsum('j,jkl->kl', gain**2, intervals.gram[:, :local, :local])
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(steady), 1e-300))
+    scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
+    ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
+    fit.together = max(1.0, float(ratio) / (local * fit.variance))

@@ -1,0 +1,128 @@
+"""Sessions of a muscle that changes, with the truth at every half second."""
+
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from rpms_ros.identification.estimate import CURVE_INTENSITY
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle.changes import Change
+from rpms_ros.muscle.disturbance import Disturbances
+from rpms_ros.muscle.effort import Tremor
+from rpms_ros.muscle.effort import VoluntaryEffort
+from rpms_ros.muscle.living import LivingContraction
+from rpms_ros.muscle.living import LivingSettings
+from rpms_ros.muscle.scenario import Scenario
+from rpms_ros.muscle.surroundings import Surroundings
+from rpms_ros.pulses import PulseTrain
+
+RATE = 20.0
+NOTED_S = 0.5
+MAXIMUM = 10.0
+NOISE = 0.005 * MAXIMUM
+SUBJECT = replace(simulation_subject(), latency=9e-3)
+MOVED_AT = 40.0
+
+
+class Session(NamedTuple):
+    """A recording, and the truth at `noted_s` (times,)."""
+
+    onset_ns: np.ndarray
+    intensity: np.ndarray
+    stamp_ns: np.ndarray
+    force: np.ndarray
+    noted_s: np.ndarray
+    curve: np.ndarray
+    gain: np.ndarray
+    time_constant: np.ndarray
+
+
+def tiring(subject, seconds=90.0):
+    """Gain falls towards a half with 60 s, the twitch slows towards 30 % with it."""
+    times = np.arange(2.5, seconds + 2.5, 2.5)
+    share = 1.0 - np.exp(-times / 60.0)
+    return tuple(
+        Change(
+            at=time - 2.5,
+            over=2.5,
+            gain=1.0 - 0.5 * part,
+            time_constant=subject.time_constant * (1.0 + 0.3 * part),
+        )
+        for time, part in zip(times, share, strict=True)
+    )
+
+
+def scenario(kind, subject=SUBJECT):
+    """Return what happens in a session of a kind."""
+    changes, efforts = (), ()
+    if kind == 'fatigue':
+        changes = tiring(subject)
+    elif kind == 'coil moved':
+        changes = (Change(at=MOVED_AT, threshold=0.56, saturation=1.06, gain=0.8),)
+    elif kind == 'bursts':
+        efforts = (VoluntaryEffort(at=6.0, peak=2.0, duration=1.5, every=12.0),)
+    elif kind == 'tremor':
+        efforts = (Tremor(amplitude=0.03 * MAXIMUM, frequency=8.0),)
+    elif kind == 'gain step':
+        changes = (Change(at=MOVED_AT, gain=0.8),)
+    elif kind == 'slower':
+        changes = (Change(at=MOVED_AT, time_constant=1.3 * subject.time_constant),)
+    return Scenario(
+        name=kind,
+        living=LivingSettings(changes=changes),
+        efforts=efforts,
+        disturbances=Disturbances(noise=NOISE),
+    )
+
+
+def intensities(kind, count, seed):
+    """Return random or sinusoidal (period 9 s, random phase) intensities."""
+    generator = np.random.default_rng(seed)
+    if kind == 'random':
+        return generator.uniform(0.0, 1.0, count)
+    phase = 0.0 if seed == 0 else generator.uniform(0.0, 2.0 * np.pi)
+    return 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / RATE / 9.0 + phase)
+
+
+@cache
+def session(kind, excitation='random', seed=0, seconds=90.0, subject=SUBJECT, rate=1000):
+    """Return a session at 20 Hz with 0.5 % noise."""
+    what = scenario(kind, subject)
+    count = int(seconds * RATE)
+    intensity = intensities(excitation, count, seed)
+    pulses = PulseTrain.regular(intensity, RATE, 1_000)
+    onset = pulses.onset_ns
+    muscle = LivingContraction(subject, what.living, 0)
+    surroundings = Surroundings(what, seed)
+    stamp = np.arange(int(seconds * rate), dtype=np.int64) * (1_000_000_000 // rate)
+    muscle.begin(0)
+    surroundings.begin(0)
+    done = 0
+    forces, noted, curves, gains, constants = [], [], [], [], []
+    step = int(NOTED_S * rate)
+    for first in range(0, len(stamp), step):
+        part = stamp[first : first + step]
+        due = int(np.searchsorted(onset, part[-1], side='right'))
+        muscle.add_pulses(onset[done:due], intensity[done:due])
+        recent = pulses[max(0, done - 1) : due]
+        forces.append(surroundings.measured(part, muscle.force(part), recent).force)
+        done = due
+        last = int(part[-1])
+        state = muscle.state(last)
+        noted.append(1e-9 * (last + 1_000_000_000 // rate))
+        curve = muscle.steady_force(last, CURVE_INTENSITY, RATE)
+        curves.append(curve - curve[0])
+        gains.append(state.gain)
+        constants.append(state.time_constant)
+    return Session(
+        onset,
+        intensity,
+        stamp,
+        np.concatenate(forces),
+        np.array(noted),
+        np.array(curves),
+        np.array(gains),
+        np.array(constants),
+    )
