@@ -1,6 +1,7 @@
 """The driver as a node: silent until told to run, a goal from begin to end, stops."""
 
 import os
+from pathlib import Path
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -10,6 +11,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
+import rpms_ros
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import Pulse
@@ -22,6 +24,7 @@ from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import schedule_from_text
 
+SPECIFICATIONS = Path(rpms_ros.__file__).parent / 'stimulation' / 'device_specifications'
 SHORT = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]'
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
 
@@ -394,3 +397,28 @@ def test_realtime_priority_that_is_not_granted_is_said(monkeypatch):
 
     monkeypatch.setattr('os.sched_setscheduler', refuse)
     assert ask_for_realtime(20).startswith('expected the right to real-time priority 20, got')
+
+
+def test_what_it_does_is_said_in_the_log(graph, capfd, tmp_path):
+    specification = tmp_path / 'idle.yaml'
+    text = (SPECIFICATIONS / 'simulated.yaml').read_text()
+    hurried = text.replace('limits:\n', 'limits:\n  idle_disarm_s: 3.0\n')
+    specification.write_text(hurried.replace('sources:\n', 'sources:\n  idle_disarm_s: chosen\n'))
+    lab = Laboratory(graph, device_specification=str(specification))
+    lab.activate()
+    lab.refusal('segments: [')
+    assert lab.result(lab.send(SHORT)).result.completed
+    lab.wait_for_state(DriverStatus.DISARMED)
+    lab.arm()
+    lab.wait_for_state(DriverStatus.ARMED)
+    lab.wait_for_state(DriverStatus.DISARMED)
+    said = ''.join(capfd.readouterr())
+    for line in (
+        'configured: device open, disarmed',
+        'armed by nobody in particular',
+        'refused: line 1',
+        'running schedule, 10 pulses',
+        'disarmed: completed',
+        'disarmed: idle: no pulse for 3 s while armed',
+    ):
+        assert line in said
