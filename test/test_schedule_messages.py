@@ -17,6 +17,7 @@ from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import schedule_from_text
+from rpms_ros.stimulation import schedule_to_text
 from rpms_ros.stimulation.description import SEGMENT_KINDS
 
 EVERY_KIND = """
@@ -162,3 +163,34 @@ def test_values_of_the_whole_are_bounded(values: dict[str, Any], said: str) -> N
 
 def test_an_empty_message_is_none() -> None:
     assert not is_given(ScheduleMessage())
+
+
+NUMBERS = st.floats(width=64) | st.sampled_from([0.0, 0.5, 1.0, 20.0])
+SMALL = st.integers(0, 2**32 - 1) | st.integers(0, 3)
+ANY_SEGMENT = st.builds(
+    ScheduleSegment,
+    kind=st.integers(0, 255) | st.integers(1, 11),
+    rate_hz=NUMBERS,
+    final_rate_hz=NUMBERS,
+    duration_s=NUMBERS,
+    intensity=NUMBERS,
+    high=NUMBERS,
+    low=st.just(0.0) | NUMBERS,
+    levels=st.lists(NUMBERS, max_size=3),
+    times=SMALL,
+    length=SMALL,
+    seed=st.integers(0, 2**64 - 1) | st.just(0),
+    own_seed=st.booleans(),
+)
+
+
+@given(segments=st.lists(ANY_SEGMENT, max_size=6), name=st.text(max_size=70))
+def test_any_message_is_a_schedule_or_refused(segments: list[ScheduleSegment], name: str) -> None:
+    message = ScheduleMessage(segments=segments, name=name)
+    try:
+        schedule = schedule_of(message)
+    except StimulationError as error:
+        assert 'expected' in str(error)
+        return
+    # what is accepted is what a file could have said
+    assert schedule_from_text(schedule_to_text(schedule)) == schedule

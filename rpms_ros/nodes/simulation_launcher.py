@@ -20,6 +20,8 @@ import rclpy
 import yaml
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.logging import LoggingSeverity
+from rclpy.logging import set_logger_level
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -201,6 +203,8 @@ class SimulationLauncher:
             signal_handler_options=SignalHandlerOptions.NO,
         )
         options: dict[str, Any] = {'context': context, 'use_global_arguments': False}
+        # the command that made it says where the recording is
+        set_logger_level('recorder', LoggingSeverity.WARN)
         path = Parameter('path', value=str(self.folder / RECORDING))
         self.recorder = Recorder(parameter_overrides=[path], **options)
         self.monitor = Monitor(**options)
@@ -211,6 +215,7 @@ class SimulationLauncher:
             yield
         finally:
             self.recorder.destroy_node()
+            set_logger_level('recorder', LoggingSeverity.UNSET)
             self.monitor.destroy_node()  # type: ignore[no-untyped-call]
             self._executor.shutdown()
             context.try_shutdown()
