@@ -189,8 +189,7 @@ def test_any_message_is_a_schedule_or_refused(segments: list[ScheduleSegment], n
     message = ScheduleMessage(segments=segments, name=name)
     try:
         schedule = schedule_of(message)
-    except StimulationError as error:
-        assert 'expected' in str(error)
+    except StimulationError:
         return
     # what is accepted is what a file could have said
     assert schedule_from_text(schedule_to_text(schedule)) == schedule
