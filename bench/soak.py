@@ -72,7 +72,11 @@ class Graph:
     def remove(self, node):
         self._nodes.remove(node)
         self._executor.remove_node(node)
+        # The executor has to forget the node's subscriptions before others get their addresses:
+        # it would take those for known and never serve them.
+        self._executor.spin_once(timeout_sec=0.01)
         node.destroy_node()
+        self._executor.spin_once(timeout_sec=0.01)
 
     def wait_for(self, predicate, timeout_s=120.0):
         end = time.monotonic() + timeout_s

@@ -209,6 +209,12 @@ def damaged(data):
     return data[:-32] + struct.pack('<d', math.nan) + data[-24:]
 
 
+def subscriptions_of(node):
+    """Subscriptions of a node, and of the one that hears for it, if there is one."""
+    hearing = getattr(getattr(node, '_hearing', None), '_node', None)
+    return [*node.subscriptions, *(hearing.subscriptions if hearing else ())]
+
+
 class Laboratory:
     """Plant, link, identifier and recorder on the executor of `graph`, in simulated time."""
 
@@ -253,6 +259,10 @@ class Laboratory:
         self.identifier = self.graph.add(CountingIdentifier, estimator=self.estimator)
         self.recorder = self.graph.add(Recorder, path=str(path), topics=list(_TOPICS))
         self.graph.wait_for(lambda: self.link._force.get_subscription_count() == 2)
+        # A publisher that knows of a subscription is not yet known to it.
+        for node in (self.identifier, self.recorder):
+            for one in subscriptions_of(node):
+                self.graph.wait_for(lambda one=one: one.get_publisher_count() > 0)
         self.graph.wait_for(lambda: self.link._pulses.get_subscription_count() == 2)
         self.graph.wait_for(lambda: self.identifier._estimate.get_subscription_count() > 0)
 
