@@ -16,6 +16,7 @@ doubles, values; and shows the hash of the session that results and reports carr
 _EXAMPLES = """\
   rpms verify session
   rpms verify session --key laboratory.key        signed with this key?
+  rpms verify session --audit audit.jsonl         the pulses that the driver gave?
 exit codes: 0 nothing wrong, 1 a line says FAULT, 2 cannot be read
 """
 
@@ -27,6 +28,9 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
     parser.add_argument('--key', type=Path, metavar='FILE', help='key of the signature')
+    parser.add_argument(
+        '--audit', type=Path, metavar='FILE', help='audit log of the driver that gave the pulses'
+    )
     parser.add_argument('--json', action='store_true', help='one JSON object instead of text')
     add_topic_options(parser)
     add_memory_option(parser)
@@ -39,7 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.recording.verifying import verify
 
     key = read_key(arguments.key) if arguments.key else None
-    findings = verify(arguments.bag, topics_of(arguments), key, arguments.max_memory)
+    findings = verify(
+        arguments.bag, topics_of(arguments), key, arguments.max_memory, arguments.audit
+    )
     if arguments.json:
         rows = [vars(finding) for finding in findings]
         print(json.dumps({'recording': str(arguments.bag), 'findings': rows}))

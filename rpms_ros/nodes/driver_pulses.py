@@ -12,6 +12,7 @@ from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
 from rpms_ros.stimulation.devices import Delivery
 from rpms_ros.stimulation.fired import Fired
+from rpms_ros.stimulation.pulse_hash import PulseHash
 
 UNVERIFIED = {
     'delivery': PulseMessage.UNVERIFIED_DELIVERY,
@@ -38,11 +39,17 @@ class PulsePublisher:
         The driver's.
     frame_id : str
         Frame of the pulses.
+
+    Attributes
+    ----------
+    hash : PulseHash
+        Of what was published as given.
     """
 
     def __init__(self, node: Node, frame_id: str) -> None:
         self._node = node
         self._frame_id = frame_id
+        self.hash = PulseHash()
         self._given = node.create_publisher(PulseMessage, topics.PULSES, qos.PULSES)
         self._asked = node.create_publisher(PulseMessage, topics.PULSES_COMMANDED, qos.PULSES)
 
@@ -50,6 +57,17 @@ class PulsePublisher:
     def listeners(self) -> int:
         """How many subscribe to the pulses."""
         return int(self._given.get_subscription_count())
+
+    def for_the_log(self) -> dict[str, object]:
+        """Return number, first stamp and hash of the pulses since the last call, if any."""
+        given = self.hash.taken()
+        if given is None:
+            return {}
+        return {
+            'pulses': given.count,
+            'first_pulse_ns': given.first_ns,
+            'pulses_sha256': given.sha256,
+        }
 
     def publish(self, fired: Fired) -> None:
         """Publish one trigger that was sent to the device, answered or not."""
@@ -62,6 +80,7 @@ class PulsePublisher:
         if fired.delivery is not None:
             given = given_pulse(fired, fired.delivery, offset_ns)
             self._given.publish(self._message(given))
+            self.hash.add(given)
 
     def _message(self, pulse: Pulse) -> PulseMessage:
         return messages.pulse_message(pulse, MESSAGE_TYPES, self._frame_id)

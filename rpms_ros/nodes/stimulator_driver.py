@@ -257,7 +257,9 @@ class StimulatorDriver(GuardedLifecycleNode):
         if self._active:
             _, latched, reason = self.controller.status()
             self._say(f'{"stopped" if latched else "disarmed"}: {reason}')
-            self._audit.note('stop' if latched else 'disarm', reason=reason)
+            self._audit.note(
+                'stop' if latched else 'disarm', reason=reason, **self._pulses.for_the_log()
+            )
         self._active = False
         self.authority.release()
 

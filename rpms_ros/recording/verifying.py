@@ -10,6 +10,9 @@ import numpy as np
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
 from rpms_ros.pulses import IntArray
+from rpms_ros.recording.audited_pulses import audited
+from rpms_ros.recording.audited_pulses import covered
+from rpms_ros.recording.audited_pulses import differences
 from rpms_ros.recording.checksums import SUMS_NAME
 from rpms_ros.recording.checksums import read_checksums
 from rpms_ros.recording.checksums import sha256
@@ -53,6 +56,7 @@ def verify(
     topics: Topics | None = None,
     key: bytes | None = None,
     memory: int | None = None,
+    audit: Path | None = None,
 ) -> list[Finding]:
     """Return what every check found, at least one finding a check.
 
@@ -66,6 +70,8 @@ def verify(
         What the recording must have been signed with.
     memory : int, optional
         What reading may take, as of `read_recording` [bytes].
+    audit : Path, optional
+        Audit log of the driver that gave the pulses.
 
     Raises
     ------
@@ -84,6 +90,8 @@ def verify(
         Finding('session', FAULT, text) for text in recording.facts.remarks if text not in seen
     ]
     findings += [*_clock(recording), *_gaps(recording), *_doubles(recording), *_values(recording)]
+    if audit is not None:
+        findings += _audit(recording, audit)
     return [*findings, Finding('hash', OK, session_hash(recording))]
 
 
@@ -156,6 +164,20 @@ def _schedules(facts: RecordingFacts) -> list[Finding]:
     return [Finding('schedule', OK, str(one)) for one in facts.schedules] or [
         Finding('schedule', UNKNOWN, 'the recording does not tell')
     ]
+
+
+def _audit(recording: Recording, path: Path) -> Iterator[Finding]:
+    """Compare the pulses with those that the driver wrote down."""
+    runs, fault = audited(path)
+    wrong = [*differences(recording.pulses, runs), *([f'chain of the log: {fault}'] * bool(fault))]
+    for text in wrong:
+        yield Finding('audit', FAULT, printable(text))
+    count, known = len(recording.pulses), covered(recording.pulses, runs)
+    if known < count:
+        text = f'the log has {known} of {count} pulses'
+        yield Finding('audit', FAULT if known else UNKNOWN, text)
+    elif not wrong:
+        yield Finding('audit', OK, f'all {count} pulses are those that the driver gave')
 
 
 def _clock(recording: Recording) -> list[Finding]:

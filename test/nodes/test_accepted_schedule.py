@@ -1,20 +1,28 @@
 """What a driver is about to run is on the graph before its first pulse, and in the recording."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import AcceptedSchedule
+from rpms_ros import messages
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import write_recording
 from rpms_ros.recording.scan import Scan
+from rpms_ros.recording.verifying import verify as verify_recording
 from rpms_ros.stimulation.audit_log import verify
 
 TEXT = """name: wärm-up
@@ -106,6 +114,50 @@ def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, 
         if record.content['kind'] == 'schedule'
     ]
     assert entry['text_sha256'] == told.sha256
+
+
+def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp_path) -> None:
+    path = tmp_path / 'session'
+    recorder = graph.add(Recorder, path=str(path))
+    graph.wait_for(lambda: running.driver.count_subscribers(topics.PULSES) == 1)
+    sensor = graph.add(lambda **options: Node('sensor', **options))
+    force = sensor.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
+    graph.wait_for(lambda: force.get_subscription_count() >= 1)
+    for index in range(3):
+        force.publish(messages.force_message(index, 1.0, messages.AXES['z'], MESSAGE_TYPES))
+    running.arm()
+    assert running.run(TEXT).completed
+    graph.wait_for(lambda: not running.driver._active)
+    running.driver.change(Transition.TRANSITION_ACTIVATE)
+    assert running.run(TEXT).completed
+    graph.wait_for(lambda: not running.driver._active)
+    graph.wait_for(lambda: recorder.counts[topics.PULSES].messages == 20)
+    graph.wait_for(lambda: recorder.counts[topics.FORCE].messages == 3)
+    recorder.close()
+    running.driver._audit.close()
+    assert audit_findings(path, running.audit) == [
+        ('ok', 'all 20 pulses are those that the driver gave')
+    ]
+    recording = read_recording(path)
+    pulses = recording.pulses
+    halved = replace(pulses, intensity=0.5 * pulses.intensity)
+    write_recording(tmp_path / 'halved', halved, recording.forces)
+    found = audit_findings(tmp_path / 'halved', running.audit)
+    assert [state for state, _ in found] == ['FAULT', 'FAULT']
+    assert found[0][1].endswith('are not those that the driver gave')
+    later = replace(pulses[:1], onset_ns=pulses.onset_ns[-1:] + 10**9)
+    write_recording(tmp_path / 'more', PulseTrain.joined([pulses, later]), recording.forces)
+    assert audit_findings(tmp_path / 'more', running.audit) == [
+        ('FAULT', 'the log has 20 of 21 pulses')
+    ]
+    text = running.audit.read_text()
+    running.audit.write_text(text.replace('ada', 'bob'))
+    assert any('chain of the log' in said for _, said in audit_findings(path, running.audit))
+
+
+def audit_findings(path: Path, audit: Path) -> list[tuple[str, str]]:
+    findings = verify_recording(path, audit=audit)
+    return [(one.state, one.text) for one in findings if one.check == 'audit']
 
 
 def test_a_schedule_that_is_refused_is_told_to_nobody(graph, running) -> None:
