@@ -30,12 +30,12 @@ from soak_laboratory import FAULTS
 from soak_laboratory import STEP_NS
 from soak_laboratory import Laboratory
 
-from rpms_ros.cli.identified import IdentificationOptions
-from rpms_ros.cli.identified import identified
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import faults
 from rpms_ros.recording import read_recording
 from rpms_ros.report.agreement import differences
+from rpms_ros.report.identified import IdentificationOptions
+from rpms_ros.report.identified import identified
 from rpms_ros.report.recorded import recorded_messages
 
 FAULT_SHARE = 0.1

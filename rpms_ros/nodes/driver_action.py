@@ -55,6 +55,11 @@ class _DeferredServer(ActionServer):
     ) -> None:
         """Do nothing yet: the goal is executing from now on."""
 
+    def remove_future(self, future: Any) -> None:
+        """Forget a future, if that was not done: a goal may expire while the server goes."""
+        if future in self._futures:
+            ActionServer.remove_future(self, future)
+
     def conclude(self, goal_handle: ServerGoalHandle, callback: Callable[..., Any]) -> None:
         """End a goal: `callback` sets its state and returns its result."""
         ActionServer.notify_execute(self, goal_handle, callback)

@@ -1,7 +1,9 @@
 """The driver as a node: silent until told to run, a goal from begin to end, stops."""
 
+import asyncio
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -126,6 +128,22 @@ def test_goal_delivers_every_pulse_and_says_so(graph):
     assert lab.feedback[0].segments == 1
     lab.wait_for_state(DriverStatus.DISARMED)
     assert lab.statuses[-1].pulses_delivered == 10
+
+
+def test_a_goal_may_expire_while_the_driver_is_taken_down(graph):
+    lab = Laboratory(graph)
+    lab.activate()
+    assert lab.result(lab.send(SHORT)).result.completed
+    server = lab.driver._action._server
+    expired = [SimpleNamespace(goal_id=SimpleNamespace(uuid=key)) for key in server._goal_handles]
+    assert len(expired) == 1
+    # the executor had taken this out of its queue before the server was destroyed
+    late = server._execute_expire_goals(expired)
+    lab.driver._action.destroy()
+    # once is enough; a monkeypatch would be taken back before the graph is closed
+    lab.driver._action.destroy = lambda: None
+    asyncio.run(late)
+    assert not server._goal_handles
 
 
 def test_second_goal_is_refused_and_cancel_stops_the_first(graph):
