@@ -42,6 +42,7 @@ FAULT_SHARE = 0.1
 RESTART_EVERY_S = 300.0
 LARGEST_SLOPE_MB = 30.0
 _SAMPLE_STEPS = 20
+_LAST_EVENTS = 100
 _STREAM = StreamSettings()
 _WAITING = 2 + math.ceil(_STREAM.reorder_delay / _STREAM.estimate_period)
 _NODE_ONLY = (faults.FORCE_PUBLISHERS, faults.PULSE_PUBLISHERS)
@@ -72,11 +73,10 @@ class Graph:
     def remove(self, node):
         self._nodes.remove(node)
         self._executor.remove_node(node)
-        # The executor has to forget the node's subscriptions before others get their addresses:
-        # it would take those for known and never serve them.
-        self._executor.spin_once(timeout_sec=0.01)
+        # What is in the executor's queue by now would be called on a node that is gone.
+        for _ in range(_LAST_EVENTS):
+            self._executor.spin_once(timeout_sec=0.0)
         node.destroy_node()
-        self._executor.spin_once(timeout_sec=0.01)
 
     def wait_for(self, predicate, timeout_s=120.0):
         end = time.monotonic() + timeout_s
