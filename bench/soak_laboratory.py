@@ -117,10 +117,10 @@ class Link(Node):
         self.newest_ns = 0
         self.offset_ns = 0
         self._held, self._held_pulses = [], []
-        self._force = self._pulses = None
+        self._force = self._pulses = self._given = None
         self._steps_held = 0
         self.speak()
-        self._given = self.create_publisher(PulseMessage, 'pulses_given', qos.PULSES)
+        self.give_anew()
         self._clock = self.create_publisher(Clock, '/clock', qos.CLOCK)
         self.create_subscription(WrenchStamped, 'force_true', self._on_force, qos.FORCE, raw=True)
 
@@ -134,6 +134,12 @@ class Link(Node):
             self.destroy_publisher(publisher)
         self._force = self.create_publisher(WrenchStamped, 'force', qos.FORCE)
         self._pulses = self.create_publisher(PulseMessage, 'pulses', qos.PULSES)
+
+    def give_anew(self):
+        """Begin to publish what the muscle gets, for the same reason."""
+        if self._given is not None:
+            self.destroy_publisher(self._given)
+        self._given = self.create_publisher(PulseMessage, 'pulses_given', qos.PULSES)
 
     def begin_step(self, fault):
         """Let something go wrong until the next step."""
@@ -247,6 +253,7 @@ class Laboratory:
             self.graph.remove(self.plant)
             # What is gone must not pass for what comes: it would be sent to nobody.
             self.graph.wait_for(lambda: not self.link._given.get_subscription_count())
+            self.link.give_anew()
             self.restarts['plant'] += 1
         arguments = ['--ros-args', '-r', 'force:=force_true', '-r', 'pulses:=pulses_given']
         self.plant = self.graph.add(
