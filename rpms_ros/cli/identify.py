@@ -37,6 +37,8 @@ _EXAMPLES = """\
   rpms identify session --force-topic /left/wrench --axis x --sign -1
   rpms identify session --estimator batch              with intervals and physiology
   rpms identify session --preset table_5 --rate-hz 15
+  rpms identify monday --estimator horizon --save-state ada.state
+  rpms identify friday --estimator horizon --start-from ada.state
 
 exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 2 if not possible
 """
@@ -62,6 +64,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
     add_reading_options(parser)
     add_estimator_options(parser)
+    _add_state_options(parser)
     add_verdict_option(parser)
 
 
@@ -76,6 +79,22 @@ def verdict_code(grade: str, faults: bool) -> int:
     if grade == 'no':
         return UNUSABLE
     return INCOMPLETE if faults or grade != 'good' else SUCCESS
+
+
+def _add_state_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('what is known before and after')
+    text = 'file for what is known at the end: the node and --start-from read it'
+    group.add_argument('--save-state', type=Path, metavar='FILE', help=text)
+    text = (
+        'start from what an earlier session of the patient has told, a saved state or the JSON of '
+        'this command; it gives way where it is wrong (horizon)'
+    )
+    group.add_argument('--start-from', type=Path, metavar='FILE', help=text)
+    text = (
+        'weigh each pulse by the pulses before it, with the history law in the JSON of rpms '
+        'analyze or a JSON object of its numbers; for trains of 30 Hz and more (batch, horizon)'
+    )
+    group.add_argument('--temporal-summation', type=Path, metavar='FILE', help=text)
 
 
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
@@ -100,13 +119,20 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.identification.verdict import VerdictSettings
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import compile_estimator
+    from rpms_ros.report.identified import history_of
     from rpms_ros.report.identified import identified
     from rpms_ros.report.result import result_of
     from rpms_ros.schema import plain
 
     settings = VerdictSettings(expected_force=arguments.expected_force)
     options = IdentificationOptions(
-        arguments.estimator, arguments.preset, arguments.rate_hz, arguments.seed
+        arguments.estimator,
+        arguments.preset,
+        arguments.rate_hz,
+        arguments.seed,
+        history_of(arguments.temporal_summation),
+        arguments.start_from,
+        arguments.save_state,
     )
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
@@ -114,7 +140,9 @@ def run(arguments: argparse.Namespace) -> int:
         compile_estimator(options)
     with progress('identifying', samples, 'samples', arguments.quiet) as advance:
         # Figures show a path of estimates; the result is the last one.
-        most = _MOST_ESTIMATES if arguments.out else 1
+        # A state that is gone on with on line is made with the period on line.
+        few = _MOST_ESTIMATES if arguments.out else 1
+        most = None if arguments.save_state else few
         session = identified(recording, options, advance, most)
     document = plain(result_of(recording, session, settings))
     if arguments.json:

@@ -20,7 +20,9 @@ from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.settings import settings_by_name
+from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.tracking.estimator import TrackingEstimator
+from rpms_ros.identification.tracking.settings import TrackingSettings
 
 GROUP = 'rpms_ros.estimators'
 _PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line', 'update')
@@ -40,11 +42,14 @@ class EstimatorOptions:
         Seed of a random start.
     rate_hz : float
         Repetition rate for which the recruitment curve is stated [Hz].
+    history : TemporalSummation or None
+        What pulses do to those after them; for batch and horizon.
     """
 
     preset: str = 'table_4'
     seed: int = 0
     rate_hz: float = DEFAULT_RATE
+    history: TemporalSummation | None = None
 
 
 EstimatorBuilder = Callable[[EstimatorOptions], Estimator]
@@ -54,13 +59,17 @@ _LATENCY = {'table_4': 0.0, 'table_5': 8e-3}
 
 
 def _recursive(options: EstimatorOptions) -> Estimator:
+    if options.history is not None:
+        raise IdentificationError(
+            'expected an estimator with a history law, batch or horizon, got recursive'
+        )
     return RecursiveEstimator(settings_by_name(options.preset), options.seed, options.rate_hz)
 
 
 def _projection(options: EstimatorOptions) -> ProjectionSettings:
     start = settings_by_name(options.preset).start
     basis = replace(ProjectionSettings().basis, latency=_LATENCY[options.preset])
-    return ProjectionSettings(basis=basis, start=start)
+    return ProjectionSettings(basis=basis, start=start, history=options.history)
 
 
 def _batch(options: EstimatorOptions) -> Estimator:
@@ -72,7 +81,7 @@ def _horizon(options: EstimatorOptions) -> Estimator:
 
 
 def _tracking(options: EstimatorOptions) -> Estimator:
-    return TrackingEstimator(None, options.rate_hz)
+    return TrackingEstimator(TrackingSettings(history=options.history), options.rate_hz)
 
 
 ESTIMATORS: Mapping[str, EstimatorBuilder] = MappingProxyType(
@@ -100,6 +109,7 @@ def estimator_by_name(
     preset: str = 'table_4',
     seed: int = 0,
     rate_hz: float = DEFAULT_RATE,
+    history: TemporalSummation | None = None,
 ) -> Estimator:
     """Return a fresh estimator of `estimator_names`; see `EstimatorOptions`.
 
@@ -109,7 +119,7 @@ def estimator_by_name(
         If there is no such estimator, more than one of its name, or it cannot be loaded or is
         none; if there is no such preset, or the rate is not above zero.
     """
-    options = EstimatorOptions(preset, seed, rate_hz)
+    options = EstimatorOptions(preset, seed, rate_hz, history)
     points = _registered().get(name, [])
     targets = [*(['this package'] if name in ESTIMATORS else []), *(p.value for p in points)]
     if not targets:

@@ -85,6 +85,17 @@ def load(path: Path | str, stream: IdentificationStream) -> None:
         raise IdentificationError(f'expected a saved state in {path}, got {error!r}') from error
 
 
+def is_state(path: Path | str) -> bool:
+    """Return whether a file begins as saved states do.
+
+    Raises
+    ------
+    IdentificationError
+        If it cannot be read.
+    """
+    return _read(Path(path)).startswith(FORMAT.encode())
+
+
 def read_state(path: Path | str) -> State:
     """Return what a file holds, its sum and the version of its format checked.
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import PULSES_TOO_FREQUENT
@@ -32,6 +33,8 @@ from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.projection.step import complete
 from rpms_ros.identification.projection.step import improve
 from rpms_ros.identification.projection.step import theta_gradient
+from rpms_ros.identification.warm_start import DayToDay
+from rpms_ros.identification.warm_start import Knowledge
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -101,6 +104,28 @@ class HorizonEstimator(ProjectionEstimator):
         self._forgotten = settings.as_prior()
         self._turn = 0
         self._settled_ns = -(2**63)
+
+    def start_from(self, known: Knowledge) -> None:
+        """Take what is known of the muscle as an arrival cost, before any data.
+
+        Raises
+        ------
+        IdentificationError
+            If there were data.
+        """
+        if self._last_ns is not None or self._pulses:
+            raise IdentificationError('expected a fresh estimator to start from what is known')
+        known = known.on(self.settings.basis)
+        fit, prior = self._fit, self._problem.prior
+        theta = np.clip(known.theta, prior.lower, prior.upper)
+        theta[1] = max(theta[1], theta[0] + prior.separation)
+        fit.theta[:] = theta
+        fit.linear[:] = known.linear
+        fit.variance[0] = known.variance
+        information = known.variance * np.linalg.inv(known.widened(DayToDay()))
+        prior.information[:] = 0.5 * (information + information.T)
+        prior.reference[:] = [*theta[:2], *np.log(theta[2:]), *known.linear]
+        prior.information_vector[:] = 0.0
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].

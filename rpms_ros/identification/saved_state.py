@@ -55,7 +55,11 @@ class Restorable:
         for name, hint in hints.items():
             own = getattr(self, name)
             if isinstance(own, Restorable):
+                expect(isinstance(state[name], Mapping), f'{where}.{name}', 'a state')
                 own.restore(state[name])
+                continue
+            if own is None and any(issubclass(kind, Restorable) for kind in _kinds(hint)):
+                expect(state[name] is None, f'{where}.{name}', 'nothing')
                 continue
             value = typed(hint, state[name], f'{where}.{name}')
             if isinstance(own, deque):
@@ -118,6 +122,10 @@ def remembered(kind: type) -> Mapping[str, Any]:
     """Return the annotations of a class by name, those of class variables apart."""
     hints = get_type_hints(kind)
     return {name: hint for name, hint in hints.items() if get_origin(hint) is not ClassVar}
+
+
+def _kinds(hint: Any) -> list[type]:
+    return [kind for kind in get_args(hint) if isinstance(kind, type)]
 
 
 def plain(value: Any) -> Any:

@@ -5,12 +5,14 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.arrival import feed
+from rpms_ros.identification.checkpoint import save
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.monitors import Monitor
@@ -83,6 +85,7 @@ def identify(
     progress: Callable[[int], object] | None = None,
     samples_before_pulse: IntArray | None = None,
     sinks: Sequence[Monitor] = (),
+    save_state: Path | None = None,
 ) -> IdentifiedSession:
     """Run an estimator over a recording, as it would have run on line.
 
@@ -102,6 +105,8 @@ def identify(
         pulses are taken to come in time.
     sinks : sequence of Monitor
         Are handed all samples, predictions and estimates too.
+    save_state : Path or None
+        Where the state after the last sample is saved; see `checkpoint`.
 
     Returns
     -------
@@ -128,6 +133,8 @@ def identify(
         raise IdentificationError(
             f'expected at least one finite force sample, got none among {len(forces)}'
         )
+    if save_state is not None:
+        save(save_state, stream)
     return IdentifiedSession(
         estimates,
         trace.column('stamp_ns'),

@@ -16,6 +16,8 @@ from rpms_ros.identification import StreamSettings
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.catalogue import on_line_names
 from rpms_ros.identification.monitors import monitors_by_name
+from rpms_ros.identification.temporal_summation import TemporalSummation
+from rpms_ros.identification.warm_start import warm_start
 from rpms_ros.nodes.parameters import LARGEST_SEED
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
@@ -104,6 +106,16 @@ class IdentifierParameters(NodeParameters):
         '', 'Folder in which save_state and load_state keep their files; empty refuses both.'
     )
     frame_id: str = parameter('muscle', 'Frame of the estimate.')
+    temporal_summation: str = parameter(
+        '',
+        'JSON of rpms analyze, or of the numbers of its history law: weighs a pulse by those '
+        'before it; empty: by the interval alone. For horizon.',
+    )
+    start_from: str = parameter(
+        '',
+        'Saved state or JSON of rpms identify of an earlier session of the patient; what it says '
+        'gives way where it is wrong, and comes back with a reset. For horizon.',
+    )
 
     def __post_init__(self) -> None:
         if self.estimator == 'batch':
@@ -118,6 +130,8 @@ class IdentifierParameters(NodeParameters):
         try:
             monitors_by_name(stream_settings(self).monitors)
             messages.axis_of(self.axis, self.sign)
+            if self.temporal_summation or self.start_from:
+                build_estimator(self)
         except (IdentificationError, MessageError) as error:
             raise NodeError(str(error)) from error
 
@@ -136,9 +150,17 @@ def stream_settings(settings: IdentifierParameters) -> StreamSettings:
 
 def build_estimator(settings: IdentifierParameters) -> Estimator:
     """Return a fresh estimator."""
-    return estimator_by_name(
-        settings.estimator, settings.preset, settings.seed, settings.repetition_rate
+    path = settings.temporal_summation
+    estimator = estimator_by_name(
+        settings.estimator,
+        settings.preset,
+        settings.seed,
+        settings.repetition_rate,
+        TemporalSummation.of_file(path) if path else None,
     )
+    if settings.start_from:
+        warm_start(estimator, settings.start_from)
+    return estimator
 
 
 def build_stream(settings: IdentifierParameters) -> IdentificationStream:

@@ -2,17 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpms_ros.identification import DEFAULT_RATE
+from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import identify
 from rpms_ros.identification.catalogue import estimator_by_name
+from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.verdict import doublings
 from rpms_ros.identification.verdict import period_of_estimates
+from rpms_ros.identification.warm_start import warm_start
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
@@ -35,12 +39,35 @@ class IdentificationOptions:
         Repetition rate for which the recruitment curve is stated [Hz].
     seed : int
         Of the estimator's random start.
+    history : TemporalSummation or None
+        What pulses do to those after them.
+    start_from : Path or None
+        Saved state or result of an earlier session.
+    save_state : Path or None
+        Where what is known at the end is saved.
     """
 
     estimator: str = 'recursive'
     preset: str = 'table_4'
     rate_hz: float = DEFAULT_RATE
     seed: int = 0
+    history: TemporalSummation | None = None
+    start_from: Path | None = None
+    save_state: Path | None = None
+
+    def build(self) -> Estimator:
+        """Return a fresh estimator."""
+        estimator = estimator_by_name(
+            self.estimator, self.preset, self.seed, self.rate_hz, self.history
+        )
+        if self.start_from is not None:
+            warm_start(estimator, self.start_from)
+        return estimator
+
+
+def history_of(path: Path | None) -> TemporalSummation | None:
+    """Return the history law in a file, None without one."""
+    return TemporalSummation.of_file(path) if path is not None else None
 
 
 def identified(
@@ -64,18 +91,26 @@ def identified(
         that the verdict needs in any case; None makes all of them, ten a second.  The last one is
         the same in any case.
     """
-    estimator = estimator_by_name(options.estimator, options.preset, options.seed, options.rate_hz)
+    estimator = options.build()
     settings = StreamSettings(estimate_period=_period(recording, most_estimates))
     # Only what could have run on line has to leave out the pulses that came too late for it.
     arrival = recording.samples_before_pulse if estimator.on_line else None
-    return identify(estimator, recording.pulses, recording.forces, settings, progress, arrival)
+    return identify(
+        estimator,
+        recording.pulses,
+        recording.forces,
+        settings,
+        progress,
+        arrival,
+        save_state=options.save_state,
+    )
 
 
 def compile_estimator(options: IdentificationOptions) -> None:
     """Run the estimator over two seconds of made-up data: the first run on a machine compiles."""
     pulses = PulseTrain.regular([0.2, 0.5, 0.8, 1.0] * 10, rate_hz=20.0)
     stamp_ns = np.arange(2000, dtype=np.int64) * (NANOSECONDS_PER_SECOND // 1000)
-    estimator = estimator_by_name(options.estimator, options.preset, options.seed, options.rate_hz)
+    estimator = options.build()
     force = 1.0 - np.cos(stamp_ns * 1e-8)
     identify(estimator, pulses, ForceTrace(stamp_ns, force), StreamSettings(estimate_period=1.0))
 

@@ -13,6 +13,9 @@ import pytest
 from scipy.integrate import trapezoid
 
 from rpms_ros.cli import main
+from rpms_ros.identification import IdentificationStream
+from rpms_ros.identification import checkpoint
+from rpms_ros.identification import estimator_by_name
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
@@ -333,3 +336,38 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
     for name in ('onset_s', 'twitch_time_constant_s', 'latency_s'):
         lower, value, upper = (float(row[f'{name}{end}']) for end in ('_lower', '', '_upper'))
         assert lower <= value <= upper
+
+
+def test_what_is_known_is_saved_and_started_from(
+    rpms: Rpms, as_json: AsJson, short_session: Path, tmp_path: Path
+) -> None:
+    state = tmp_path / 'ada.state'
+    first = as_json(
+        'identify', short_session, '--json', '--estimator', 'horizon', '--save-state', state
+    )
+    plain = as_json('identify', short_session, '--json', '--estimator', 'horizon')
+    assert first == plain
+    stream = IdentificationStream(estimator_by_name('horizon'))
+    checkpoint.load(state, stream)
+    assert stream.estimate().samples == 10_000
+    warm = as_json(
+        'identify', short_session, '--json', '--estimator', 'horizon', '--start-from', state
+    )
+    # It has been right from the first pulse on.
+    assert warm['output_error_n'] <= plain['output_error_n']
+    code, _, err = rpms('identify', short_session, '--start-from', state)
+    assert code == 2
+    assert 'expected an estimator that can start from an earlier session' in err
+
+
+def test_a_history_law_comes_from_a_file(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
+    law = tmp_path / 'law.json'
+    law.write_text('{"facilitation": 0.5}')
+    options = ('--estimator', 'horizon', '--temporal-summation', law)
+    code, out, _ = rpms('identify', short_session, *options)
+    assert code == 0
+    assert 'horizon' in out
+    law.write_text('{"facilitation": -0.5}')
+    code, _, err = rpms('identify', short_session, *options)
+    assert code == 2
+    assert 'expected a facilitation of at least 0, got -0.5' in err

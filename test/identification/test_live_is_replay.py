@@ -6,14 +6,15 @@ from itertools import groupby
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
 
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import StreamSettings
+from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.arrival import feed
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import Pulse
@@ -23,7 +24,7 @@ MILLISECOND = 1_000_000
 SECOND = 1000 * MILLISECOND
 START_NS = 1_700_000_000 * SECOND
 # Set it to a few hundred to search longer.
-EXAMPLES = int(os.environ.get('RPMS_LIVE_IS_REPLAY_EXAMPLES', '40'))
+EXAMPLES = int(os.environ.get('RPMS_LIVE_IS_REPLAY_EXAMPLES', '25'))
 
 Arrival = Pulse | tuple[int, float]
 """A pulse, or stamp and value of a force sample."""
@@ -89,9 +90,11 @@ def columns_of(arrivals: Sequence[Arrival]) -> tuple[PulseTrain, ForceTrace]:
     return PulseTrain.of(pulses), ForceTrace(stamps, np.array([value for _, value in forces]))
 
 
-def live(arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings) -> list[Estimate]:
+def live(
+    name: str, arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings
+) -> list[Estimate]:
     """Estimates of a node that looks at what has come at every cut."""
-    stream = IdentificationStream(RecursiveEstimator(seed=1), waiting)
+    stream = IdentificationStream(estimator_by_name(name, seed=1), waiting)
     estimates: list[Estimate] = []
     edges = [0, *sorted(cuts), len(arrivals)]
     for start, stop in pairwise(edges):
@@ -103,9 +106,9 @@ def live(arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings) -> l
     return estimates + stream.finish()
 
 
-def replayed(arrivals: list[Arrival], waiting: StreamSettings) -> list[Estimate]:
+def replayed(name: str, arrivals: list[Arrival], waiting: StreamSettings) -> list[Estimate]:
     """Estimates of the recording."""
-    stream = IdentificationStream(RecursiveEstimator(seed=1), waiting)
+    stream = IdentificationStream(estimator_by_name(name, seed=1), waiting)
     pulses, forces = columns_of(arrivals)
     is_pulse = np.array([isinstance(one, Pulse) for one in arrivals])
     before = np.cumsum(~is_pulse)[is_pulse]
@@ -122,21 +125,22 @@ def image(estimate: Estimate) -> list[bytes]:
     ]
 
 
+@pytest.mark.parametrize('name', ['recursive', 'horizon'])
 @settings(deadline=None, max_examples=EXAMPLES)
 @given(
     wrong=faulty,
     cuts=st.lists(st.integers(0, 3000), max_size=40),
     delay=st.sampled_from([(0.2, 0.1), (0.05, 0.02), (0.0, 0.0)]),
 )
-def test_live_is_replay(record, wrong, cuts, delay) -> None:
+def test_live_is_replay(record, name, wrong, cuts, delay) -> None:
     pulses, forces = record(np.random.default_rng(7).uniform(size=48), START_NS)
     noise = 0.02 * np.random.default_rng(8).standard_normal(2400)
     arrivals = arrivals_of(pulses, ForceTrace(forces.stamp_ns, forces.force + noise))
     for kind, place, size in wrong:
         arrivals = spoil(arrivals, kind, place, size)
     waiting = StreamSettings(reorder_delay=delay[0], pulse_look_ahead=delay[1])
-    expected = replayed(arrivals, waiting)
-    found = live(arrivals, [cut for cut in cuts if cut < len(arrivals)], waiting)
+    expected = replayed(name, arrivals, waiting)
+    found = live(name, arrivals, [cut for cut in cuts if cut < len(arrivals)], waiting)
     assert [one.stamp_ns for one in found] == [one.stamp_ns for one in expected]
     assert [dict(one.faults) for one in found] == [dict(one.faults) for one in expected]
     assert [image(one) for one in found] == [image(one) for one in expected]

@@ -16,7 +16,11 @@ from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
+from rpms_ros.identification import HorizonEstimator
+from rpms_ros.identification import IdentificationStream
+from rpms_ros.identification import checkpoint
 from rpms_ros.identification import identify
+from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.nodes import qos
@@ -338,3 +342,29 @@ def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) 
 def test_bad_parameters_are_refused(values: dict[str, object], message: str) -> None:
     with pytest.raises(NodeError, match=message):
         IdentifierParameters(**values)
+
+
+def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path) -> None:
+    law = tmp_path / 'law.json'
+    law.write_text('{"facilitation": 0.5}')
+    settings = IdentifierParameters(estimator='horizon', temporal_summation=str(law))
+    estimator = build_estimator(settings)
+    assert isinstance(estimator, HorizonEstimator)
+    assert estimator.settings.history == TemporalSummation(facilitation=0.5)
+    stream = IdentificationStream(build_estimator(IdentifierParameters(estimator='horizon')))
+    pulses, forces = recording()
+    stream.add_pulses(pulses)
+    stream.add_forces(forces)
+    stream.finish()
+    state = tmp_path / 'state'
+    checkpoint.save(state, stream)
+    warm = build_estimator(IdentifierParameters(estimator='horizon', start_from=str(state)))
+    assert isinstance(warm, HorizonEstimator)
+    assert warm.linear.any()
+    for wrong, message in (
+        ({'temporal_summation': str(tmp_path)}, 'expected a JSON file with a history law'),
+        ({'start_from': str(law)}, 'expected a session with a recruitment curve'),
+        ({'estimator': 'recursive', 'start_from': str(state)}, 'such as horizon, got recursive'),
+    ):
+        with pytest.raises(NodeError, match=message):
+            IdentifierParameters(**{'estimator': 'horizon', **wrong})

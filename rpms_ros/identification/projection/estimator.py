@@ -96,7 +96,9 @@ class ProjectionEstimator(RestorableWithSettings):
         self._fit = empty_fit(start, basis.functions, knots)
         self._trial = empty_fit(start, basis.functions, knots)
         self._intake = fresh_intake(basis.functions)
-        self._delay_line = PulseDelayLine(basis.latency, self.settings.by_rate, rate_hz)
+        self._delay_line = PulseDelayLine(
+            basis.latency, self.settings.by_rate, rate_hz, self.settings.history
+        )
         self._builder = EstimateBuilder(self.name, basis, rate_hz, self.settings.confidence)
         self._faults = FaultCounter()
         self._pulses = 0

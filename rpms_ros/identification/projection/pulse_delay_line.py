@@ -4,6 +4,8 @@ import numpy as np
 
 from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.identification.saved_state import expect
+from rpms_ros.identification.temporal_summation import PulseHistory
+from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -24,17 +26,27 @@ class PulseDelayLine(Restorable):
         Weight by the interval to the pulse before; None weights all alike.
     rate_hz : float
         Rate at which the weight is 1 [Hz].
+    history : TemporalSummation or None
+        Weight by all pulses before, instead of by the interval.
     """
 
     _last_ns: int | None
     begin_ns: IntArray
     intensity: FloatArray
     weight: FloatArray
+    _history: PulseHistory | None
 
-    def __init__(self, latency: float, by_rate: RateRecruitment | None, rate_hz: float) -> None:
+    def __init__(
+        self,
+        latency: float,
+        by_rate: RateRecruitment | None,
+        rate_hz: float,
+        history: TemporalSummation | None = None,
+    ) -> None:
         self._latency_ns = round(latency * NANOSECONDS_PER_SECOND)
         self._by_rate = by_rate
         self._unit = float(by_rate.per_pulse(rate_hz)) if by_rate is not None else 1.0
+        self._history = PulseHistory(history, rate_hz) if history is not None else None
         self._last_ns = None
         self.begin_ns = np.empty(0, dtype=np.int64)
         self.intensity = np.empty(0)
@@ -46,7 +58,7 @@ class PulseDelayLine(Restorable):
             return
         self.begin_ns = np.concatenate((self.begin_ns, onset_ns + self._latency_ns))
         self.intensity = np.concatenate((self.intensity, intensity))
-        self.weight = np.concatenate((self.weight, self._weights(onset_ns)))
+        self.weight = np.concatenate((self.weight, self._weights(onset_ns, intensity)))
         self._last_ns = int(onset_ns[-1])
 
     def latency(self, latency: float) -> None:
@@ -79,12 +91,16 @@ class PulseDelayLine(Restorable):
         self.intensity = np.empty(0)
         self.weight = np.empty(0)
         self._last_ns = None
+        if self._history is not None:
+            self._history.forget()
 
     def _check_restored(self) -> None:
         lengths = {self.begin_ns.shape, self.intensity.shape, self.weight.shape}
         expect(len(lengths) == 1 and self.begin_ns.ndim == 1, 'PulseDelayLine', 'as many onsets')
 
-    def _weights(self, onset_ns: IntArray) -> FloatArray:
+    def _weights(self, onset_ns: IntArray, intensity: FloatArray) -> FloatArray:
+        if self._history is not None:
+            return self._history.weights(onset_ns, intensity)
         if self._by_rate is None:
             return np.ones(len(onset_ns))
         rate = np.zeros(len(onset_ns))

@@ -12,6 +12,7 @@ from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.settings import SIMULATION_START
 from rpms_ros.identification.settings import RecruitmentBounds
+from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import FloatArray
@@ -89,6 +90,9 @@ class ProjectionSettings:
     by_rate : RateRecruitment or None
         How a pulse's weight depends on the interval to the one before it (Eq. 10); None takes
         all pulses alike.
+    history : TemporalSummation or None
+        How a pulse's weight depends on all pulses before it, in place of `by_rate`; None: on the
+        interval alone.
     knot_spacing : float
         Batch: distance of the baseline's knots [s].
     horizon : float
@@ -110,6 +114,7 @@ class ProjectionSettings:
     alpha_thr: tuple[float, float] = (2.0, 15.0)
     baseline: bool = True
     by_rate: RateRecruitment | None = field(default_factory=RateRecruitment)
+    history: TemporalSummation | None = None
     knot_spacing: float = 15.0
     horizon: float = 20.0
     step_period: float = 0.05

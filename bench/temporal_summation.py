@@ -1,0 +1,82 @@
+"""Trains of a rat at 100 Hz: equal pulses, pulses weighed by those before, the history law.
+
+The law is learned on the trains of 4 and 7 pulses; all have a latency, T_a, gain and baseline of
+their own.  Needs the recordings of RPMS_RECORDINGS.
+
+python bench/temporal_summation.py [--every 1]
+"""
+
+import argparse
+import os
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.identification.analysis.summation import analyze_trains
+from rpms_ros.identification.analysis.train_model import fit_scaled
+from rpms_ros.identification.analysis.train_model import pulse_twitches
+from rpms_ros.identification.temporal_summation import PulseHistory
+from rpms_ros.identification.temporal_summation import TemporalSummation
+from rpms_ros.schema import plain
+
+FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[1] / '../shared/data'))
+GATE_VOLTS = 4.0
+ORDER = 3
+KEEP = 4
+
+
+def train_of(path):
+    """Return the train in a file, every fourth sample."""
+    time, _, gate, force = np.loadtxt(path, delimiter=',', skiprows=1, usecols=range(4)).T
+    onset = time[1:][(gate[1:] > GATE_VOLTS) & (gate[:-1] <= GATE_VOLTS)]
+    part = np.flatnonzero((time >= onset[0] - 0.05) & (time < onset[-1] + 0.5))[::KEEP]
+    usable = np.ones(len(part), dtype=np.bool_)
+    return Response(
+        onset - onset[0], time[part] - onset[0], force[part], usable, np.nan, np.nan, 0
+    )
+
+
+def weighted_fit(train, law):
+    """Return the fit [%] of weighted twitches."""
+    onset_ns = np.rint(1e9 * train.onset).astype(np.int64)
+    weights = PulseHistory(law, 20.0).weights(onset_ns, np.ones(len(onset_ns)))
+
+    def shape(latency, constant):
+        return pulse_twitches(train, ORDER, latency, constant) @ weights
+
+    return fit_scaled('weighted', train, shape).fit
+
+
+def main(argv=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--every', type=int, default=1, help='take every so many trials')
+    every = parser.parse_args(argv).every
+    paths = sorted((FOLDER / 'rat_gastrocnemius').glob('*.csv'))[::every]
+    if not paths:
+        print(f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
+        return 0
+    found = analyze_trains([train_of(path) for path in paths], ORDER)
+    numbers = {'order': ORDER, 'time_constant': found.time_constant, 'law': plain(found.law)}
+    law = TemporalSummation.of_analysis({'summation': numbers})
+    rows = defaultdict(list)
+    shares = []
+    for one in found.trains:
+        fits = (one.equal.fit, weighted_fit(one.response, law), one.law.fit)
+        rows[len(one.response.onset)].append(fits)
+        shares.append(one.law.time_constant / one.equal.time_constant)
+    print(law)
+    print(f'T_a with the law, as share of that of equal pulses: {np.mean(shares):.2f}')
+    print('mean fit [%]        equal pulses   weighed   history law')
+    for pulses, fits in sorted(rows.items()):
+        equal, weighed, by_law = np.mean(fits, axis=0)
+        print(
+            f'  {pulses:>2} pulses ({len(fits)})    {equal:10.1f} {weighed:11.1f} {by_law:10.1f}'
+        )
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,209 @@
+r"""What is known of a returning patient from the last session, as a prior that can be wrong.
+
+Parameters, response and covariance P of the last session are widened by what changes from one
+day to the next, the coil that is put on anew most of all,
+
+.. math:: P' = P + Q_\theta + g^2 w w^T + h^2 \|w\|^2 I / n ,
+
+and become the arrival cost of a horizon (`projection.arrival_cost`).  That cost is held against
+the samples before every step and gives way where it contradicts them.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from typing import Protocol
+from typing import runtime_checkable
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import checkpoint
+from rpms_ros.identification.estimate import Estimator
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.pulses import FloatArray
+
+# Where a response is compared with that on another basis [s].
+_LAG: FloatArray = np.arange(0.0, 0.6, 1e-3)
+_LARGEST_RESULT = 64_000_000
+# What a result does not tell: deviation of the response, as share of it, and of alpha.
+_RESULT_SHARE = 0.02
+_RESULT_DEVIATION = (0.02, 0.02, 0.3, 0.2)
+
+
+@dataclass(frozen=True)
+class DayToDay:
+    """How far a muscle is from that of the last session: standard deviations.
+
+    Attributes
+    ----------
+    threshold : float
+        Of u_thr and u_sat.
+    slope : float
+        Of the logarithms of alpha_sat and alpha_thr.
+    gain : float
+        Of the force, as share of it.
+    shape : float
+        Of the response, as share of it.
+    """
+
+    threshold: float = 0.02
+    slope: float = 0.1
+    gain: float = 0.1
+    shape: float = 0.02
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What a session has told of a muscle.
+
+    Attributes
+    ----------
+    theta : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr.
+    linear : ndarray (functions,)
+        Coefficients of the response.
+    covariance : ndarray (4 + functions, 4 + functions)
+        Of both, alpha as logarithms.
+    variance : float
+        Of the residuals [N^2].
+    basis : LaguerreBasis
+        Functions of the response.
+    """
+
+    theta: FloatArray
+    linear: FloatArray
+    covariance: FloatArray
+    variance: float
+    basis: LaguerreBasis
+
+    def __post_init__(self) -> None:
+        joint = PARAMETERS + self.basis.functions
+        fits = self.theta.shape == (PARAMETERS,) and self.linear.shape == (self.basis.functions,)
+        if not (fits and self.covariance.shape == (joint, joint)):
+            raise IdentificationError('expected parameters of one model, got other shapes')
+        values = np.concatenate((self.theta, self.linear, self.covariance.ravel()))
+        if not (np.isfinite(values).all() and 0.0 < self.variance < math.inf):
+            raise IdentificationError('expected finite parameters of a muscle, got others')
+        if not (self.theta[2:] > 0.0).all():
+            raise IdentificationError(f'expected alpha above 0, got {self.theta[2:].tolist()}')
+
+    def on(self, basis: LaguerreBasis) -> 'Knowledge':
+        """Return the same on another basis, as near as it comes."""
+        if basis == self.basis:
+            return self
+        change = np.linalg.lstsq(basis.evaluate(_LAG), self.basis.evaluate(_LAG), rcond=None)[0]
+        joint = np.zeros((PARAMETERS + basis.functions, len(self.covariance)))
+        joint[:PARAMETERS, :PARAMETERS] = np.eye(PARAMETERS)
+        joint[PARAMETERS:, PARAMETERS:] = change
+        covariance = joint @ self.covariance @ joint.T
+        return Knowledge(self.theta, change @ self.linear, covariance, self.variance, basis)
+
+    def widened(self, change: DayToDay) -> FloatArray:
+        """Return the covariance of the muscle of today."""
+        size = float(self.linear @ self.linear)
+        spread = np.concatenate(
+            (
+                np.full(2, change.threshold**2),
+                np.full(2, change.slope**2),
+                np.full(len(self.linear), change.shape**2 * size / len(self.linear)),
+            )
+        )
+        covariance: FloatArray = self.covariance + np.diag(spread)
+        covariance[PARAMETERS:, PARAMETERS:] += change.gain**2 * np.outer(self.linear, self.linear)
+        return covariance
+
+
+@runtime_checkable
+class WarmStarting(Estimator, Protocol):
+    """An estimator that can start from what is known."""
+
+    def start_from(self, known: Knowledge) -> None:
+        """Take what is known as a prior, before any data.
+
+        Raises
+        ------
+        IdentificationError
+            If there were data.
+        """
+
+
+def warm_start(estimator: Estimator, path: Path | str) -> None:
+    """Let a fresh estimator start from a saved state, or from the JSON of ``rpms identify``.
+
+    Raises
+    ------
+    IdentificationError
+        If the file says nothing of a muscle, or the estimator cannot start from it.
+    """
+    if not isinstance(estimator, WarmStarting):
+        raise IdentificationError(
+            'expected an estimator that can start from an earlier session, such as horizon, '
+            f'got {estimator.name}'
+        )
+    estimator.start_from(known_from(path))
+
+
+def known_from(path: Path | str) -> Knowledge:
+    """Return what a saved state, or the JSON of ``rpms identify``, says of a muscle.
+
+    Raises
+    ------
+    IdentificationError
+        If it says nothing.
+    """
+    try:
+        if checkpoint.is_state(path):
+            return _of_state(checkpoint.read_state(path)['estimator_state'])
+        return _of_result(_read_result(Path(path)))
+    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
+        raise IdentificationError(
+            f'expected a session with a recruitment curve in {path}, got {error!r}'
+        ) from error
+
+
+def _of_state(state: Mapping[str, Any]) -> Knowledge:
+    """Return what the state of a batch or a horizon holds."""
+    settings, fit, prior = state['settings'], state['_fit'], state['_problem']['prior']
+    variance = float(fit['variance'][0])
+    lower = np.tril(fit['complete'])
+    matrix = lower + np.tril(lower, -1).T
+    joint = len(prior['reference'])
+    matrix[:joint, :joint] += prior['information']
+    known = np.arange(PARAMETERS)
+    matrix[known, known] += variance / prior['deviation'] ** 2
+    size = float(np.trace(matrix))
+    matrix += 1e-9 * size / len(matrix) * np.eye(len(matrix))
+    inverse = np.linalg.inv(matrix)[:joint, :joint]
+    basis = LaguerreBasis(
+        settings['basis.functions'], settings['basis.time_constant'], settings['basis.latency']
+    )
+    return Knowledge(fit['theta'], fit['linear'], variance * inverse, variance, basis)
+
+
+def _of_result(document: Mapping[str, Any]) -> Knowledge:
+    """Return what the JSON of ``rpms identify`` holds: no covariance of the response."""
+    theta = np.array([float(value) for value in document['recruitment'].values()])
+    response = document['impulse_response']
+    time = np.array(response['time_s'], dtype=np.float64)
+    force = np.array(response['force'], dtype=np.float64)
+    basis = LaguerreBasis(7, 38e-3, 0.0)
+    linear = np.array(np.linalg.lstsq(basis.evaluate(time), force, rcond=None)[0], np.float64)
+    share = _RESULT_SHARE**2 * float(linear @ linear) / len(linear)
+    deviation = np.array(_RESULT_DEVIATION)
+    covariance = np.diag(np.concatenate((deviation**2, np.full(len(linear), share))))
+    return Knowledge(theta, linear, covariance, float(document['output_error_n']) ** 2, basis)
+
+
+def _read_result(path: Path) -> Mapping[str, Any]:
+    try:
+        if not path.is_file() or path.stat().st_size > _LARGEST_RESULT:
+            raise IdentificationError(f'expected a saved state or a result, got {path}')
+        document: Mapping[str, Any] = json.loads(path.read_text())
+    except (OSError, RecursionError) as error:
+        raise IdentificationError(f'expected to read {path}, got {error}') from error
+    return document

@@ -1,0 +1,160 @@
+"""Pulses weighed by those before them: the force of the history law, pulse by pulse."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import HorizonEstimator
+from rpms_ros.identification import ProjectionSettings
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.identification.analysis.train_model import fit_equal
+from rpms_ros.identification.analysis.train_model import fit_scaled
+from rpms_ros.identification.analysis.train_model import pulse_twitches
+from rpms_ros.identification.projection.pulse_delay_line import PulseDelayLine
+from rpms_ros.identification.temporal_summation import PulseHistory
+from rpms_ros.identification.temporal_summation import TemporalSummation
+from rpms_ros.muscle import twitch
+from rpms_ros.pulses import PulseTrain
+
+MILLISECOND = 1_000_000
+FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / '../shared/data'))
+TRIALS = sorted((FOLDER / 'rat_gastrocnemius').glob('*.csv'))
+# docs/analysis.md: learned on the trains of 4 and 7 pulses; T_a of equal pulses is 9 ms.
+RAT = TemporalSummation(3.2, 1.26, 1.36, 0.156, 0.65 * 9e-3)
+ANALYSIS = {
+    'summation': {
+        'order': 3,
+        'time_constant': 9e-3,
+        'law': {
+            'half_level': 3.2,
+            'cooperation': 1.26,
+            'facilitation': 1.36,
+            'facilitation_decay': 0.156,
+            'series_lag': 0.011,
+        },
+    }
+}
+
+
+def test_a_steady_train_of_the_stated_rate_weighs_one() -> None:
+    steady = PulseTrain.regular(np.ones(100), 20.0)
+    for law in (TemporalSummation(), RAT):
+        weights = PulseHistory(law, 20.0).weights(steady.onset_ns, steady.intensity)
+        assert weights[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_weighted_twitches_meet_the_law_at_every_peak() -> None:
+    onset_ns = np.array([0, 10, 20, 45, 50, 130], dtype=np.int64) * MILLISECOND
+    history = PulseHistory(RAT, 20.0)
+    weights = history.weights(onset_ns, np.ones(6)) * history._unit
+    onset = 1e-9 * onset_ns
+    gains = [
+        1.0 + RAT.facilitation * np.exp((onset[:q] - onset[q]) / RAT.facilitation_decay).sum()
+        for q in range(6)
+    ]
+    for place in range(6):
+        peak = onset[place] + 2 * RAT.time_constant
+        shape = twitch(peak - onset[: place + 1], RAT.time_constant)
+        expected = RAT.saturated(float(np.array(gains[: place + 1]) @ shape))
+        # Nothing but rounding lies between them.
+        assert weights[: place + 1] @ shape == pytest.approx(expected, rel=1e-12)
+
+
+def test_weights_do_not_depend_on_how_pulses_are_cut() -> None:
+    train = PulseTrain.regular(np.random.default_rng(1).uniform(size=60), 70.0)
+    whole = PulseDelayLine(0.0, None, 20.0, RAT)
+    whole.add(train.onset_ns, train.intensity)
+    single = PulseDelayLine(0.0, None, 20.0, RAT)
+    for place in range(60):
+        single.add(train.onset_ns[place : place + 1], train.intensity[place : place + 1])
+    assert whole.weight.tobytes() == single.weight.tobytes()
+    again = PulseDelayLine(0.0, None, 20.0, RAT)
+    again.restore(whole.state())
+    later = train.onset_ns[-1:] + 5 * MILLISECOND
+    for line in (whole, again):
+        line.add(later, np.ones(1))
+    assert whole.weight.tobytes() == again.weight.tobytes()
+
+
+def test_a_pulse_of_no_intensity_does_nothing_to_the_next() -> None:
+    onset_ns = np.array([0, 10, 20], dtype=np.int64) * MILLISECOND
+    with_gap = PulseHistory(RAT, 20.0).weights(onset_ns, np.array([1.0, 0.0, 1.0]))
+    without = PulseHistory(RAT, 20.0).weights(onset_ns[[0, 2]], np.ones(2))
+    assert with_gap[2] == without[1]
+
+
+def test_without_a_law_nothing_changes(record) -> None:
+    pulses, forces = record(np.random.default_rng(2).uniform(size=40))
+    usable = np.ones(len(forces), dtype=np.bool_)
+    found = []
+    for estimator in (HorizonEstimator(), HorizonEstimator(ProjectionSettings(history=None))):
+        estimator.add_pulses(pulses.onset_ns, pulses.intensity)
+        found.append(estimator.update(forces.stamp_ns, forces.force, usable))
+        assert estimator._delay_line._history is None
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+def test_the_numbers_come_from_an_analysis_or_a_file(tmp_path) -> None:
+    path = tmp_path / 'analysis.json'
+    path.write_text(json.dumps(ANALYSIS))
+    assert TemporalSummation.of_file(path) == RAT
+    path.write_text('{"facilitation": 0.5, "order": 2}')
+    assert TemporalSummation.of_file(path) == TemporalSummation(facilitation=0.5, order=2)
+    estimator = estimator_by_name('horizon', history=RAT)
+    assert estimator.settings.history == RAT
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('[]', 'expected a JSON object'),
+        ('{"summation": null}', 'expected an analysis with a history law'),
+        ('{"summation": {"law": null}}', 'expected an analysis with a history law'),
+        ('{"halflevel": 1}', "expected .*half_level.* of a history law, got 'halflevel'"),
+        ('{"half_level": "3"}', "expected a number for half_level, got '3'"),
+        ('{"half_level": -1}', 'expected a half_level above 0, got -1'),
+        ('{"half_level": NaN}', 'expected a half_level above 0, got nan'),
+        ('{"order": 2.5}', 'expected a whole order, got 2.5'),
+        ('{"order": 1}', 'expected an order of at least 2, got 1'),
+        ('{"facilitation": -0.1}', 'expected a facilitation of at least 0'),
+        ('{', 'expected a JSON file'),
+    ],
+)
+def test_bad_numbers_are_refused(tmp_path, text, message) -> None:
+    (tmp_path / 'law.json').write_text(text)
+    with pytest.raises(IdentificationError, match=message):
+        TemporalSummation.of_file(tmp_path / 'law.json')
+
+
+def test_the_recursion_has_no_law() -> None:
+    with pytest.raises(IdentificationError, match='batch or horizon, got recursive'):
+        estimator_by_name('recursive', history=RAT)
+
+
+@pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
+def test_long_trains_of_a_rat_are_explained_better() -> None:
+    equal, weighted = [], []
+    for path in TRIALS[::3]:
+        time, _, gate, force = np.loadtxt(path, delimiter=',', skiprows=1, usecols=range(4)).T
+        onset = time[1:][(gate[1:] > 4.0) & (gate[:-1] <= 4.0)]
+        if len(onset) < 7:
+            continue
+        part = np.flatnonzero((time >= onset[0] - 0.05) & (time < onset[-1] + 0.5))[::4]
+        lag, usable = time[part] - onset[0], np.ones(len(part), dtype=np.bool_)
+        train = Response(onset - onset[0], lag, force[part], usable, np.nan, np.nan, 0)
+        weights = PulseHistory(RAT, 20.0).weights(
+            np.rint(1e9 * train.onset).astype(np.int64), np.ones(len(onset))
+        )
+
+        def shape(latency, constant, train=train, weights=weights):
+            return pulse_twitches(train, 3, latency, constant) @ weights
+
+        equal.append(fit_equal(train, 3).fit)
+        weighted.append(fit_scaled('weighted', train, shape).fit)
+    # bench/temporal_summation.py prints all trains; trains of 4 pulses gain nothing.
+    assert np.mean(weighted) > np.mean(equal) + 2.0

@@ -1,0 +1,127 @@
+"""A returning patient: what the last session told is a prior that gives way where it is wrong."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import CURVE_INTENSITY
+from rpms_ros.identification import IdentificationStream
+from rpms_ros.identification import StreamSettings
+from rpms_ros.identification import checkpoint
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification.warm_start import known_from
+from rpms_ros.identification.warm_start import warm_start
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import IntensityRecruitment
+from rpms_ros.muscle import Subject
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+
+LAST_TIME = Subject()
+RATE = 20.0
+
+
+def errors(subject, seconds, seed, path=None):
+    """Error of the curve every 50 ms, as share of its maximum, and the stream."""
+    generator = np.random.default_rng(seed)
+    pulses = PulseTrain.regular(generator.uniform(size=int(seconds * RATE)), RATE)
+    muscle = Contraction(subject)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = 1_000_000 * np.arange(50 * len(pulses), dtype=np.int64)
+    noise = 0.005 * subject.maximum_force * generator.standard_normal(len(stamps))
+    estimator = estimator_by_name('horizon', 'table_5')
+    if path is not None:
+        warm_start(estimator, path)
+    stream = IdentificationStream(estimator, StreamSettings(estimate_period=0.05))
+    stream.add_pulses(pulses)
+    stream.add_forces(ForceTrace(stamps, muscle.force(stamps) + noise))
+    truth = subject.steady_force(CURVE_INTENSITY, RATE)
+    found = [one.curve_force for one in [*stream.advance(), *stream.finish()]]
+    known = [len(curve) == len(truth) for curve in found]
+    return np.array(
+        [
+            np.abs(curve - truth).max() / truth.max() if there else np.inf
+            for curve, there in zip(found, known, strict=True)
+        ]
+    ), stream
+
+
+@pytest.fixture(name='saved', scope='module')
+def saved_fixture(tmp_path_factory):
+    path = tmp_path_factory.mktemp('last') / 'time'
+    _, stream = errors(LAST_TIME, 20.0, 1)
+    checkpoint.save(path, stream)
+    return path
+
+
+def other_day():
+    shape = replace(LAST_TIME.recruitment, threshold=0.485, saturation=0.975).normalised()
+    return replace(LAST_TIME, recruitment=shape, maximum_force=9.3)
+
+
+def test_ten_pulses_are_enough_for_a_returning_patient(saved) -> None:
+    subject = other_day()
+    curves = [one.steady_force(CURVE_INTENSITY, RATE) for one in (subject, LAST_TIME)]
+    assert 0.05 < np.abs(curves[0] - curves[1]).max() / curves[0].max() < 0.1
+    warm, _ = errors(subject, 1.5, 2, saved)
+    cold, _ = errors(subject, 1.5, 2)
+    assert warm[:10].min() < 0.01
+    # Ten pulses with 0.5 % noise leave about 0.5 % even where the truth is the prior's centre.
+    assert warm[10:].max() < 0.02
+    assert warm[5] < 0.1 * cold[5]
+
+
+def test_a_wrong_prior_gives_way(saved) -> None:
+    shape = IntensityRecruitment(0.62, 0.9, 5.0, 8.0).normalised()
+    stranger = Subject(28e-3, 9e-3, recruitment=shape, maximum_force=31.0)
+    wrong, _ = errors(stranger, 4.0, 3, saved)
+    cold, _ = errors(stranger, 4.0, 3)
+
+    def settled(error):
+        return int(np.flatnonzero(error > 0.02)[-1])
+
+    # A second is twenty estimates.
+    assert settled(wrong) <= settled(cold) + 20
+    assert wrong[-1] < 0.01
+
+
+def test_a_result_does_as_well(saved, tmp_path) -> None:
+    known = known_from(saved)
+    time = np.arange(0.0, 0.4, 5e-3)
+    document = {
+        'recruitment': dict(
+            zip(('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr'), known.theta.tolist(), strict=True)
+        ),
+        'impulse_response': {
+            'time_s': time.tolist(),
+            'force': (known.basis.evaluate(time) @ known.linear).tolist(),
+        },
+        'output_error_n': 0.05,
+    }
+    (tmp_path / 'result.json').write_text(json.dumps(document))
+    warm, _ = errors(other_day(), 1.5, 2, tmp_path / 'result.json')
+    assert warm[:10].min() < 0.015
+
+
+def test_what_says_nothing_of_a_muscle_is_refused(tmp_path, saved) -> None:
+    path = tmp_path / 'file'
+    for text in ('{}', '[1]', '{"recruitment": null}', 'no JSON'):
+        path.write_text(text)
+        with pytest.raises(IdentificationError, match='expected a session with a recruitment'):
+            known_from(path)
+    flipped = bytearray(saved.read_bytes())
+    flipped[len(flipped) // 2] ^= 4
+    path.write_bytes(flipped)
+    with pytest.raises(IdentificationError, match='expected a saved state that is whole'):
+        known_from(path)
+    with pytest.raises(IdentificationError, match=r'that can start .*, such as horizon, got rec'):
+        warm_start(estimator_by_name('recursive'), saved)
+
+
+def test_a_session_that_has_begun_is_not_started_again(saved) -> None:
+    _, stream = errors(LAST_TIME, 1.0, 4)
+    with pytest.raises(IdentificationError, match='expected a fresh estimator'):
+        warm_start(stream.estimator, saved)
