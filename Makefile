@@ -2,6 +2,7 @@
 # make demo    simulated muscle, on-line identification, a report
 # make test    the whole suite           ARGS='-k twitch -x' goes to pytest
 # make lint    ruff, mypy, import contracts          make format   what ruff can do by itself
+# make docs    the site, in build/docs
 # make bench   benchmarks
 # make clean   remove what was built or written      make distclean   .venv too
 #
@@ -21,7 +22,7 @@ export PATH := $(BIN):$(PATH)
 MSGS := $(shell find msg_defs -type f)
 PACKAGE := package.xml setup.py setup.cfg resource/rpms_ros
 
-.PHONY: build demo test lint format bench clean distclean
+.PHONY: build demo test lint format docs bench clean distclean
 .NOTPARALLEL:
 
 build: $(STAMPS)/msgs $(STAMPS)/package
@@ -48,6 +49,10 @@ $(STAMPS)/package: $(STAMPS)/lock $(PACKAGE)
 	@tools/build package
 	@touch $@
 
+$(STAMPS)/docs: $(STAMPS)/package requirements/docs.lock
+	@tools/build docs
+	@touch $@
+
 demo: build
 	@$(BIN)/rpms demo
 
@@ -65,11 +70,17 @@ format: build
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# Every warning ends it: a link that leads nowhere, a page outside the navigation, a notebook that fails.
+docs: build $(STAMPS)/docs
+	$(BIN)/python docs/figures.py
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -b html docs build/docs
+	@echo build/docs/index.html
+
 bench: build
 	@$(BIN)/python bench/run.py $(ARGS)
 
 clean:
-	rm -rf build install log out *.egg-info .hypothesis
+	rm -rf build install log out *.egg-info .hypothesis docs/figures docs/reference/generated
 	rm -rf .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -path ./.venv -prune -o -type d -name __pycache__ -exec rm -rf {} +
 

@@ -17,6 +17,15 @@ setup(
     name=NAME,
     version='0.1.0',
     description='On-line identification of magnetically or electrically stimulated muscle',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Intended Audience :: Science/Research',
+        'Programming Language :: Python :: 3 :: Only',
+        'Topic :: Scientific/Engineering :: Medical Science Apps.',
+        'Typing :: Typed',
+    ],
     license='Apache-2.0',
     url='https://github.com/rpms-ros/rpms_ros',
     author='rpms_ros contributors',
@@ -39,10 +48,9 @@ setup(
     # The lower bounds are what Ubuntu 24.04 ships.
     install_requires=[
         'apsw',
-        'backports.zstd',
+        'backports.zstd; python_version < "3.14"',
         # only speed: without it zlib computes the checksums; it has no wheels for other machines
         'isal>=1.5; platform_machine in "x86_64 AMD64 aarch64 arm64"',
-        'jinja2>=3.1',
         'lz4',
         'matplotlib>=3.6',
         'mcap>=1.6',
@@ -56,6 +64,17 @@ setup(
         'tqdm>=4.66',
     ],
     extras_require={
+        'report': ['jinja2>=3.1'],
+        'notebooks': ['pandas', 'xarray'],
+        # rpms_msgs comes from msg_defs: pip install ./msg_defs
+        'ros': [
+            'ros-jazzy-rclpy[fastrtps]==7.1.6; sys_platform == "linux"',
+            'ros-diagnostic-msgs==5.3.6',
+            'ros-geometry-msgs==5.3.6',
+            'ros-sensor-msgs==5.3.6',
+            'ros-std-msgs==5.3.6',
+            'ros-std-srvs==5.3.6',
+        ],
         'study': ['pyarrow'],
         'cluster': ['distributed', 'pyarrow'],
         'formats': ['h5py', 'openpyxl', 'pyxdf'],

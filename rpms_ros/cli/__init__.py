@@ -54,6 +54,8 @@ Help on one command: rpms help COMMAND, or rpms COMMAND --help
 Exit codes: 0 well, 1 done but with something missing or wrong in the data, 2 not possible,
 3 done, but the result must not be used (the verdict is no).
 """
+# What an installation without extras lacks.
+_EXTRAS = {'jinja2': 'report'}
 _NO_ROS = 'the nodes need ROS 2 Jazzy and rpms_msgs (make build, or a sourced workspace)'
 
 
@@ -107,6 +109,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if root == 'rpms_ros':
             raise
         hint = f'; {_NO_ROS}' if root == 'rclpy' or root.endswith(('_msgs', '_srvs')) else ''
+        if root in _EXTRAS:
+            hint = f'; pip install "rpms_ros[{_EXTRAS[root]}]"'
         print(f'rpms: error: {error}{hint}', file=sys.stderr)
         return FAILURE
     except BrokenPipeError:

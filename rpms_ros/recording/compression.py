@@ -1,11 +1,16 @@
 """Unpacking of parts of a recording, up to a limit; of cut-off parts, as much as is there."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from backports import zstd
 from lz4 import frame as lz4  # type: ignore[import-untyped]
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK = 1 << 20

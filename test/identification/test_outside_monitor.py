@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import BatchEstimator
 from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import identify
@@ -82,6 +83,14 @@ def test_a_monitor_of_another_package_examines_and_hears_everything(record) -> N
     seen = rig_monitors.Push.seen
     assert sum(number for number in seen if number <= 100) == 3000
     assert seen[-1] == session.last.stamp_ns
+
+
+@pytest.mark.usefixtures('package')
+def test_the_batch_passes_on_what_a_monitor_of_another_package_counts(record) -> None:
+    pulses, forces = record(np.random.default_rng(7).uniform(size=60))
+    forces.force[2000:2400] = -6.0
+    session = identify(BatchEstimator(), pulses, forces, StreamSettings(monitors=('push',)))
+    assert session.last.faults == {'push': 400, 'samples_excluded': 400}
 
 
 @pytest.mark.usefixtures('package')

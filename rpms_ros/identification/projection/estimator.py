@@ -214,7 +214,8 @@ class ProjectionEstimator(RestorableWithSettings):
 
     def _with_own(self, faults: Mapping[str, int]) -> dict[str, int]:
         """Return the faults of the stream, and those that were found here."""
-        own = FaultCounter()
+        # names that a monitor of another package counts are passed on
+        own = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), *self._faults.counts().items()):
             own.add(name, count)
         own.add(FACTORISATION_FAILED, int(self._fit.failures[0]))

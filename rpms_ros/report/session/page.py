@@ -8,10 +8,6 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from jinja2 import Environment
-from jinja2 import FileSystemLoader
-from jinja2 import StrictUndefined
-from markupsafe import Markup
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.session.analysis import SessionAnalysis
@@ -63,6 +59,12 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
     document : dict
         What the tables show, as `as_document` makes it; it is inside the page as JSON too.
     """
+    # the extra rpms_ros[report]; figures are drawn without it
+    from jinja2 import Environment
+    from jinja2 import FileSystemLoader
+    from jinja2 import StrictUndefined
+    from markupsafe import Markup
+
     environment = Environment(
         loader=FileSystemLoader(_HERE),
         autoescape=True,

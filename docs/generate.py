@@ -1,0 +1,126 @@
+"""The pages of the reference that are made of the code: commands, parameters, messages, schema."""
+
+import argparse
+import importlib.util
+import json
+import os
+from collections.abc import Iterator
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+# Lines of a help that fit a page.
+_COLUMNS = '92'
+
+
+def write(folder: Path) -> None:
+    """Write every page into a folder, as Markdown; leave alone what has not changed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in pages():
+        path = folder / f'{name}.md'
+        if not path.exists() or path.read_text(encoding='utf-8') != text:
+            path.write_text(text, encoding='utf-8')
+
+
+def pages() -> Iterator[tuple[str, str]]:
+    """Yield the name and text of each page."""
+    yield 'commands', _commands()
+    yield 'parameters', _parameters()
+    yield 'messages', _messages()
+    yield 'schema', _schema()
+
+
+def _commands() -> str:
+    from rpms_ros.cli import parser
+
+    os.environ['COLUMNS'] = _COLUMNS
+    top = parser()
+    (choices,) = (
+        action.choices for action in top._actions if isinstance(action, argparse._SubParsersAction)
+    )
+    parts = ['# Commands', _fenced(top.format_help())]
+    for name, command in choices.items():
+        parts += [f'## rpms {name}', _fenced(command.format_help())]
+    return '\n\n'.join(parts) + '\n'
+
+
+def _parameters() -> str:
+    tool = _tool('document')
+    head = ('parameter', 'type', 'default', 'allowed', 'meaning')
+    parts = [
+        '# Parameters of the nodes',
+        'Set with `-p NAME:=VALUE`, in a parameter file (`config/`), or from a launch file.',
+    ]
+    for name, settings in sorted(tool.NODES.items()):
+        rows = (
+            tuple(cell.replace('|', '\\|') for cell in row)
+            for row in tool.parameter_rows(settings)
+        )
+        parts += [f'## {name}', tool.table(head, rows)]
+    return '\n\n'.join(parts) + '\n'
+
+
+def _messages() -> str:
+    parts = ['# Messages, services and actions', 'Package `rpms_msgs`, folder `msg_defs`.']
+    for kind, title in (('msg', 'Messages'), ('srv', 'Services'), ('action', 'Actions')):
+        parts.append(f'## {title}')
+        for path in sorted((ROOT / 'msg_defs' / kind).glob(f'*.{kind}')):
+            text = path.read_text(encoding='utf-8')
+            parts += [f'### rpms_msgs/{kind}/{path.stem}', _fenced(text)]
+    return '\n\n'.join(parts) + '\n'
+
+
+def _schema() -> str:
+    text = (ROOT / 'docs' / 'identify.schema.json').read_text(encoding='utf-8')
+    schema = json.loads(text)
+    intro = (
+        f'{schema["description"]} A key that is not required is left out where the estimator does '
+        'not offer it. Numbers that are not finite are null. The schema as a file: '
+        '<a href="../../identify.schema.json">identify.schema.json</a>.'
+    )
+    parts = [
+        '# JSON of `rpms identify`',
+        intro,
+        _table(_rows(schema, '')),
+    ]
+    return '\n\n'.join(parts) + '\n'
+
+
+def _rows(schema: dict[str, Any], prefix: str) -> Iterator[tuple[str, str, str, str]]:
+    required = schema.get('required', [])
+    for name, one in schema.get('properties', {}).items():
+        below = next((part for part in one.get('anyOf', [one]) if 'properties' in part), {})
+        meaning = one.get('description') or below.get('description', '')
+        need = 'yes' if name in required else 'no'
+        yield (f'`{prefix}{name}`', _kind(one), need, meaning)
+        yield from _rows(below, f'{prefix}{name}.')
+
+
+def _kind(schema: dict[str, Any]) -> str:
+    """Return the type of a value in words."""
+    if 'anyOf' in schema:
+        return ' or '.join(_kind(part) for part in schema['anyOf'])
+    kind = schema.get('type', 'any')
+    return ' or '.join(kind) if isinstance(kind, list) else str(kind)
+
+
+def _table(rows: Iterator[tuple[str, str, str, str]]) -> str:
+    head = ['| key | type | required | meaning |', '|---|---|---|---|']
+    return '\n'.join([*head, *(f'| {" | ".join(row)} |' for row in rows)])
+
+
+def _fenced(text: str) -> str:
+    return f'```text\n{text.rstrip()}\n```'
+
+
+def _tool(name: str) -> ModuleType:
+    """Import a script of the folder tools, which has no ending."""
+    loader = SourceFileLoader(name, str(ROOT / 'tools' / name))
+    specification = importlib.util.spec_from_loader(name, loader)
+    if specification is None:
+        raise ImportError(f'expected a script tools/{name}, got none')
+    module = importlib.util.module_from_spec(specification)
+    loader.exec_module(module)
+    return module
