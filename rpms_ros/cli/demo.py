@@ -68,7 +68,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         'data with a latency',
         choices=('recursive', 'horizon'),
     )
-    presets = ('table_4', 'table_5')
+    presets = ('table_4', 'table_5', 'people')
     text = 'design parameters of the estimator'
     add_option(parser, '--preset', 'table_4', text, choices=presets)
     text = 'show it in the browser while it runs, on this port (default: 8765)'

@@ -107,8 +107,8 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
         'algorithm: recursive (of the paper), horizon (the last 20 s, as on line) or batch '
         '(everything at once); the last two state intervals',
     )
-    text = 'design parameters: Table 4 for slow muscles, Table 5 for experiments'
-    add_option(group, '--preset', 'table_4', text, choices=('table_4', 'table_5'))
+    text = 'design parameters: those of Tables 4 and 5 of the paper, or for people'
+    add_option(group, '--preset', 'table_4', text, choices=('table_4', 'table_5', 'people'))
     text = 'repetition rate for which the recruitment curve is stated [Hz]'
     add_option(group, '--rate-hz HZ', 20.0, text)
     add_option(group, '--seed', 0, "of the estimator's random start")

@@ -16,9 +16,13 @@ from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.recursion.estimator import ExactRecursion
+from rpms_ros.identification.recursion.settings import PEOPLE
+from rpms_ros.identification.recursion.settings import ExactRecursionSettings
 from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.session import identify
+from rpms_ros.identification.settings import PRESET_NAMES
 from rpms_ros.identification.settings import PRESETS
 from rpms_ros.identification.settings import TABLE_4
 from rpms_ros.identification.settings import TABLE_5
@@ -35,7 +39,9 @@ __all__ = [
     'ESTIMATORS',
     'INFORMED',
     'NOT_INFORMED',
+    'PEOPLE',
     'PRESETS',
+    'PRESET_NAMES',
     'TABLE_4',
     'TABLE_5',
     'BatchEstimator',
@@ -43,6 +49,8 @@ __all__ = [
     'Estimate',
     'Estimator',
     'EstimatorOptions',
+    'ExactRecursion',
+    'ExactRecursionSettings',
     'HorizonEstimator',
     'IdentificationStream',
     'IdentifiedSession',

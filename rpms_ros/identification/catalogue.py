@@ -18,7 +18,10 @@ from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.recursion.estimator import ExactRecursion
+from rpms_ros.identification.recursion.settings import PEOPLE
 from rpms_ros.identification.recursive import RecursiveEstimator
+from rpms_ros.identification.settings import PEOPLE_PRESET
 from rpms_ros.identification.settings import settings_by_name
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.tracking.estimator import TrackingEstimator
@@ -36,7 +39,8 @@ class EstimatorOptions:
     ----------
     preset : str
         Design parameters by name; the batch and the horizon take their start from it, and begin
-        the response without a latency (``table_4``) or 8 ms after the pulse (``table_5``).
+        the response without a latency (``table_4``) or 8 ms after the pulse (``table_5``,
+        ``people``).
         `tracking` needs none.
     seed : int
         Seed of a random start.
@@ -55,19 +59,22 @@ class EstimatorOptions:
 EstimatorBuilder = Callable[[EstimatorOptions], Estimator]
 
 # The simulated plant of the paper has no latency; people have one, about 9 ms, rarely below 8.
-_LATENCY = {'table_4': 0.0, 'table_5': 8e-3}
+_LATENCY = {'table_4': 0.0, 'table_5': 8e-3, PEOPLE_PRESET: 8e-3}
 
 
 def _recursive(options: EstimatorOptions) -> Estimator:
     if options.history is not None:
         raise IdentificationError(
-            'expected an estimator with a history law, batch or horizon, got recursive'
+            'expected an estimator with a history law, batch, horizon or tracking, got recursive'
         )
+    if options.preset == PEOPLE_PRESET:
+        return ExactRecursion(PEOPLE, options.rate_hz)
     return RecursiveEstimator(settings_by_name(options.preset), options.seed, options.rate_hz)
 
 
 def _projection(options: EstimatorOptions) -> ProjectionSettings:
-    start = settings_by_name(options.preset).start
+    people = options.preset == PEOPLE_PRESET
+    start = PEOPLE.model.start if people else settings_by_name(options.preset).start
     basis = replace(ProjectionSettings().basis, latency=_LATENCY[options.preset])
     return ProjectionSettings(basis=basis, start=start, history=options.history)
 

@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
+import numpy.typing as npt
 
 from rpms_ros.identification.regressor_kernel import basis_of_pulses
 from rpms_ros.identification.regressor_kernel import mix
@@ -46,12 +47,26 @@ from rpms_ros.pulses import IntArray
 # u_thr, u_sat and alpha_sat are identified; alpha_thr rides along as the fourth, fixed.
 NONLINEAR = 3
 OUTPUT_ERROR_TIME = 1.0
-
-# Places in `RecursionState.scalars`
-DAMPING, CONDITION, ERROR_ENERGY, FORCE_ENERGY, SAMPLES = range(5)
+RecordArray = npt.NDArray[np.void]
 # Covariance above which forgetting pauses: P would grow without end where nothing excites it.
 # Far above what a sinusoid from 0 to 1 needs, far enough below 1 / epsilon for P to stay positive.
 LARGEST_COVARIANCE = 1e10
+
+
+# delta; condition number of R before delta_s was added; sums of squares of the a-priori error and
+# of the force, decaying [N^2]; number of samples that were learnt from, and of those whose R could
+# not be factorised; stamp of the newest usable sample [ns].
+SCALARS = np.dtype(
+    [
+        ('damping', np.float64),
+        ('condition_number', np.float64),
+        ('error_energy', np.float64),
+        ('force_energy', np.float64),
+        ('samples', np.int64),
+        ('failures', np.int64),
+        ('previous_ns', np.int64),
+    ]
+)
 
 
 class RecursionState(NamedTuple):
@@ -69,8 +84,8 @@ class RecursionState(NamedTuple):
         W^T, regression of the derivatives on the linear regressors.
     hessian : ndarray (3, 3)
         H.
-    scalars : ndarray (5,)
-        See the indices above.
+    scalars : structured ndarray (1,)
+        The fields of `SCALARS`; one array, since each costs time in every compiled call.
     """
 
     theta: FloatArray
@@ -78,7 +93,38 @@ class RecursionState(NamedTuple):
     covariance: FloatArray
     projection: FloatArray
     hessian: FloatArray
-    scalars: FloatArray
+    scalars: RecordArray
+
+
+class SavedRecursion(NamedTuple):
+    """The fields of a `RecursionState`, those of its scalars one by one, as a file holds them."""
+
+    theta: FloatArray
+    linear: FloatArray
+    covariance: FloatArray
+    projection: FloatArray
+    hessian: FloatArray
+    damping: FloatArray
+    condition_number: FloatArray
+    error_energy: FloatArray
+    force_energy: FloatArray
+    samples: IntArray
+    failures: IntArray
+    previous_ns: IntArray
+
+
+def saved_of(state: RecursionState) -> SavedRecursion:
+    """Return a state as a file can hold it."""
+    names = SCALARS.names or ()
+    return SavedRecursion(*state[:-1], *(state.scalars[name] for name in names))
+
+
+def state_of(saved: SavedRecursion) -> RecursionState:
+    """Return a state that was saved."""
+    scalars = np.zeros(1, dtype=SCALARS)
+    for name in SCALARS.names or ():
+        scalars[name] = getattr(saved, name)
+    return RecursionState(*saved[:5], scalars=scalars)
 
 
 class RecursionConstants(NamedTuple):
@@ -112,6 +158,14 @@ class Workspace(NamedTuple):
     rotated: FloatArray
     step: FloatArray
     candidate: FloatArray
+
+
+class Recursion(NamedTuple):
+    """One recursion: its constants, its state and the arrays that it overwrites."""
+
+    constants: RecursionConstants
+    state: RecursionState
+    work: Workspace
 
 
 def workspace(functions: int, acting_pulses: int) -> Workspace:
@@ -188,18 +242,22 @@ def _update_linear(
 def _damped_step(
     state: RecursionState, constants: RecursionConstants, work: Workspace, error: float
 ) -> None:
-    """Write the step R^-1 psi~ e, R kept well conditioned by the damping."""
+    """Write the step R^-1 psi~ e, R kept well conditioned by the damping.
+
+    If R is not positive there is no step, and it is counted.
+    """
     damped, scalars = work.damped, state.scalars
     damped[:] = state.hessian
     for row in range(NONLINEAR):
-        damped[row, row] += scalars[DAMPING]
+        damped[row, row] += scalars['damping'][0]
         work.step[row] = work.derivative[row] * error
-    scalars[CONDITION] = condition_number(damped, work.rotated)
-    if scalars[CONDITION] > constants.condition_limit:
-        scalars[DAMPING] += constants.damping_increment
+    scalars['condition_number'][0] = condition_number(damped, work.rotated)
+    if scalars['condition_number'][0] > constants.condition_limit:
+        scalars['damping'][0] += constants.damping_increment
         for row in range(NONLINEAR):
             damped[row, row] += constants.damping_increment
-    solve_positive(damped, work.step)
+    if not solve_positive(damped, work.step):
+        scalars['failures'][0] += 1
 
 
 @numba.njit(cache=True)
@@ -226,14 +284,14 @@ def _predicted_reduction(
 
 @numba.njit(cache=True)
 def _judge(
-    scalars: FloatArray, constants: RecursionConstants, actual: float, predicted: float
+    scalars: RecordArray, constants: RecursionConstants, actual: float, predicted: float
 ) -> bool:
     """Adapt the damping by the gain ratio (28); return whether the step is taken."""
     ratio = actual / predicted if predicted > 0.0 else -1.0
     if ratio < constants.gain_ratio_margin:
-        scalars[DAMPING] *= constants.damping_factor
+        scalars['damping'][0] *= constants.damping_factor
     elif ratio > 1.0 - constants.gain_ratio_margin:
-        scalars[DAMPING] /= constants.damping_factor
+        scalars['damping'][0] /= constants.damping_factor
     return ratio >= 0.0
 
 
@@ -249,6 +307,7 @@ def _learn(
     work: Workspace,
 ) -> None:
     """Update the state by one sample whose regressors are in the workspace."""
+    scalars = state.scalars
     derivative, regressor, linear = work.derivative, work.regressor, state.linear
     _plain_derivative(linear, constants.mixing, work.raw_gradient, derivative)
     denominator, forgetting = _gain(state.covariance, regressor, constants.forgetting, work.gain)
@@ -275,7 +334,7 @@ def _learn(
     regress(intensity, first, last, work.candidate, work.basis, work.raw)
     mix(constants.mixing, work.raw, regressor)
     after = (force - dot(regressor, linear)) / scale
-    if _judge(state.scalars, constants, 0.5 * (before * before - after * after), predicted):
+    if _judge(scalars, constants, 0.5 * (before * before - after * after), predicted):
         state.theta[:] = work.candidate
 
 
@@ -284,20 +343,17 @@ def process(
     stamp_ns: IntArray,
     force: FloatArray,
     usable: BoolArray,
-    previous_ns: int,
     onset_ns: IntArray,
     intensity: FloatArray,
-    state: RecursionState,
-    constants: RecursionConstants,
-    work: Workspace,
+    recursion: Recursion,
     prediction: FloatArray,
-) -> int:
+) -> None:
     """Run the recursion over ascending samples (samples,) and ascending pulses (pulses,).
 
-    Writes the a-priori prediction of each sample, updates the state in place and returns the
-    stamp of the newest usable sample, which is `previous_ns` of the next call.  A sample on
+    Writes the a-priori prediction of each sample and updates the state in place.  A sample on
     which no pulse acts says nothing about the parameters: it is neither learnt nor forgotten.
     """
+    constants, state, work = recursion.constants, recursion.state, recursion.work
     shape, scalars = constants.shape, state.scalars
     span_ns = shape[0] * (shape[1] + 0.5)
     first = 0
@@ -323,12 +379,13 @@ def process(
         prediction[index] = dot(work.regressor, state.linear) if recruits else 0.0
         if not usable[index]:
             continue
-        decay = math.exp(-(stamp - previous_ns) * 1e-9 / OUTPUT_ERROR_TIME)
-        previous_ns = stamp
+        decay = math.exp(-(stamp - scalars['previous_ns'][0]) * 1e-9 / OUTPUT_ERROR_TIME)
+        scalars['previous_ns'][0] = stamp
         error = force[index] - prediction[index]
-        scalars[ERROR_ENERGY] = decay * scalars[ERROR_ENERGY] + error * error
-        scalars[FORCE_ENERGY] = decay * scalars[FORCE_ENERGY] + force[index] * force[index]
+        scalars['error_energy'][0] = decay * scalars['error_energy'][0] + error * error
+        scalars['force_energy'][0] = (
+            decay * scalars['force_energy'][0] + force[index] * force[index]
+        )
         if recruits:
             _learn(force[index], error, intensity, first, last, state, constants, work)
-            scalars[SAMPLES] += 1.0
-    return previous_ns
+            scalars['samples'][0] += 1

@@ -11,21 +11,25 @@ from rpms_ros.identification.estimate import CURVE_INTENSITY
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import SMALLEST_INTENSITY_SPAN
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import FACTORISATION_FAILED
+from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.recursion_foretelling import foretell
-from rpms_ros.identification.recursion_kernel import CONDITION
-from rpms_ros.identification.recursion_kernel import DAMPING
-from rpms_ros.identification.recursion_kernel import ERROR_ENERGY
-from rpms_ros.identification.recursion_kernel import FORCE_ENERGY
 from rpms_ros.identification.recursion_kernel import NONLINEAR
-from rpms_ros.identification.recursion_kernel import SAMPLES
+from rpms_ros.identification.recursion_kernel import SCALARS
+from rpms_ros.identification.recursion_kernel import Recursion
 from rpms_ros.identification.recursion_kernel import RecursionConstants
 from rpms_ros.identification.recursion_kernel import RecursionState
+from rpms_ros.identification.recursion_kernel import SavedRecursion
 from rpms_ros.identification.recursion_kernel import process
+from rpms_ros.identification.recursion_kernel import saved_of
+from rpms_ros.identification.recursion_kernel import state_of
 from rpms_ros.identification.recursion_kernel import workspace
 from rpms_ros.identification.saved_state import RestorableWithSettings
 from rpms_ros.identification.saved_state import State
 from rpms_ros.identification.saved_state import described
 from rpms_ros.identification.saved_state import expect
+from rpms_ros.identification.saved_state import plain
+from rpms_ros.identification.saved_state import typed
 from rpms_ros.identification.settings import TABLE_4
 from rpms_ros.identification.settings import RecursiveSettings
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES
@@ -39,6 +43,8 @@ from rpms_ros.pulses import IntArray
 RESPONSE_STEP = 5e-3
 # Room for this many pulses acting at once, to begin with.
 ACTING_PULSES = 32
+# Where the recursion stands in a saved state.
+_RECURSION = 'recursion'
 
 
 class RecursiveEstimator(RestorableWithSettings):
@@ -62,12 +68,10 @@ class RecursiveEstimator(RestorableWithSettings):
     name = 'recursive'
     on_line = True
 
-    _state: RecursionState
     _onset_ns: IntArray
     _intensity: FloatArray
     _intensity_range: tuple[float, float]
     _pulses: int
-    _previous_ns: int
 
     def __init__(
         self,
@@ -79,14 +83,15 @@ class RecursiveEstimator(RestorableWithSettings):
             raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
         self.settings = settings
         self.rate_hz = rate_hz
-        self._constants = _constants(settings)
-        self._state = _start(settings, seed)
-        self._workspace = workspace(settings.basis.functions, ACTING_PULSES)
+        self._recursion = Recursion(
+            _constants(settings),
+            _start(settings, seed),
+            workspace(settings.basis.functions, ACTING_PULSES),
+        )
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
         self._intensity_range = (np.inf, -np.inf)
         self._pulses = 0
-        self._previous_ns = 0
         self._response_time = np.arange(0.0, settings.basis.duration, RESPONSE_STEP)
         self._response_basis = settings.basis.evaluate(self._response_time)
 
@@ -98,7 +103,7 @@ class RecursiveEstimator(RestorableWithSettings):
     @property
     def parameters(self) -> RecruitmentParameters:
         """Nonlinear parameters as they stand."""
-        return RecruitmentParameters(*(float(value) for value in self._state.theta))
+        return RecruitmentParameters(*(float(value) for value in self._recursion.state.theta))
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
@@ -121,21 +126,28 @@ class RecursiveEstimator(RestorableWithSettings):
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
         # A stamp from before the newest would make the decaying energies grow instead.
-        self._state.scalars[ERROR_ENERGY] = 0.0
-        self._state.scalars[FORCE_ENERGY] = 0.0
-        self._previous_ns = 0
+        scalars = self._recursion.state.scalars
+        scalars['error_energy'][0] = 0.0
+        scalars['force_energy'][0] = 0.0
+        scalars['previous_ns'][0] = 0
 
     def described_settings(self) -> State:
         """Return all settings by name."""
         return {**described(self.settings), 'rate_hz': self.rate_hz}
 
+    def state(self) -> State:
+        """Return all that is remembered; see `Restorable.state`."""
+        return {**super().state(), _RECURSION: plain(saved_of(self._recursion.state))}
+
     def restore(self, state: Mapping[str, Any]) -> None:
         """Remember what was saved; see `Restorable.restore`."""
-        made = self._state
-        super().restore(state)
-        alike = all(one.shape == other.shape for one, other in zip(made, self._state, strict=True))
+        super().restore({name: value for name, value in state.items() if name != _RECURSION})
+        saved = typed(SavedRecursion, state.get(_RECURSION), 'RecursiveEstimator.recursion')
+        own = saved_of(self._recursion.state)
+        alike = all(one.shape == other.shape for one, other in zip(own, saved, strict=True))
         alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
         expect(alike, 'RecursiveEstimator', 'arrays of one model')
+        self._recursion = self._recursion._replace(state=state_of(saved))
         if len(self._onset_ns):
             self._make_room()
 
@@ -152,16 +164,13 @@ class RecursiveEstimator(RestorableWithSettings):
         prediction = np.empty(len(stamp_ns))
         if not len(stamp_ns):
             return prediction
-        self._previous_ns = process(
+        process(
             stamp_ns,
             force,
             usable,
-            self._previous_ns,
             self._onset_ns,
             self._intensity,
-            self._state,
-            self._constants,
-            self._workspace,
+            self._recursion,
             prediction,
         )
         oldest = int(stamp_ns[-1]) - round((self.memory + 1e-3) * NANOSECONDS_PER_SECOND)
@@ -174,14 +183,15 @@ class RecursiveEstimator(RestorableWithSettings):
     def foretell(self, stamp_ns: IntArray) -> FloatArray:
         """Return what is expected of samples (samples,) that come next [N]."""
         expected = np.empty(len(stamp_ns))
-        weights = self._state.linear @ self._constants.mixing
+        constants, state, _ = self._recursion
+        weights = state.linear @ constants.mixing
         foretell(
             stamp_ns,
             self._onset_ns,
             self._intensity,
-            self._state.theta,
+            state.theta,
             weights,
-            self._constants.shape,
+            constants.shape,
             expected,
         )
         return expected
@@ -189,11 +199,15 @@ class RecursiveEstimator(RestorableWithSettings):
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return what is known now."""
         parameters = self.parameters
-        linear = self._state.linear.copy()
-        scalars = self._state.scalars
+        state = self._recursion.state
+        linear = state.linear.copy()
+        scalars = state.scalars
         full = identified_recruitment(parameters, 1.0)
-        energy = float(scalars[FORCE_ENERGY])
-        error = float(np.sqrt(scalars[ERROR_ENERGY] / energy)) if energy > 0.0 else 0.0
+        energy = float(scalars['force_energy'][0])
+        error = float(np.sqrt(scalars['error_energy'][0] / energy)) if energy > 0.0 else 0.0
+        own = FaultCounter()
+        for name, count in (*faults.items(), (FACTORISATION_FAILED, int(scalars['failures'][0]))):
+            own.add(name, count)
         return Estimate(
             stamp_ns=stamp_ns,
             estimator=self.name,
@@ -207,11 +221,11 @@ class RecursiveEstimator(RestorableWithSettings):
             response_time=self._response_time,
             response_force=self._response_basis @ linear * full,
             output_error=error,
-            samples=int(scalars[SAMPLES]),
+            samples=int(scalars['samples'][0]),
             pulses=self._pulses,
-            damping=float(scalars[DAMPING]),
-            condition_number=float(scalars[CONDITION]),
-            faults=dict(faults),
+            damping=float(scalars['damping'][0]),
+            condition_number=float(scalars['condition_number'][0]),
+            faults=own.counts(),
         )
 
     def _make_room(self) -> None:
@@ -219,8 +233,9 @@ class RecursiveEstimator(RestorableWithSettings):
         span = round(self.memory * NANOSECONDS_PER_SECOND)
         oldest = np.searchsorted(self._onset_ns, self._onset_ns - span)
         most = int((np.arange(1, len(oldest) + 1) - oldest).max()) + 1
-        if most > len(self._workspace.basis):
-            self._workspace = workspace(self.settings.basis.functions, 2 * most)
+        if most > len(self._recursion.work.basis):
+            work = workspace(self.settings.basis.functions, 2 * most)
+            self._recursion = self._recursion._replace(work=work)
 
     def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:
         """Return K rho(u) [N] (101,), empty if one intensity only has been seen."""
@@ -256,8 +271,8 @@ def _start(settings: RecursiveSettings, seed: int) -> RecursionState:
     functions = settings.basis.functions
     generator = np.random.default_rng(seed)
     hessian = generator.uniform(0.0, settings.hessian_scale, (NONLINEAR, NONLINEAR))
-    scalars = np.zeros(5)
-    scalars[DAMPING] = settings.damping
+    scalars = np.zeros(1, dtype=SCALARS)
+    scalars['damping'][0] = settings.damping
     return RecursionState(
         theta=np.array(settings.start, dtype=np.float64),
         linear=np.zeros(functions),

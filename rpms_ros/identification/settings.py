@@ -153,7 +153,11 @@ TABLE_5 = replace(
 """Experimental identification: Table 5, start [40 % 90 % 10]."""
 
 PRESETS = {'table_4': TABLE_4, 'table_5': TABLE_5}
-"""Presets by name, for command lines and node parameters."""
+"""Presets of the paper by name."""
+
+PEOPLE_PRESET = 'people'
+PRESET_NAMES = (*PRESETS, PEOPLE_PRESET)
+"""All presets, for command lines and node parameters."""
 
 
 def settings_by_name(name: str) -> RecursiveSettings:

@@ -252,7 +252,8 @@ class IdentificationStream(RestorableWithSettings):
         """Return what is known after the newest sample that was processed."""
         counts = self._counter.counts()
         estimate = self.estimator.estimate(self._last_ns, counts)
-        return replace(estimate, doubts=self._doubts.names(self._samples, counts))
+        doubts = (*self._doubts.names(self._samples, counts), *estimate.doubts)
+        return replace(estimate, doubts=doubts)
 
     def postpone(self, name: str) -> None:
         """Count a fault when the samples up to here are processed, whenever that is."""

@@ -9,7 +9,7 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.errors import MessageError
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import DEFAULT_RATE
-from rpms_ros.identification import PRESETS
+from rpms_ros.identification import PRESET_NAMES
 from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import StreamSettings
@@ -30,7 +30,7 @@ class IdentifierParameters(NodeParameters):
     """Parameters of the identifier."""
 
     estimator: str = parameter('recursive', 'Algorithm.', choices=on_line_names())
-    preset: str = parameter('table_4', 'Design parameters by name.', choices=tuple(PRESETS))
+    preset: str = parameter('table_4', 'Design parameters by name.', choices=PRESET_NAMES)
     seed: int = parameter(
         0, 'Seed of the random start of the Hessian.', minimum=0, maximum=LARGEST_SEED
     )

@@ -11,8 +11,6 @@ from rpms_ros.identification import DistortedSineBasis
 from rpms_ros.identification import RecruitmentBounds
 from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import RecursiveSettings
-from rpms_ros.identification.recursion_kernel import CONDITION
-from rpms_ros.identification.recursion_kernel import DAMPING
 from rpms_ros.identification.recursion_kernel import _bounded
 from rpms_ros.identification.recursion_kernel import _damped_step
 from rpms_ros.identification.recursion_kernel import _judge
@@ -52,10 +50,10 @@ def test_it_is_the_plain_version(record, numpy_recursion, settings: RecursiveSet
     # Sums in another order; the first samples, with a covariance of 1e6 against residuals of
     # 1e-3, multiply epsilon by up to 1e9.  A wrong term shows in the first digit.
     np.testing.assert_allclose(prediction, expected, rtol=1e-6, atol=1e-6)
-    state = compiled._state
+    state = compiled._recursion.state
     np.testing.assert_allclose(state.theta, plain.theta, rtol=1e-5)
     np.testing.assert_allclose(state.hessian, plain.hessian, rtol=1e-4, atol=1e-9)
-    assert state.scalars[DAMPING] == pytest.approx(plain.damping, rel=1e-5)
+    assert state.scalars['damping'][0] == pytest.approx(plain.damping, rel=1e-5)
 
 
 def test_the_derivative_is_that_of_central_differences() -> None:
@@ -94,7 +92,7 @@ def test_the_projection_is_the_one_of_all_samples_at_once() -> None:
     generator = np.random.default_rng(4)
     samples, forgetting = 60, 0.95
     phi, psi, force = (generator.normal(size=(samples, n)) for n in (8, 3, 1))
-    state = estimator_of(linear_covariance=1e12)._state
+    state = estimator_of(linear_covariance=1e12)._recursion.state
     for row in range(samples):
         gain = state.covariance @ phi[row]
         innovation = psi[row] - state.projection @ phi[row]
@@ -116,17 +114,17 @@ def test_the_projection_is_the_one_of_all_samples_at_once() -> None:
 
 def test_a_badly_conditioned_step_is_damped_more() -> None:
     estimator = estimator_of()
-    state, constants, work = estimator._state, estimator._constants, estimator._workspace
+    constants, state, work = estimator._recursion
     state.hessian[:] = np.diag([10.0, 1.0, 1e-4])
     work.derivative[:] = 1.0
     _damped_step(state, constants, work, 1.0)
     # 10.001 / 0.0011
-    assert state.scalars[CONDITION] == pytest.approx(10.001 / 0.0011)
-    assert state.scalars[DAMPING] == pytest.approx(0.001 + 0.01)
+    assert state.scalars['condition_number'][0] == pytest.approx(10.001 / 0.0011)
+    assert state.scalars['damping'][0] == pytest.approx(0.001 + 0.01)
     np.testing.assert_allclose(work.step, 1.0 / (np.array([10.0, 1.0, 1e-4]) + 0.011))
     state.hessian[:] = np.eye(3)
     _damped_step(state, constants, work, 1.0)
-    assert state.scalars[DAMPING] == pytest.approx(0.011)
+    assert state.scalars['damping'][0] == pytest.approx(0.011)
 
 
 @pytest.mark.parametrize(
@@ -143,9 +141,9 @@ def test_a_badly_conditioned_step_is_damped_more() -> None:
 )
 def test_gain_ratio_rules(actual: float, predicted: float, taken: bool, factor: float) -> None:
     estimator = estimator_of()
-    scalars = estimator._state.scalars
-    assert _judge(scalars, estimator._constants, actual, predicted) is taken
-    assert scalars[DAMPING] == pytest.approx(0.001 * factor, rel=1e-12)
+    constants, state, _ = estimator._recursion
+    assert _judge(state.scalars, constants, actual, predicted) is taken
+    assert state.scalars['damping'][0] == pytest.approx(0.001 * factor, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +156,7 @@ def test_gain_ratio_rules(actual: float, predicted: float, taken: bool, factor: 
 )
 def test_bounds(step: tuple[float, ...], expected: tuple[float, ...]) -> None:
     estimator = estimator_of()
-    work = estimator._workspace
+    work = estimator._recursion.work
     work.step[:] = step
-    _bounded(estimator._state.theta, estimator._constants, work)
+    _bounded(estimator._recursion.state.theta, estimator._recursion.constants, work)
     np.testing.assert_allclose(work.candidate, (*expected, 6.0), rtol=1e-12)

@@ -10,7 +10,6 @@ from rpms_ros.identification import TABLE_4
 from rpms_ros.identification import TABLE_5
 from rpms_ros.identification import DistortedSineBasis
 from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification.recursion_kernel import DAMPING
 from rpms_ros.identification.recursion_kernel import _judge
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import IntensityRecruitment
@@ -79,7 +78,7 @@ def run(samples: int) -> tuple[RecursiveEstimator, FloatArray, FloatArray]:
 
 def test_equation_19_has_the_last_error_inside_the_sum() -> None:
     estimator, phi, force = run(1000)
-    linear = estimator._state.linear
+    linear = estimator._recursion.state.linear
     weight = 0.99 ** np.arange(999, -1, -1.0)
     # Another set of parameters, which explains the last sample to the full.
     other = linear + phi[-1] * (force[-1] - phi[-1] @ linear) / (phi[-1] @ phi[-1])
@@ -109,16 +108,17 @@ def test_equation_27_inverts_the_old_hessian() -> None:
 
 def test_update_rules_reduce_the_damping_where_the_model_is_good() -> None:
     estimator = RecursiveEstimator(TABLE_4)
-    scalars, constants = estimator._state.scalars, estimator._constants
+    constants, state, _ = estimator._recursion
+    scalars = state.scalars
     margin = TABLE_4.gain_ratio_margin
     middling = 0.5
     # As printed, a ratio below 1 - zeta is good: nearly every ratio, also a bad one.
     assert middling < 1.0 - margin
     assert 0.5 * margin < 1.0 - margin
     _judge(scalars, constants, middling, 1.0)
-    assert scalars[DAMPING] == TABLE_4.damping
+    assert scalars['damping'][0] == TABLE_4.damping
     _judge(scalars, constants, 1.0 - 0.5 * margin, 1.0)
-    assert scalars[DAMPING] < TABLE_4.damping
+    assert scalars['damping'][0] < TABLE_4.damping
 
 
 def test_smaller_damping_is_the_gauss_newton_direction() -> None:

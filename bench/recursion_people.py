@@ -1,0 +1,131 @@
+"""The recursion for people: error of the curve, intervals, change, and its cost.
+
+`python bench/recursion_people.py [seeds]`
+
+1 % noise, latency 9 ms, 20 Hz, 60 s: largest error of the curve in % of its maximum, median and
+worst seed, and the share of the curve inside its 95 % band.  Then people drawn from the ranges of
+the paper's tables, and a muscle that changes at 40 s.
+"""
+
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+from scenarios import MILLISECOND
+from scenarios import RATE
+from scenarios import record
+
+from rpms_ros.identification import ExactRecursion
+from rpms_ros.muscle import random_subject
+from rpms_ros.muscle import simulation_subject
+
+AFTER = (5, 10, 20, 36, 60)
+STEP = 1000
+
+
+def scenario(seed, period, seconds, subject):
+    """Return a recording; a period of None gives random intensities."""
+    generator = np.random.default_rng(seed)
+    count = int(seconds * RATE)
+    onset = 1_000 + np.arange(count, dtype=np.int64) * 50 * MILLISECOND
+    intensity = generator.uniform(0.0, 1.0, count)
+    if period is not None:
+        intensity = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / RATE / period)
+    return record(subject(generator), onset, intensity, seconds, 0.01, generator)
+
+
+def followed(parts):
+    """Return error [%] and coverage after each second, the estimator and the processor time."""
+    estimator = ExactRecursion()
+    errors, coverage, spent = [], [], 0.0
+    for scene, first, last in parts:
+        for start in range(int(first * STEP), int(last * STEP), STEP):
+            part = slice(start, start + STEP)
+            now = scene.stamp_ns[part]
+            pulses = (scene.onset_ns >= now[0]) & (scene.onset_ns <= now[-1])
+            begun = time.process_time()
+            estimator.add_pulses(scene.onset_ns[pulses], scene.intensity[pulses])
+            estimator.update(now, scene.force[part], np.ones(STEP, dtype=bool))
+            spent += time.process_time() - begun
+            found = estimator.estimate(int(now[-1]), {})
+            if not found.curve_known:
+                # So far all intensities were nearly one.
+                errors.append(np.inf)
+                coverage.append(1.0)
+                continue
+            errors.append(100.0 * scene.curve_error(found.curve_force))
+            inside = (found.curve_lower <= scene.curve) & (scene.curve <= found.curve_upper)
+            coverage.append(inside[5:].mean())
+    return np.array(errors), np.array(coverage), estimator, spent
+
+
+def known(_):
+    """Return the subject of the simulated identification, with a latency."""
+    return replace(simulation_subject(), latency=9e-3)
+
+
+def table(name, subject, seeds, seconds):
+    print(f'\n{name}: curve error after ... s, median / worst seed [%]; coverage from 10 s on')
+    after = [second for second in AFTER if second <= seconds]
+    print(f'{"":14}' + ''.join(f'{second:>14} s' for second in after) + '   coverage  changes')
+    for kind, period in (('random', None), ('sinusoid 9 s', 9.0), ('sinusoid 18 s', 18.0)):
+        runs = [
+            followed([(scenario(seed, period, seconds, subject), 0, seconds)])
+            for seed in range(seeds)
+        ]
+        errors = np.array([run[0] for run in runs])
+        row = ''.join(
+            f'{np.median(errors[:, second - 1]):8.2f} /{errors[:, second - 1].max():6.2f}'
+            for second in after
+        )
+        coverage = np.mean([run[1][9:].mean() for run in runs])
+        changes = sum(run[2].estimate(0, {}).changes for run in runs)
+        print(f'{kind:14}{row}   {coverage:8.3f}  {changes}', flush=True)
+        first, goal = (10, 1.0) if period is None else (36, 2.0)
+        if seconds > first:
+            worst = errors[:, first - 1 :].max(axis=1)
+            share = f'largest from {first} s on: median {np.median(worst):.2f}'
+            print(f'{"":14}{share}, worst seed {worst.max():.2f} (goal {goal:g} in the median)')
+
+
+def changed(seeds):
+    print('\nchange at 40 s (1 % noise): found after, and curve error so many seconds later [%]')
+    before = known(None)
+    shape = before.recruitment
+    coil = replace(shape, threshold=0.56, saturation=1.06).normalised()
+    kinds = {
+        'gain x 0.7': replace(before, maximum_force=7.0),
+        'coil moved': replace(before, maximum_force=8.0, recruitment=coil),
+    }
+    for name, after in kinds.items():
+        for kind, period in (('random', None), ('sinusoid 9 s', 9.0)):
+            runs = []
+            for seed in range(seeds):
+                old = scenario(seed, period, 80.0, known)
+                new = scenario(seed, period, 80.0, lambda _, muscle=after: muscle)
+                errors, _, estimator, _ = followed([(old, 0, 40), (new, 40, 80)])
+                last = estimator.estimate(80_000_000_000, {})
+                runs.append((errors[40:], last.changes))
+            errors = np.array([run[0] for run in runs])
+            found = sum(run[1] == 1 for run in runs)
+            row = '  '.join(
+                f'{second} s: {np.median(errors[:, second - 1]):.2f} /'
+                f'{errors[:, second - 1].max():.2f}'
+                for second in (2, 5, 8, 20)
+            )
+            print(f'{name}, {kind:13} found once in {found} of {seeds}   {row}', flush=True)
+
+
+def main():
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    table('simulated subject', known, seeds, 60)
+    table('people', random_subject, max(seeds, 50) if seeds >= 20 else seeds, 40)
+    changed(max(seeds // 4, 2))
+    spent = followed([(scenario(0, None, 60, known), 0, 60)])[3]
+    print(f'\ncost at 1 kHz and 20 Hz: {100 * spent / 60:.2f} % of a core')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

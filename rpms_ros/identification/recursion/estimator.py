@@ -1,0 +1,288 @@
+"""The recursion for people: on line, one pass, a state of fixed size.
+
+The paper's algorithm with what it lacked on people: Laguerre functions behind a latency, alpha_thr
+free with a prior, a baseline, a weight for the interval between pulses, sums that hold for any
+parameters instead of derivatives at those of the time (`memory`), a memory that grows as samples
+come and shortens when the muscle has changed (`change`), and intervals out of its own matrices.
+
+Steps are triggered by pulses and stamps alone, so the answer does not depend on how the data
+are cut.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import FACTORISATION_FAILED
+from rpms_ros.identification.faults import FaultCounter
+from rpms_ros.identification.projection.block_statistics import COUNT
+from rpms_ros.identification.projection.block_statistics import LONGEST_BLOCK_NS
+from rpms_ros.identification.projection.block_statistics import newest
+from rpms_ros.identification.projection.estimate_builder import Counters
+from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
+from rpms_ros.identification.projection.fit import LEAST_ENERGY
+from rpms_ros.identification.projection.pulse_delay_line import PulseDelayLine
+from rpms_ros.identification.recursion.change import ChangeTest
+from rpms_ros.identification.recursion.intake import Course
+from rpms_ros.identification.recursion.intake import begin_block
+from rpms_ros.identification.recursion.intake import fresh_course
+from rpms_ros.identification.recursion.intake import residual_sum
+from rpms_ros.identification.recursion.intake import restate
+from rpms_ros.identification.recursion.intake import take
+from rpms_ros.identification.recursion.knots import KNOTS
+from rpms_ros.identification.recursion.learning import Learner
+from rpms_ros.identification.recursion.memory import BLOCKS
+from rpms_ros.identification.recursion.memory import Memory
+from rpms_ros.identification.recursion.memory import absorb
+from rpms_ros.identification.recursion.memory import empty_memory
+from rpms_ros.identification.recursion.memory import excited
+from rpms_ros.identification.recursion.memory import let_baseline_drift
+from rpms_ros.identification.recursion.memory import weaken
+from rpms_ros.identification.recursion.settings import PEOPLE
+from rpms_ros.identification.recursion.settings import ExactRecursionSettings
+from rpms_ros.identification.recursion.spread import ResidualSpread
+from rpms_ros.identification.saved_state import RestorableWithSettings
+from rpms_ros.identification.saved_state import State
+from rpms_ros.identification.saved_state import described
+from rpms_ros.identification.saved_state import expect
+from rpms_ros.identification.trust import Seen
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+# An error below this share of the variance is none.
+_FLOOR = 0.01
+
+
+class ExactRecursion(RestorableWithSettings):
+    """Recursive Levenberg-Marquardt whose remembered sums hold for any parameters.
+
+    Parameters
+    ----------
+    settings : ExactRecursionSettings
+        Model and memory; `PEOPLE` by default.
+    rate_hz : float
+        Repetition rate for which the recruitment curve is stated [Hz].
+
+    Raises
+    ------
+    IdentificationError
+        If the rate is not above zero.
+    """
+
+    name = 'recursive'
+    on_line = True
+
+    _memory: Memory
+    _course: Course
+    _learner: Learner
+    _test: ChangeTest
+    _spread: ResidualSpread
+    _delay_line: PulseDelayLine
+    _fresh: bool
+    _stepped_ns: int | None
+    _pulses: int
+    _seen: Seen
+    _intensity_range: tuple[float, float]
+
+    def __init__(
+        self, settings: ExactRecursionSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
+    ) -> None:
+        if not (math.isfinite(rate_hz) and rate_hz > 0):
+            raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+        self.settings = settings
+        self.rate_hz = rate_hz
+        model = settings.model
+        self._input_gain = model.basis.input_gain
+        self._rate = 2.0 / model.basis.time_constant
+        self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
+        self._memory = empty_memory(KNOTS, model.basis.functions)
+        self._course = fresh_course(model.basis.functions)
+        self._learner = Learner(model)
+        self._test = ChangeTest()
+        self._spread = ResidualSpread()
+        self._fresh = True
+        self._stepped_ns = None
+        self._delay_line = PulseDelayLine(model.basis.latency, model.by_rate, rate_hz)
+        self._builder = EstimateBuilder(self.name, model.basis, rate_hz, model.confidence)
+        self._pulses = 0
+        self._seen = Seen()
+        self._intensity_range = (np.inf, -np.inf)
+
+    @property
+    def memory(self) -> float:
+        """Longest time for which a pulse acts on the model's output [s]."""
+        return self.settings.model.basis.duration
+
+    @property
+    def parameters(self) -> RecruitmentParameters:
+        """Nonlinear parameters as they stand."""
+        return RecruitmentParameters(*(float(value) for value in self._learner.fit.theta))
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        if not len(onset_ns):
+            return
+        self._seen.add_pulses(onset_ns, intensity)
+        self._delay_line.add(onset_ns, intensity)
+        self._pulses += len(onset_ns)
+        low, high = self._intensity_range
+        # Recruitment at intensity 0 is 0 whatever the parameters: it shows no point of the curve.
+        recruiting = intensity[intensity > 0.0]
+        self._intensity_range = (
+            float(recruiting.min(initial=low)),
+            float(recruiting.max(initial=high)),
+        )
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act: the clock has jumped, their time is not known."""
+        self._delay_line.forget()
+        self._memory.blocks.size[0] = 0
+        self._fresh = True
+        self._stepped_ns = None
+        self._course.error_energy[0] = 0.0
+        self._course.force_energy[0] = 0.0
+        self._course.squares[0] = 0.0
+        self._test.interrupt()
+
+    def described_settings(self) -> State:
+        """Return all settings by name."""
+        return {**described(self.settings), 'rate_hz': self.rate_hz}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what was saved; see `Restorable.restore`."""
+        made, course = self._memory, self._course
+        super().restore(state)
+        blocks = self._memory.blocks
+        pairs = [
+            *zip(made[2:], self._memory[2:], strict=True),
+            *zip(made.blocks, blocks, strict=True),
+            *zip(course, self._course, strict=True),
+            (made.chains, self._memory.chains),
+        ]
+        alike = all(one.shape == other.shape for one, other in pairs)
+        expect(alike, 'ExactRecursion', 'arrays of one model')
+        inside = 0 <= int(blocks.head[0]) < BLOCKS and 0 <= int(blocks.size[0]) <= BLOCKS
+        expect(inside, 'ExactRecursion', 'blocks within the ring')
+
+    def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
+        """Learn from samples (samples,), ascending; return their a-priori prediction [N].
+
+        See `rpms_ros.identification.estimate.Estimator.update`.
+        """
+        prediction = np.empty(len(stamp_ns))
+        self._seen.add_forces(force, usable)
+        first = 0
+        while first < len(stamp_ns):
+            end_ns = self._begin_blocks(int(stamp_ns[first]))
+            last = int(np.searchsorted(stamp_ns, end_ns, side='right'))
+            part = slice(first, last)
+            take(
+                stamp_ns[part],
+                force[part],
+                usable[part],
+                self._memory.blocks,
+                self._course,
+                float(self._learner.fit.levels[0]),
+                self._rate,
+                prediction[part],
+            )
+            first = last
+        return prediction
+
+    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return what is known now."""
+        fit, course = self._learner.fit, self._course
+        low, high = self._intensity_range
+        energy = float(course.force_energy[0])
+        counters = Counters(
+            samples=int(course.learnt[0]),
+            pulses=self._pulses,
+            intensity_span=high - low,
+            output_error=float(np.sqrt(course.error_energy[0] / energy)) if energy > 0.0 else 0.0,
+        )
+        own = FaultCounter()
+        for name, count in (*faults.items(), (FACTORISATION_FAILED, int(fit.failures[0]))):
+            own.add(name, count)
+        spread = self._spread.mean
+        estimate = self._builder.make(
+            stamp_ns, fit, self._learner.prior, spread, counters, own.counts()
+        )
+        estimate = self._seen.examine(estimate)
+        if not self._test.changes:
+            return estimate
+        ago = (stamp_ns - self._test.changed_ns) / NANOSECONDS_PER_SECOND
+        return replace(
+            estimate,
+            changes=self._test.changes,
+            change_kinds=('unknown',),
+            change_ago=np.array([ago]),
+        )
+
+    def _begin_blocks(self, stamp_ns: int) -> int:
+        """Begin the block that a sample falls into; return until when samples do [ns]."""
+        line, blocks = self._delay_line, self._memory.blocks
+        begun = line.begin_until(stamp_ns)
+        for pulse in range(begun):
+            weight = float(line.weight[pulse])
+            self._begin_block(int(line.begin_ns[pulse]), float(line.intensity[pulse]), weight)
+        line.drop(begun)
+        longest = LONGEST_BLOCK_NS
+        none = self._fresh or not blocks.size[0]
+        if none or stamp_ns - int(blocks.start_ns[newest(blocks)]) > longest:
+            self._begin_block(stamp_ns, 0.0, 0.0)
+        end_ns = int(blocks.start_ns[newest(blocks)]) + longest
+        return min(end_ns, int(line.begin_ns[0])) if len(line.begin_ns) else end_ns
+
+    def _begin_block(self, start_ns: int, intensity: float, weight: float) -> None:
+        """End the block and begin the next one."""
+        memory, fit = self._memory, self._learner.fit
+        if memory.blocks.size[0]:
+            self._close_block(start_ns)
+        push = self._input_gain * weight
+        if self._fresh:
+            memory.chains[:] = 0.0
+        begin_block(
+            memory.blocks, memory.chains, start_ns, intensity, push, self._rate, self._fresh
+        )
+        self._fresh = False
+        restate(memory.chains, fit.theta, fit.linear, self._course.response)
+
+    def _close_block(self, end_ns: int) -> None:
+        """Remember a block that has ended, test for a change, take a step if one is due."""
+        memory, settings, fit = self._memory, self.settings, self._learner.fit
+        here = newest(memory.blocks)
+        samples = float(memory.blocks.moments[here, COUNT])
+        start_ns = int(memory.blocks.start_ns[here])
+        mean_square = float(self._course.squares[0]) / max(samples, 1.0)
+        self._course.squares[0] = 0.0
+        if not samples:
+            return
+        seconds = (end_ns - start_ns) / NANOSECONDS_PER_SECOND
+        acting = excited(memory, self._input_gain)
+        kept = 1.0
+        if acting:
+            weaken(memory, math.exp(-seconds / settings.memory_time))
+            window = min(max(0.5 * self._test.learnt_s, 1.0), settings.memory_time)
+            kept = math.exp(-seconds / window)
+        residual = residual_sum(memory.blocks, self._course.response, float(fit.levels[0]))
+        self._spread.take(start_ns, residual, samples, kept)
+        let_baseline_drift(memory, settings.drift**2 * seconds)
+        absorb(memory, here)
+        floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
+        if acting and self._test.take(start_ns, seconds, mean_square + floor):
+            most = settings.memory_after_change * samples / max(seconds, 1e-3)
+            weaken(memory, min(most / float(memory.samples[0]), 1.0))
+            self._spread.forget()
+            self._learner.restart()
+        if self._stepped_ns is None or end_ns - self._stepped_ns >= self._step_ns:
+            self._stepped_ns = end_ns
+            self._learner.learn(memory)

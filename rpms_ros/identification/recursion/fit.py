@@ -1,0 +1,280 @@
+r"""Parameters out of what the recursion remembers: one Levenberg-Marquardt step a pulse.
+
+At parameters theta the linear unknowns ``l = [w, b]`` follow from the remembered sums by Eq. (22).
+Putting them back leaves a cost of theta alone; with ``x_j = d(model)/d theta_j`` its Gauss-Newton
+matrix is the Schur complement ``H = M_tt - M_tl M_ll^-1 M_lt`` (Kaufman's variable projection),
+its gradient ``X^T (y - model)``.  ``(H + delta diag H) d = g`` is the step.
+
+The cost of a trial is exact, since the sums are those of any parameters, so the gain ratio (28)
+is one of all remembered samples: delta falls where it is good, rises where it is bad, and a step
+that raises the cost is not taken.  No schedule of delta and no rule about condition numbers is
+needed; a weak prior weighted by the variance of the residuals keeps H positive.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from rpms_ros.identification.projection.fit import LEAST_ENERGY
+from rpms_ros.identification.projection.fit import Fit
+from rpms_ros.identification.projection.fit import coordinate
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.projection.problem import Prior
+from rpms_ros.identification.recursion.knots import recruitment_at_knots
+from rpms_ros.identification.recursion.memory import Memory
+from rpms_ros.identification.small_matrix import dot
+from rpms_ros.identification.small_matrix import solve_positive
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+
+# The model's error is taken to be at least this share of the force's mean square [1], with the
+# weight of this many samples: the residuals of a few samples say little of the variance.
+_MODEL_ERROR = 1e-4
+_MODEL_ERROR_SAMPLES = 200.0
+# Differences of cost below this share of sum y^2 are rounding.
+_ROUNDING = 1e-13
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e6
+
+
+@numba.njit(cache=True)
+def equations(memory: Memory, fit: Fit) -> None:
+    """Write matrix (full) and right-hand side of [theta, w, b] at the parameters of `fit`."""
+    gram, cross = memory.gram, memory.cross
+    knots, functions = memory.chains.shape
+    last = len(cross) - 1
+    matrix, right = fit.matrix, fit.right
+    values = np.empty((1 + PARAMETERS, knots))
+    recruitment_at_knots(fit.theta, values)
+    # G times rho in every function, and times the derivatives in the direction of w.
+    count = functions + PARAMETERS
+    directions = np.zeros((count, last))
+    for knot in range(knots):
+        for function in range(functions):
+            at = knot * functions + function
+            directions[PARAMETERS + function, at] = values[0, knot]
+            for place in range(PARAMETERS):
+                directions[place, at] = values[1 + place, knot] * fit.linear[function]
+    applied = np.zeros((count, last))
+    for row in range(count):
+        for at in range(last):
+            total = 0.0
+            value = directions[row, at]
+            for other in range(at):
+                total += gram[at, other] * directions[row, other]
+                applied[row, other] += gram[at, other] * value
+            applied[row, at] += total + gram[at, at] * value
+    for row in range(count):
+        right[row] = dot(directions[row], cross[:last])
+        for column in range(row + 1):
+            matrix[row, column] = dot(directions[row], applied[column])
+            matrix[column, row] = matrix[row, column]
+        matrix[count, row] = dot(directions[row], gram[last, :last])
+        matrix[row, count] = matrix[count, row]
+    matrix[count, count] = gram[last, last]
+    right[count] = cross[last]
+
+
+@numba.njit(cache=True)
+def _ridge(memory: Memory, variance: float) -> float:
+    """Return a ridge that keeps w and b solvable and is too weak to be seen otherwise."""
+    power = memory.energy[0] / max(memory.samples[0], 1.0) + LEAST_ENERGY
+    value: float = 1e-2 * variance / max(power, variance)
+    return value
+
+
+@numba.njit(cache=True)
+def solve_linear(memory: Memory, prior: Prior, fit: Fit) -> bool:
+    """Solve for w and b at theta, then the cost; return whether the matrix was positive."""
+    functions = len(fit.linear)
+    matrix = fit.matrix[PARAMETERS:, PARAMETERS:].copy()
+    linear = fit.right[PARAMETERS:].copy()
+    ridge = _ridge(memory, fit.variance[0])
+    for row in range(len(linear)):
+        matrix[row, row] += ridge
+    if not solve_positive(matrix, linear):
+        return False
+    fit.linear[:] = linear[:functions]
+    fit.levels[:] = linear[functions:]
+    squares = memory.energy[0]
+    away = 0.0
+    for row in range(len(linear)):
+        at = PARAMETERS + row
+        squares += linear[row] * (dot(fit.matrix[at, PARAMETERS:], linear) - 2.0 * fit.right[at])
+        away += ridge * linear[row] * linear[row]
+    for place in range(PARAMETERS):
+        distance = (coordinate(fit.theta, place) - prior.mean[place]) / prior.deviation[place]
+        away += fit.variance[0] * distance * distance
+    fit.squares[0] = max(squares, 0.0)
+    fit.cost[0] = squares + away
+    fit.samples[0] = memory.samples[0]
+    fit.energy[0] = memory.energy[0]
+    return True
+
+
+@numba.njit(cache=True)
+def evaluate(memory: Memory, prior: Prior, fit: Fit) -> bool:
+    """Solve the linear unknowns at theta and make the equations complete there."""
+    equations(memory, fit)
+    if not solve_linear(memory, prior, fit):
+        return False
+    # The rows of theta are taken in the direction of the new w.
+    equations(memory, fit)
+    return True
+
+
+@numba.njit(cache=True)
+def refresh_variance(memory: Memory, prior: Prior, fit: Fit) -> None:
+    """State the variance of the residuals anew, and what is weakly known accordingly."""
+    power = fit.energy[0] / max(fit.samples[0], 1.0) + LEAST_ENERGY
+    doubt = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
+    fit.variance[0] = (fit.squares[0] + doubt) / (fit.samples[0] + _MODEL_ERROR_SAMPLES)
+    if not solve_linear(memory, prior, fit):
+        fit.failures[0] += 1.0
+
+
+@numba.njit(cache=True)
+def _reduced(
+    memory: Memory, prior: Prior, fit: Fit, hessian: FloatArray, slope: FloatArray
+) -> bool:
+    """Write H (4, 4) and minus half the gradient (4,); return whether there is a factor."""
+    matrix = fit.matrix
+    linear = np.concatenate((fit.linear, fit.levels))
+    ridge = _ridge(memory, fit.variance[0])
+    solved = np.empty((PARAMETERS, len(linear)))
+    for place in range(PARAMETERS):
+        rest = matrix[PARAMETERS:, PARAMETERS:].copy()
+        for row in range(len(linear)):
+            rest[row, row] += ridge
+        solved[place] = matrix[place, PARAMETERS:]
+        if not solve_positive(rest, solved[place]):
+            return False
+    for place in range(PARAMETERS):
+        slope[place] = fit.right[place] - dot(matrix[place, PARAMETERS:], linear)
+        weight = fit.variance[0] / prior.deviation[place] ** 2
+        slope[place] -= weight * (coordinate(fit.theta, place) - prior.mean[place])
+        for other in range(PARAMETERS):
+            hessian[place, other] = matrix[place, other] - dot(
+                matrix[place, PARAMETERS:], solved[other]
+            )
+        hessian[place, place] += weight
+    return True
+
+
+@numba.njit(cache=True)
+def _bounded_step(
+    theta: FloatArray,
+    prior: Prior,
+    hessian: FloatArray,
+    slope: FloatArray,
+    damping: float,
+    step: FloatArray,
+) -> bool:
+    """Write the step (4,), components that would leave the bounds held at them."""
+    held = np.zeros(PARAMETERS, dtype=np.bool_)
+    for _ in range(PARAMETERS):
+        matrix = hessian.copy()
+        right = slope.copy()
+        for place in range(PARAMETERS):
+            matrix[place, place] *= 1.0 + damping
+            if held[place]:
+                continue
+            for other in range(PARAMETERS):
+                if held[other]:
+                    right[place] -= hessian[place, other] * step[other]
+        _hold(matrix, right, held, step)
+        if not solve_positive(matrix, right):
+            return False
+        step[:] = right
+        left = False
+        for place in range(PARAMETERS):
+            here = coordinate(theta, place)
+            low = coordinate(prior.lower, place) - here
+            high = coordinate(prior.upper, place) - here
+            if not held[place] and not low <= step[place] <= high:
+                step[place] = low if step[place] < low else high
+                held[place] = True
+                left = True
+        if not left:
+            break
+    return True
+
+
+@numba.njit(cache=True)
+def _hold(matrix: FloatArray, right: FloatArray, held: BoolArray, step: FloatArray) -> None:
+    """Let the equations give the components that are held back as they are."""
+    for place in range(PARAMETERS):
+        if held[place]:
+            matrix[place] = 0.0
+            matrix[:, place] = 0.0
+            matrix[place, place] = 1.0
+            right[place] = step[place]
+
+
+@numba.njit(cache=True)
+def _move(theta: FloatArray, prior: Prior, step: FloatArray, candidate: FloatArray) -> float:
+    """Write theta after the step, u_sat kept above u_thr; return its largest component."""
+    for place in range(PARAMETERS):
+        value = coordinate(theta, place) + step[place]
+        candidate[place] = math.exp(value) if place >= 2 else value
+        candidate[place] = min(max(candidate[place], prior.lower[place]), prior.upper[place])
+    lacking = prior.separation - (candidate[1] - candidate[0])
+    if lacking > 0.0:
+        candidate[0] = max(candidate[0] - 0.5 * lacking, prior.lower[0])
+        candidate[1] = candidate[0] + prior.separation
+    largest = 0.0
+    for place in range(PARAMETERS):
+        step[place] = coordinate(candidate, place) - coordinate(theta, place)
+        largest = max(largest, abs(step[place]))
+    return largest
+
+
+@numba.njit(cache=True)
+def go_to(fit: Fit, other: Fit) -> None:
+    """Let `fit` stand where `other` stands; damping and counters stay."""
+    fit.theta[:] = other.theta
+    fit.linear[:] = other.linear
+    fit.levels[:] = other.levels
+    fit.matrix[:] = other.matrix
+    fit.right[:] = other.right
+    fit.cost[0] = other.cost[0]
+    fit.squares[0] = other.squares[0]
+    fit.samples[0] = other.samples[0]
+    fit.energy[0] = other.energy[0]
+
+
+@numba.njit(cache=True)
+def improve(memory: Memory, prior: Prior, fit: Fit, trial: Fit, steps: int) -> None:
+    """Take up to so many steps from `fit`, whose equations are complete.
+
+    A step that raises the cost is not taken, and one whose matrix has no factor is counted.
+    """
+    hessian = np.zeros((PARAMETERS, PARAMETERS))
+    slope, step = np.zeros(PARAMETERS), np.zeros(PARAMETERS)
+    for _ in range(steps):
+        damping = fit.damping[0]
+        if not _reduced(memory, prior, fit, hessian, slope):
+            fit.failures[0] += 1.0
+            return
+        if not _bounded_step(fit.theta, prior, hessian, slope, damping, step):
+            fit.failures[0] += 1.0
+            fit.damping[0] = min(max(10.0 * damping, 1e-6), MOST_DAMPING)
+            continue
+        size = _move(fit.theta, prior, step, trial.theta)
+        trial.variance[0] = fit.variance[0]
+        trial.linear[:] = fit.linear
+        if not evaluate(memory, prior, trial):
+            fit.failures[0] += 1.0
+            return
+        promised = 0.0
+        for place in range(PARAMETERS):
+            promised += step[place] * (2.0 * slope[place] - dot(hessian[place], step))
+        actual = fit.cost[0] - trial.cost[0]
+        if actual >= -_ROUNDING * fit.energy[0]:
+            go_to(fit, trial)
+            good = actual > 0.5 * promised
+            fit.damping[0] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
+            fit.moved[0] = size
+        else:
+            fit.damping[0] = min(max(10.0 * damping, 1e-6), MOST_DAMPING)

@@ -1,0 +1,150 @@
+"""Samples and pulses into the block that is being filled, each sample predicted beforehand."""
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from rpms_ros.identification.laguerre import transition_generator
+from rpms_ros.identification.projection.block_statistics import COUNT
+from rpms_ros.identification.projection.block_statistics import FORCE
+from rpms_ros.identification.projection.block_statistics import RESPONSE_ONE
+from rpms_ros.identification.projection.block_statistics import BlockStatistics
+from rpms_ros.identification.projection.block_statistics import add_sample
+from rpms_ros.identification.projection.block_statistics import newest
+from rpms_ros.identification.projection.block_statistics import open_block
+from rpms_ros.identification.projection.data_intake import OUTPUT_ERROR_TIME
+from rpms_ros.identification.projection.normal_equations import advance_state
+from rpms_ros.identification.projection.normal_equations import correlate
+from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.recursion.knots import interpolate
+from rpms_ros.identification.recursion.knots import recruitment_at_knots
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+
+class Course(NamedTuple):
+    """What is carried from sample to sample.
+
+    Attributes
+    ----------
+    response : ndarray (functions,)
+        The force of the block at tau is ``response^T e(tau)``, without the baseline.
+    values : ndarray (functions,)
+        Overwritten.
+    error_energy, force_energy : ndarray (1,)
+        Sums of squares of the a-priori error and of the force, decaying [N^2].
+    squares : ndarray (1,)
+        Sum of squared a-priori errors of the block [N^2].
+    learnt : ndarray (1,)
+        Number of samples that were learnt from.
+    previous_ns : ndarray of int64 (1,)
+        Stamp of the last sample that was learnt from [ns].
+    """
+
+    response: FloatArray
+    values: FloatArray
+    error_energy: FloatArray
+    force_energy: FloatArray
+    squares: FloatArray
+    learnt: FloatArray
+    previous_ns: IntArray
+
+
+def fresh_course(functions: int) -> Course:
+    """Return the course of a recursion that has seen nothing."""
+    return Course(
+        response=np.zeros(functions),
+        values=np.zeros(functions),
+        error_energy=np.zeros(1),
+        force_energy=np.zeros(1),
+        squares=np.zeros(1),
+        learnt=np.zeros(1),
+        previous_ns=np.zeros(1, dtype=np.int64),
+    )
+
+
+@numba.njit(cache=True)
+def restate(
+    chains: FloatArray, theta: FloatArray, linear: FloatArray, response: FloatArray
+) -> None:
+    """Write the response (functions,) of the block at parameters."""
+    knots, functions = chains.shape
+    values = np.empty((1 + PARAMETERS, knots))
+    recruitment_at_knots(theta, values)
+    state = np.zeros(functions)
+    for knot in range(knots):
+        for function in range(functions):
+            state[function] += values[0, knot] * chains[knot, function]
+    correlate(linear, state, response)
+
+
+@numba.njit(cache=True)
+def begin_block(
+    blocks: BlockStatistics,
+    chains: FloatArray,
+    start_ns: int,
+    intensity: float,
+    push: float,
+    rate: float,
+    fresh: bool,
+) -> None:
+    """Begin a block with a pulse, which adds `push` times its recruitment to the states.
+
+    `rate` is 2 p [1/s]; a fresh block begins with zero states.
+    """
+    here = open_block(blocks, start_ns, intensity, push, rate, fresh)
+    values = np.empty(len(chains))
+    interpolate(intensity, values)
+    for knot in range(len(chains)):
+        advance_state(blocks.transition[here], chains[knot])
+        share = push * values[knot]
+        if share != 0.0:
+            chains[knot] += share
+
+
+@numba.njit(cache=True)
+def residual_sum(blocks: BlockStatistics, response: FloatArray, level: float) -> float:
+    """Return the sum of the a-priori errors of the block [N]."""
+    here = newest(blocks)
+    moments = blocks.moments[here]
+    total: float = moments[FORCE] - level * moments[COUNT]
+    for shift in range(len(response)):
+        total -= response[shift] * blocks.response[here, shift, RESPONSE_ONE]
+    return total
+
+
+@numba.njit(cache=True)
+def take(
+    stamp_ns: IntArray,
+    force: FloatArray,
+    usable: BoolArray,
+    blocks: BlockStatistics,
+    course: Course,
+    level: float,
+    rate: float,
+    prediction: FloatArray,
+) -> None:
+    """Put samples (samples,) into the block; write the a-priori prediction of each."""
+    here = newest(blocks)
+    for index in range(len(stamp_ns)):
+        stamp = stamp_ns[index]
+        tau = 1e-9 * (stamp - blocks.start_ns[here])
+        transition_generator(rate * tau, course.values)
+        predicted = level
+        for function in range(len(course.values)):
+            predicted += course.response[function] * course.values[function]
+        prediction[index] = predicted
+        if not usable[index]:
+            continue
+        error = force[index] - predicted
+        since = min(max(1e-9 * (stamp - course.previous_ns[0]), 0.0), 100.0)
+        decay = math.exp(-since / OUTPUT_ERROR_TIME)
+        course.previous_ns[0] = stamp
+        course.error_energy[0] = decay * course.error_energy[0] + error * error
+        course.force_energy[0] = decay * course.force_energy[0] + force[index] * force[index]
+        course.squares[0] += error * error
+        course.learnt[0] += 1.0
+        add_sample(blocks, here, tau, force[index], course.values)

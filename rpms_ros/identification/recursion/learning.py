@@ -1,0 +1,90 @@
+"""When the parameters of the recursion are stepped, and from where."""
+
+import numpy as np
+
+from rpms_ros.identification.projection.fit import LEAST_ENERGY
+from rpms_ros.identification.projection.fit import Fit
+from rpms_ros.identification.projection.fit import empty_fit
+from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.recursion.fit import evaluate
+from rpms_ros.identification.recursion.fit import go_to
+from rpms_ros.identification.recursion.fit import improve
+from rpms_ros.identification.recursion.fit import refresh_variance
+from rpms_ros.identification.recursion.memory import Memory
+from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.saved_state import expect
+from rpms_ros.pulses import FloatArray
+
+# Another start is tried every so many steps, by so many steps of its own; it is gone on from
+# where it is better by more than noise does (chi-square, one in a thousand of four parameters).
+_CHALLENGE_STEPS = 20
+_CHALLENGER_STEPS = 5
+_CHALLENGER_GAIN = 18.5
+_START_DAMPING = 1e-2
+_FIRST_VARIANCE = 0.01
+
+
+class Learner(Restorable):
+    """Parameters, and the steps that they take.
+
+    Parameters
+    ----------
+    model : ProjectionSettings
+        Start, prior and bounds.
+    """
+
+    fit: Fit
+    _steps: int
+
+    def __init__(self, model: ProjectionSettings) -> None:
+        functions = model.basis.functions
+        start = np.array(model.start)
+        self.prior = model.as_prior()
+        self.fit = empty_fit(start, functions, 1)
+        self._trial = empty_fit(start, functions, 1)
+        self._other = empty_fit(start, functions, 1)
+        self._starts = model.starts()
+        self._steps = 0
+
+    def _check_restored(self) -> None:
+        shapes = (
+            (one.shape, other.shape) for one, other in zip(self.fit, self._trial, strict=True)
+        )
+        expect(all(one == other for one, other in shapes), 'Learner', 'arrays of one model')
+
+    def restart(self) -> None:
+        """Take short steps again: the muscle has changed."""
+        self.fit.damping[0] = _START_DAMPING
+
+    def learn(self, memory: Memory) -> None:
+        """Take a step from all that is remembered; count it as failed if there is none."""
+        fit = self.fit
+        if fit.variance[0] == 0.0:
+            power = float(memory.energy[0] / memory.samples[0])
+            fit.variance[0] = _FIRST_VARIANCE * power + LEAST_ENERGY
+        if not evaluate(memory, self.prior, fit):
+            fit.failures[0] += 1.0
+            return
+        refresh_variance(memory, self.prior, fit)
+        self._steps += 1
+        if self._steps % _CHALLENGE_STEPS == 0:
+            self._challenge(
+                memory, self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)]
+            )
+        improve(memory, self.prior, fit, self._trial, 1)
+        # Of weighted samples the covariance is that of their sum by the squares of the weights.
+        fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
+
+    def _challenge(self, memory: Memory, start: FloatArray) -> None:
+        """Try another start; go on from there if it explains all that is remembered better."""
+        fit, other = self.fit, self._other
+        other.theta[:] = start
+        other.linear[:] = fit.linear
+        other.variance[0] = fit.variance[0]
+        other.damping[0] = _START_DAMPING
+        if not evaluate(memory, self.prior, other):
+            return
+        improve(memory, self.prior, other, self._trial, _CHALLENGER_STEPS)
+        if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
+            go_to(fit, other)
+            fit.damping[0] = other.damping[0]

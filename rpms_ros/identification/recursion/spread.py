@@ -1,0 +1,68 @@
+"""How much sums of neighbouring residuals vary, kept from block to block.
+
+What `rpms_ros.identification.projection.uncertainty.residual_spread` finds among the blocks of a
+horizon, for a recursion that keeps no block.
+"""
+
+import numpy as np
+
+from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.saved_state import expect
+from rpms_ros.pulses import FloatArray
+
+# Lengths over which residuals are summed [ns].
+_LENGTH_NS = (100_000_000, 500_000_000, 2_000_000_000)
+# So many sums before anything is said of them.
+_LEAST_SUMS = 3.0
+
+
+class ResidualSpread(Restorable):
+    """Running means of (sum of residuals)^2 / samples, for each length."""
+
+    _cell: list[int]
+    _sum: FloatArray
+    _count: FloatArray
+    _total: FloatArray
+    _weight: FloatArray
+
+    def __init__(self) -> None:
+        self._cell = [0] * len(_LENGTH_NS)
+        self._sum, self._count, self._total, self._weight = np.zeros((4, len(_LENGTH_NS)))
+
+    def take(self, start_ns: int, residual: float, samples: float, kept: float) -> None:
+        """Take a block: sum of its residuals [N], number of its samples.
+
+        What came before counts `kept` of what it did.
+        """
+        for place, length in enumerate(_LENGTH_NS):
+            cell = start_ns // length
+            if cell != self._cell[place]:
+                if self._count[place] > 0.0:
+                    self._total[place] += self._sum[place] ** 2 / self._count[place]
+                    self._weight[place] += 1.0
+                self._cell[place] = cell
+                self._sum[place] = 0.0
+                self._count[place] = 0.0
+        self._sum += residual
+        self._count += samples
+        self._total *= kept
+        self._weight *= kept
+
+    def _check_restored(self) -> None:
+        lengths = {len(self._cell), *(len(part) for part in self._sums)}
+        expect(lengths == {len(_LENGTH_NS)}, 'ResidualSpread', f'{len(_LENGTH_NS)} lengths')
+
+    @property
+    def _sums(self) -> tuple[FloatArray, ...]:
+        return self._sum, self._count, self._total, self._weight
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._total[:] = 0.0
+        self._weight[:] = 0.0
+
+    @property
+    def mean(self) -> FloatArray:
+        """The means (lengths,) [N^2], zero where too little has been summed."""
+        known = self._weight >= _LEAST_SUMS
+        return np.where(known, self._total / np.maximum(self._weight, 1.0), 0.0)

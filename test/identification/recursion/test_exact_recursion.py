@@ -1,0 +1,225 @@
+"""The recursion for people: convergence, intervals, changes, and laws that hold always."""
+
+import dataclasses
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import CONVERGED
+from rpms_ros.identification import NOT_INFORMED
+from rpms_ros.identification import PEOPLE
+from rpms_ros.identification import ExactRecursion
+from rpms_ros.identification import ExactRecursionSettings
+from rpms_ros.muscle import average_subject
+from rpms_ros.muscle import simulation_subject
+
+
+def test_random_intensities_show_the_curve_within_ten_seconds(session) -> None:
+    found = session(seed=1)
+    estimator = ExactRecursion()
+    found.until(estimator, 0.0, 10.0)
+    estimate = estimator.estimate(0, {})
+    # bench/recursion_people.py: worst of 20 seeds below 0.5 %.
+    assert found.error(estimate.curve_force) < 0.01
+    assert estimate.confidence == 0.95
+    names = dict(zip(estimate.physiology_names, estimate.physiology, strict=True))
+    # The twitch of so much data is read to about 1.5 ms.
+    subject = average_subject()
+    time_constant, latency = names['twitch_time_constant_s'], names['latency_s']
+    assert time_constant == pytest.approx(subject.time_constant, abs=3e-3)
+    assert latency == pytest.approx(subject.latency, abs=3e-3)
+    found.until(estimator, 10.0, 20.0)
+    estimate = estimator.estimate(0, {})
+    assert (estimate.nonlinear_identifiability[:2] == CONVERGED).all()
+    assert estimate.changes == 0
+    assert estimate.faults == {}
+
+
+def test_a_muscle_without_a_latency_costs_little(session) -> None:
+    found = session(seed=12, subject=simulation_subject())
+    estimator = ExactRecursion()
+    found.until(estimator, 0.0, 20.0)
+    # As the page says: functions that begin 8 ms late bend the curve by 0.4 %.
+    assert found.error(estimator.estimate(0, {}).curve_force) < 0.01
+
+
+def test_a_slow_sinusoid_shows_the_curve_after_two_periods(session) -> None:
+    found = session(seed=2, period=18.0, seconds=40.0)
+    estimator = ExactRecursion()
+    found.until(estimator, 0.0, 36.0)
+    # bench/recursion_people.py: worst of 20 seeds below 0.5 %.
+    assert found.error(estimator.estimate(0, {}).curve_force) < 0.02
+
+
+def test_intervals_hold_the_truth(session) -> None:
+    held, width = [], []
+    for seed in range(6):
+        found = session(seed=seed, period=(None, 9.0)[seed % 2], seconds=15.0)
+        estimator = ExactRecursion()
+        found.until(estimator, 0.0, 15.0)
+        estimate = estimator.estimate(0, {})
+        inside = (estimate.curve_lower <= found.curve) & (found.curve <= estimate.curve_upper)
+        held.append(inside[5:].mean())
+        width.append((estimate.curve_upper - estimate.curve_lower).max() / found.curve.max())
+    # Six sessions, points of a curve that go together; 50 and more stand in the benchmark.
+    assert np.mean(held) > 0.8
+    # Not by being wide: 2 % of the curve at the most.
+    assert max(width) < 0.04
+
+
+def test_a_change_is_found_and_followed(session) -> None:
+    before = session(seed=3, seconds=40.0)
+    weaker = dataclasses.replace(
+        average_subject(), maximum_force=0.7 * average_subject().maximum_force
+    )
+    after = session(seed=3, seconds=40.0, subject=weaker)
+    force = np.where(before.stamp_ns < 20e9, before.force, after.force)
+    both = after._replace(force=force)
+    estimator = ExactRecursion()
+    both.until(estimator, 0.0, 20.0)
+    assert estimator.estimate(20_000_000_000, {}).changes == 0
+    both.until(estimator, 20.0, 22.0)
+    estimate = estimator.estimate(22_000_000_000, {})
+    assert estimate.changes == 1
+    # It began at 20 s.
+    assert estimate.change_ago[-1] == pytest.approx(2.0, abs=0.5)
+    both.until(estimator, 22.0, 40.0)
+    # A muscle that never changed is known as well after as many seconds.
+    assert both.error(estimator.estimate(0, {}).curve_force) < 0.02
+
+
+@settings(deadline=None, max_examples=8)
+@given(st.sets(st.integers(1, 1999), max_size=20))
+def test_blocks_change_no_bit(session, cuts: set[int]) -> None:
+    found = session(seed=4, seconds=2.0)
+    whole, cut = ExactRecursion(), ExactRecursion()
+    expected = found.until(whole, 0.0, 2.0)
+    cut.add_pulses(found.onset_ns, found.intensity)
+    usable = np.ones(len(found.force), dtype=np.bool_)
+    parts = [
+        cut.update(found.stamp_ns[a:b], found.force[a:b], usable[a:b])
+        for a, b in pairwise([0, *sorted(cuts), len(found.force)])
+    ]
+    assert np.concatenate(parts).tobytes() == expected.tobytes()
+    assert repr(cut.state()) == repr(whole.state())
+
+
+def test_a_prediction_knows_nothing_of_its_own_or_later_samples(session) -> None:
+    found = session(seed=5, seconds=4.0)
+    expected = found.until(ExactRecursion(), 0.0, 4.0)
+    force = found.force.copy()
+    force[2000:] = 99.0
+    prediction = found._replace(force=force).until(ExactRecursion(), 0.0, 4.0)
+    np.testing.assert_array_equal(prediction[:2001], expected[:2001])
+    assert prediction[2300] != expected[2300]
+
+
+def test_a_state_goes_on_bit_for_bit(session) -> None:
+    found = session(seed=6, seconds=6.0)
+    whole, first, second = ExactRecursion(), ExactRecursion(), ExactRecursion()
+    expected = found.until(whole, 0.0, 6.0)
+    found.until(first, 0.0, 3.0)
+    second.restore(first.state())
+    assert found.until(second, 3.0, 6.0).tobytes() == expected[3000:].tobytes()
+    other = ExactRecursion(dataclasses.replace(PEOPLE, memory_time=20.0))
+    with pytest.raises(IdentificationError, match=r'memory_time 20\.0, as it is set here, got 40'):
+        other.restore(first.state())
+    broken = first.state()
+    broken['_memory']['chains'] = np.zeros((2, 2))
+    with pytest.raises(IdentificationError, match='expected arrays of one model'):
+        ExactRecursion().restore(broken)
+
+
+def test_silence_and_pulses_of_nothing_forget_nothing(session) -> None:
+    found = session(seed=7, seconds=72.0, rest_from=12.0)
+    estimator = ExactRecursion()
+    found.until(estimator, 0.0, 12.0)
+    before = estimator.estimate(0, {})
+    found.until(estimator, 12.0, 72.0)
+    after = estimator.estimate(0, {})
+    distance = np.abs(after.curve_force - before.curve_force).max() / before.curve_force.max()
+    # The tail of the last pulses still says a little.
+    assert distance < 0.005
+    assert after.changes == 0
+
+
+def test_one_intensity_gives_no_curve(session) -> None:
+    found = session(seed=8, seconds=5.0)
+    same = found._replace(intensity=np.full(len(found.intensity), 0.8))
+    estimator = ExactRecursion()
+    same.until(estimator, 0.0, 5.0)
+    assert not estimator.estimate(0, {}).curve_known
+
+
+def test_nothing_known_is_said_to_be_so() -> None:
+    estimator = ExactRecursion()
+    estimate = estimator.estimate(0, {})
+    assert not estimate.curve_known
+    assert estimate.samples == 0
+    assert estimate.confidence == 0.0
+
+
+def test_intensities_below_the_threshold_do_not_inform(session) -> None:
+    found = session(seed=9, seconds=10.0)
+    low = found._replace(
+        intensity=0.1 * found.intensity,
+        force=0.05 * np.random.default_rng(2).standard_normal(len(found.force)),
+    )
+    estimator = ExactRecursion()
+    low.until(estimator, 0.0, 10.0)
+    flags = estimator.estimate(0, {}).nonlinear_identifiability
+    assert (flags[1:] == NOT_INFORMED).all()
+
+
+def test_a_jump_of_the_clock_costs_the_pulses_that_act_alone(session) -> None:
+    found = session(seed=10, seconds=20.0)
+    estimator = ExactRecursion()
+    found.until(estimator, 0.0, 10.0)
+    estimator.forget_pulses()
+    back = found._replace(
+        onset_ns=found.onset_ns - 3_600_000_000_000, stamp_ns=found.stamp_ns - 3_600_000_000_000
+    )
+    later = slice(11_000, 20_000)
+    pulses = back.onset_ns >= back.stamp_ns[10_200]
+    estimator.add_pulses(back.onset_ns[pulses], back.intensity[pulses])
+    estimator.update(back.stamp_ns[later], back.force[later], np.ones(9000, dtype=np.bool_))
+    estimate = estimator.estimate(0, {})
+    assert math.isfinite(estimate.output_error)
+    assert found.error(estimate.curve_force) < 0.01
+
+
+def test_a_matrix_without_a_factor_is_counted(session) -> None:
+    found = session(seed=11, seconds=4.0)
+    estimator = ExactRecursion()
+    found.until(estimator, 0.0, 2.0)
+    before = estimator.parameters
+    # What overwritten memory would leave.
+    estimator._memory.gram[:] = -1e6 * np.eye(len(estimator._memory.gram))
+    found.until(estimator, 2.0, 2.2)
+    assert estimator.parameters == before
+    assert estimator.estimate(0, {}).faults['factorisation_failed'] > 0
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'memory_time': 0.0}, r'expected memory_time above 0, got 0\.0'),
+        ({'drift': math.nan}, 'expected drift above 0, got nan'),
+        ({'memory_after_change': 50.0}, 'expected memory_after_change below memory_time, got 50'),
+    ],
+)
+def test_impossible_settings_are_refused(values: dict[str, float], message: str) -> None:
+    with pytest.raises(IdentificationError, match=message):
+        ExactRecursionSettings(**values)
+
+
+@pytest.mark.parametrize('rate_hz', [0.0, math.inf])
+def test_impossible_rates_are_refused(rate_hz: float) -> None:
+    with pytest.raises(IdentificationError, match='expected a repetition rate above 0 Hz'):
+        ExactRecursion(rate_hz=rate_hz)
