@@ -12,6 +12,8 @@ from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.twitch_kernel import coarse_start
 from rpms_ros.identification.analysis.twitch_kernel import linear_parts
 from rpms_ros.identification.analysis.twitch_kernel import shared_fit
+from rpms_ros.identification.twitch_shape import TWITCH
+from rpms_ros.identification.twitch_shape import twitch_row
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
@@ -83,14 +85,10 @@ def _errors_on(
     lag: FloatArray, force: FloatArray, theta: FloatArray, peak: float, base: float
 ) -> float:
     total = 0.0
+    row = np.empty(4)
     for k in range(len(lag)):
-        value = base
-        since = lag[k] - theta[0]
-        if since > 0.0:
-            power = theta[2] - 1.0
-            scaled = since / np.exp(theta[1])
-            value += peak * np.exp(power * np.log(scaled / power) + power - scaled)
-        total += (force[k] - value) ** 2
+        twitch_row(lag[k] - theta[0], np.exp(theta[1]), theta[2], row)
+        total += (force[k] - (base + peak * row[TWITCH])) ** 2
     return total
 
 

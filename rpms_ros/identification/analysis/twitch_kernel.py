@@ -7,37 +7,76 @@ asked for, the order n are common,
 
 with Eq. (2) for the shape.  For given (t_0, ln T_a, n) the best a_i and b_i follow from two
 linear equations; the Jacobian of what is left is the derivative of the shape, scaled by a_i and
-projected off the span of shape and constant (Kaufman).  Levenberg-Marquardt with two or three
-parameters remains, however many twitches there are.  This minimises Eq. (3) with its peak, its
-onset and a baseline free.
+projected off the span of shape and constant (Kaufman).  Two or three parameters remain for
+`rpms_ros.identification.levenberg_marquardt`, however many twitches there are.  This minimises
+Eq. (3) with its peak, its onset and a baseline free.
 """
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
+from numba.extending import register_jitable
 
+from rpms_ros.identification.levenberg_marquardt import Ending
+from rpms_ros.identification.levenberg_marquardt import minimiser
+from rpms_ros.identification.small_matrix import dot
+from rpms_ros.identification.twitch_shape import twitch_row
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 _STEPS = 60
 _SETTLED = 1e-9
-_SHORTEST = 1e-3
-_LONGEST = 0.5
+_LEAST_COST = 1e-18
+# Bounds of onset [s], ln of the time constant [ln s] and order.
+_LOWER = (-0.02, math.log(1e-3), 1.2)
+_UPPER = (0.2, math.log(0.5), 12.0)
 
 
-@numba.njit(cache=True, nogil=True)
-def _shape(lag: float, constant: float, order: float, row: FloatArray) -> None:
-    """Write the shape and its derivatives to onset, ln T_a and order into `row` (4,)."""
-    row[:] = 0.0
-    if lag > 0.0:
-        power = order - 1.0
-        scaled = lag / constant
-        value = math.exp(power * math.log(scaled / power) + power - scaled)
-        row[0] = value
-        row[1] = -value * (power / scaled - 1.0) / constant
-        row[2] = value * (scaled - power)
-        row[3] = value * math.log(scaled / power)
+class Twitches(NamedTuple):
+    """Twitches that share their shape.
+
+    Attributes
+    ----------
+    lag, force : ndarray (samples,)
+        Time since the pulse [s] and force [N], all twitches in a row.
+    starts : ndarray of int64 (twitches + 1,)
+        Where each twitch begins; the last entry is the number of samples.
+    order : float
+        Order where it is not fitted.
+    """
+
+    lag: FloatArray
+    force: FloatArray
+    starts: IntArray
+    order: float
+
+
+class SharedShape(NamedTuple):
+    """A shape and what it leaves; a point of `rpms_ros.identification.levenberg_marquardt`.
+
+    Attributes
+    ----------
+    theta : ndarray (2,) or (3,)
+        Onset [s], ln of the time constant [ln s] and, if it is fitted, the order.
+    normal, slope : ndarray (parameters, parameters), (parameters,)
+        Gauss-Newton matrix and minus half the gradient of the cost.
+    rows : ndarray (samples, 5)
+        Scratch: twitch, its derivatives, residual.
+    cost, energy, damping, moved, failures : ndarray (1,)
+        Sum of squared residuals and of squared forces [N^2], and the loop's own.
+    """
+
+    theta: FloatArray
+    normal: FloatArray
+    slope: FloatArray
+    rows: FloatArray
+    cost: FloatArray
+    energy: FloatArray
+    damping: FloatArray
+    moved: FloatArray
+    failures: FloatArray
 
 
 @numba.njit(cache=True, nogil=True)
@@ -48,7 +87,7 @@ def _tables(
     count = len(lag)
     sums = np.zeros(4)
     for k in range(count):
-        _shape(lag[k] - theta[0], math.exp(theta[1]), theta[2], rows[k])
+        twitch_row(lag[k] - theta[0], math.exp(theta[1]), theta[2], rows[k])
         sums[0] += rows[k, 0]
         sums[1] += force[k]
         sums[2] += rows[k, 0] * rows[k, 0]
@@ -119,10 +158,74 @@ def _evaluate(
 
 
 @numba.njit(cache=True, nogil=True)
-def _allowed(theta: FloatArray) -> bool:
-    constant = math.exp(theta[1])
-    return (
-        -0.02 <= theta[0] <= 0.2 and _SHORTEST <= constant <= _LONGEST and 1.2 <= theta[2] <= 12.0
+def _measure(twitches: Twitches, shape: SharedShape) -> None:
+    """Write cost, normal equations and residuals of a shape."""
+    free = len(shape.theta)
+    theta = np.empty(3)
+    theta[2] = twitches.order
+    theta[:free] = shape.theta
+    shape.cost[0] = _evaluate(
+        twitches.lag,
+        twitches.force,
+        twitches.starts,
+        theta,
+        free,
+        shape.normal,
+        shape.slope,
+        shape.rows,
+    )
+
+
+@register_jitable
+def _linearise(
+    _twitches: Twitches,
+    shape: SharedShape,
+    _ready: bool,
+    hessian: FloatArray,
+    gradient: FloatArray,
+) -> bool:
+    hessian[:] = shape.normal
+    gradient[:] = shape.slope
+    return True
+
+
+@register_jitable
+def _room(_twitches: Twitches, shape: SharedShape, low: FloatArray, high: FloatArray) -> None:
+    for place in range(len(shape.theta)):
+        low[place] = _LOWER[place] - shape.theta[place]
+        high[place] = _UPPER[place] - shape.theta[place]
+
+
+@register_jitable
+def _move(twitches: Twitches, shape: SharedShape, step: FloatArray, trial: SharedShape) -> None:
+    trial.theta[:] = shape.theta + step
+    _measure(twitches, trial)
+
+
+@register_jitable
+def _accept(shape: SharedShape, trial: SharedShape) -> None:
+    shape.theta[:] = trial.theta
+    shape.normal[:] = trial.normal
+    shape.slope[:] = trial.slope
+    shape.cost[0] = trial.cost[0]
+
+
+_minimise = minimiser(_linearise, _room, _move, _accept)
+
+
+@numba.njit(cache=True, nogil=True)
+def _begin(start: FloatArray, rows: FloatArray, energy: float) -> SharedShape:
+    free = len(start)
+    return SharedShape(
+        start.copy(),
+        np.zeros((free, free)),
+        np.zeros(free),
+        rows,
+        np.zeros(1),
+        np.full(1, energy),
+        np.full(1, 1e-3),
+        np.zeros(1),
+        np.zeros(1),
     )
 
 
@@ -159,38 +262,16 @@ def shared_fit(
     error : float
         Sum of the squared residuals [N^2].
     """
-    theta = start.copy()
+    twitches = Twitches(lag, force, starts, start[2])
     rows = np.empty((len(lag), 5))
-    normal = np.zeros((free, free))
-    slope = np.zeros(free)
-    next_normal = np.zeros((free, free))
-    next_slope = np.zeros(free)
-    damping = 1e-3
-    error = _evaluate(lag, force, starts, theta, free, normal, slope, rows)
-    for _ in range(_STEPS):
-        damped = normal.copy()
-        for i in range(free):
-            damped[i, i] += damping * normal[i, i] + 1e-300
-        step = np.linalg.solve(damped, slope)
-        trial = theta.copy()
-        trial[:free] += step
-        if _allowed(trial):
-            reached = _evaluate(lag, force, starts, trial, free, next_normal, next_slope, rows)
-        else:
-            reached = math.inf
-        if reached < error:
-            gain = error - reached
-            theta, error = trial, reached
-            normal[:] = next_normal
-            slope[:] = next_slope
-            damping = max(damping * 0.2, 1e-12)
-            if gain <= _SETTLED * error:
-                break
-        else:
-            damping *= 8.0
-            if damping > 1e10:
-                break
-    return theta, normal, error
+    energy = dot(force, force)
+    shape = _begin(start[:free], rows, energy)
+    trial = _begin(start[:free], rows, energy)
+    _measure(twitches, shape)
+    _minimise(twitches, shape, trial, Ending(_STEPS, _SETTLED, _LEAST_COST), True)
+    theta = start.copy()
+    theta[:free] = shape.theta
+    return theta, shape.normal, shape.cost[0]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -198,5 +198,5 @@ def _condition(fit: Fit) -> float:
     scale = np.sqrt(np.diag(matrix))
     if not scale.min() > 0.0:
         return 0.0
-    matrix = (matrix + np.tril(matrix, -1).T) / np.outer(scale, scale)
-    return float(np.linalg.cond(matrix))
+    magnitude = np.abs(np.linalg.eigvalsh(matrix / np.outer(scale, scale), UPLO='L'))
+    return float(magnitude.max() / magnitude.min()) if magnitude.min() > 0.0 else np.inf

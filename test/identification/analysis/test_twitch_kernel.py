@@ -4,10 +4,10 @@ from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from rpms_ros.identification.analysis.twitch_kernel import _shape
 from rpms_ros.identification.analysis.twitch_kernel import coarse_start
 from rpms_ros.identification.analysis.twitch_kernel import linear_parts
 from rpms_ros.identification.analysis.twitch_kernel import shared_fit
+from rpms_ros.identification.twitch_shape import twitch_row
 from rpms_ros.muscle import twitch
 
 LAG = np.arange(-0.05, 0.5, 1e-3)
@@ -15,7 +15,7 @@ LAG = np.arange(-0.05, 0.5, 1e-3)
 
 def value(lag, constant, order):
     row = np.zeros(4)
-    _shape(lag, constant, order, row)
+    twitch_row(lag, constant, order, row)
     return row
 
 
@@ -58,7 +58,7 @@ def test_a_clean_twitch_is_found_exactly(onset, constant, order, peak, base):
     starts = np.array([0, len(LAG)])
     start = coarse_start(LAG, force, starts, float(order), 4)
     theta, _, _ = shared_fit(LAG, force, starts, start, 2)
-    # the search ends when a step gains less than 1e-9 of the error: far below a microsecond
+    # the search ends when a step promises less than 1e-9 of the error: far below a microsecond
     assert theta[0] == pytest.approx(onset, abs=1e-6)
     assert np.exp(theta[1]) == pytest.approx(constant, rel=1e-4)
     parts = linear_parts(LAG, force, starts, theta)[0]

@@ -1,0 +1,190 @@
+r"""The Levenberg-Marquardt loop of every nonlinear fit in compiled code.
+
+A fit is put together from a *problem* and four functions of a model:
+
+* the problem holds the information: samples or what they were condensed to, prior, bounds;
+* ``linearise`` states the Gauss-Newton matrix H and the gradient g (minus half that of the cost)
+  at a point, linear unknowns eliminated;
+* ``room`` states how far each parameter may be stepped;
+* ``move`` goes to another point: parameters, linear unknowns, cost;
+* ``accept`` copies a point.
+
+A point is a named tuple of arrays: ``theta`` (parameters,), what the model needs, and (1,) each
+``cost``, ``energy`` (sum of the squared data), ``damping`` of the next step, ``moved`` (largest
+change of the last one) and ``failures`` (matrices that could not be factorised).
+
+The step solves ``(H + mu diag H) d = g``, held within the room by fixing what would leave it and
+solving again for the rest.  It is taken if it does not raise the cost; else mu rises.
+
+The functions are compiled into the loop, so a composition costs nothing at run time.  They are
+decorated by `numba.extending.register_jitable` and not by `numba.njit`: the key under which numba
+keeps a compiled closure holds what it closes over, and a dispatcher is another one in every
+process.
+"""
+
+from collections.abc import Callable
+from typing import Any
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from rpms_ros.identification.small_matrix import solve_positive
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e6
+# Differences of cost below this share of the sum of squared data are rounding.
+_ROUNDING = 1e-13
+# Damping falls where the cost falls by at least this share of what the step promises.
+_GOOD = 0.5
+
+
+class Ending(NamedTuple):
+    """When a fit ends.
+
+    Attributes
+    ----------
+    steps : int
+        At most so many are tried.
+    tolerance : float
+        Ends when a step promises less than this share of the cost.
+    least_cost : float
+        Added to the cost in that comparison: the cost of a perfect fit is rounding.
+    """
+
+    steps: int
+    tolerance: float
+    least_cost: float
+
+
+# (problem, here, ready, hessian, gradient) -> whether H is known; `ready` says that what the last
+# call left in `here` still holds.
+Linearise = Callable[[Any, Any, bool, FloatArray, FloatArray], bool]
+# (problem, here, low, high): least and greatest step of each parameter.
+Room = Callable[[Any, Any, FloatArray, FloatArray], None]
+# (problem, here, step, trial): overwrites `trial`, and `step` by the one that was possible.
+Move = Callable[[Any, Any, FloatArray, Any], None]
+# (here, trial): copies what `move` has found.
+Accept = Callable[[Any, Any], None]
+Minimise = Callable[[Any, Any, Any, Ending, bool], None]
+
+
+@numba.njit(cache=True, nogil=True)
+def _damped_step(
+    hessian: FloatArray,
+    gradient: FloatArray,
+    damping: float,
+    held: BoolArray,
+    step: FloatArray,
+) -> bool:
+    """Solve for the steps (parameters,) that are not held, given those that are."""
+    count = len(step)
+    matrix = hessian.copy()
+    right = gradient.copy()
+    for place in range(count):
+        matrix[place, place] *= 1.0 + damping
+        for other in range(count):
+            if held[other] and not held[place]:
+                right[place] -= hessian[place, other] * step[other]
+    for place in range(count):
+        if held[place]:
+            matrix[place] = 0.0
+            matrix[:, place] = 0.0
+            matrix[place, place] = 1.0
+            right[place] = step[place]
+    solved = solve_positive(matrix, right)
+    step[:] = right
+    return solved
+
+
+@numba.njit(cache=True, nogil=True)
+def bounded_step(
+    hessian: FloatArray,
+    gradient: FloatArray,
+    damping: float,
+    low: FloatArray,
+    high: FloatArray,
+    step: FloatArray,
+) -> bool:
+    """Write a damped step (parameters,) between `low` and `high`; return whether there is one."""
+    count = len(step)
+    step[:] = 0.0
+    held = np.zeros(count, dtype=np.bool_)
+    for _ in range(count):
+        if not _damped_step(hessian, gradient, damping, held, step):
+            return False
+        left = False
+        for place in range(count):
+            if not held[place] and not low[place] <= step[place] <= high[place]:
+                step[place] = low[place] if step[place] < low[place] else high[place]
+                held[place] = True
+                left = True
+        if not left:
+            break
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def _promise(hessian: FloatArray, gradient: FloatArray, step: FloatArray) -> float:
+    """Return the reduction of the cost that its quadratic model promises for a step."""
+    promised = 0.0
+    for place in range(len(step)):
+        promised += 2.0 * gradient[place] * step[place]
+        for other in range(len(step)):
+            promised -= step[place] * hessian[place, other] * step[other]
+    return promised
+
+
+def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> Minimise:
+    """Return the compiled fit of a model.
+
+    Parameters
+    ----------
+    linearise, room, move, accept : callable
+        Functions of the model, decorated by `numba.extending.register_jitable`; see the module.
+
+    Returns
+    -------
+    callable
+        ``minimise(problem, here, trial, ending, ready)`` improves the point `here`, whose cost
+        and linear unknowns are known; `trial` is scratch of the same shape, `ready` is handed to
+        the first ``linearise``.
+    """
+
+    @numba.njit(cache=True, nogil=True)
+    def minimise(problem: Any, here: Any, trial: Any, ending: Ending, ready: bool) -> None:
+        count = len(here.theta)
+        hessian = np.zeros((count, count))
+        gradient, step, low, high = np.zeros((4, count))
+        fresh = False
+        for _ in range(ending.steps):
+            if not fresh:
+                if not linearise(problem, here, ready, hessian, gradient):
+                    here.failures[0] += 1.0
+                    return
+                ready = False
+                fresh = True
+                room(problem, here, low, high)
+            damping = here.damping[0]
+            longer = min(max(10.0 * damping, 1e-6), MOST_DAMPING)
+            if not bounded_step(hessian, gradient, damping, low, high, step):
+                here.failures[0] += 1.0
+                here.damping[0] = longer
+                continue
+            move(problem, here, step, trial)
+            promised = _promise(hessian, gradient, step)
+            actual = here.cost[0] - trial.cost[0]
+            if actual >= -_ROUNDING * here.energy[0]:
+                accept(here, trial)
+                here.moved[0] = np.abs(step).max()
+                good = actual > _GOOD * promised
+                here.damping[0] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
+                fresh = False
+            else:
+                here.damping[0] = longer
+            if promised <= ending.tolerance * (here.cost[0] + ending.least_cost):
+                break
+
+    return minimise
