@@ -39,6 +39,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 # There is room for pulses at this rate over the horizon [Hz]; at a higher one it is shorter.
 _HIGHEST_RATE = 120.0
@@ -94,9 +95,9 @@ class HorizonEstimator(ProjectionEstimator):
         seconds = settings.horizon + settings.basis.duration
         capacity = int(seconds * _HIGHEST_RATE) + _SPARE_BLOCKS
         super().__init__(settings, rate_hz, capacity, _KNOTS if settings.baseline else 0)
-        self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
-        self._horizon_ns = round(settings.horizon * NANOSECONDS_PER_SECOND)
-        self._memory_ns = round(settings.basis.duration * NANOSECONDS_PER_SECOND)
+        self._step_ns = nanoseconds(settings.step_period)
+        self._horizon_ns = nanoseconds(settings.horizon)
+        self._memory_ns = nanoseconds(settings.basis.duration)
         self._limit = disagreement_limit(PARAMETERS + settings.basis.functions)
         self._last_ns = None
         self._rested = True

@@ -53,9 +53,7 @@ class VoluntaryEffort:
 
     def force(self, time: FloatArray) -> FloatArray:
         """Return the force [N] (samples,)."""
-        since = _since(time, self.at, self.every)
-        inside = (since >= 0.0) & (since < self.duration)
-        return np.where(inside, self.peak * np.sin(math.pi * since / self.duration) ** 2, 0.0)
+        return self.peak * _half_sine(time, self.at, self.duration, self.every) ** 2
 
 
 @dataclass(frozen=True)
@@ -162,9 +160,7 @@ class Bump:
 
     def force(self, time: FloatArray) -> FloatArray:
         """Return the force [N] (samples,)."""
-        since = _since(time, self.at, self.every)
-        inside = (since >= 0.0) & (since < self.duration)
-        return np.where(inside, self.peak * np.sin(math.pi * since / self.duration), 0.0)
+        return self.peak * _half_sine(time, self.at, self.duration, self.every)
 
 
 EFFORTS: dict[str, type[Effort]] = {
@@ -187,6 +183,13 @@ def _since(time: FloatArray, at: float, every: float | None) -> FloatArray:
     if every is None:
         return since
     return np.where(since >= 0.0, np.mod(since, every), since)
+
+
+def _half_sine(time: FloatArray, at: float, duration: float, every: float | None) -> FloatArray:
+    """Return half a sine from 0 over 1 to 0 during an event, 0 outside (samples,)."""
+    since = _since(time, at, every)
+    inside = (since >= 0.0) & (since < duration)
+    return np.where(inside, np.sin(math.pi * since / duration), 0.0)
 
 
 def _require_event(at: float, duration: float, every: float | None) -> None:

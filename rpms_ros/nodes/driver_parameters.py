@@ -241,8 +241,6 @@ def driver_settings_of(settings: DriverParameters) -> DriverSettings:
     return DriverSettings(
         lateness_limit_s=settings.lateness_limit,
         executor_timeout_s=settings.executor_timeout,
-        # the operator's heartbeat is judged by the node, which knows whose it is
-        heartbeat_timeout_s=0.0,
         force_limit_n=settings.force_limit,
         force_unit=UNITS[settings.quantity],
         force_timeout_s=settings.force_timeout,

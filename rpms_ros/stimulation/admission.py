@@ -25,6 +25,7 @@ def quantized_plan(schedule: Schedule, books: Books, device: Device) -> Plan:
     Refused
         If they are more than are left in this session.
     """
+    # before the plan is laid out: a schedule can ask for more pulses than there is memory
     left = books.limits.session_pulses - books.session_pulses
     if schedule.pulse_count > left:
         raise Refused(

@@ -27,6 +27,7 @@ from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.dose import DoseExceeded
 from rpms_ros.stimulation.dose import LedgerError
+from rpms_ros.stimulation.dose_ledger import DoseLedger
 from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.fired import Fired
 from rpms_ros.stimulation.interlocks import Refused
@@ -85,8 +86,11 @@ class StimulationController(DeviceOwner):
                 f'expected the device specification of a real device, got {specification.name!r}, '
                 'which is for a simulated one only'
             )
-        if device.real and ledger is None:
-            raise StimulationError('expected a dose ledger for a real device, got none')
+        if device.real and not isinstance(ledger, DoseLedger):
+            got = 'none' if ledger is None else 'one in memory'
+            raise StimulationError(
+                f'expected a dose ledger on the disk for a real device, got {got}'
+            )
         coil = CoilTemperature(thermal, clock()) if thermal else None
         super().__init__(device, settings, specification.limits, coil, clock)
         self.specification = specification

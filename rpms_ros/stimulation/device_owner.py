@@ -41,6 +41,8 @@ from rpms_ros.stimulation.thermal import CoilTemperature
 LOOK_NS = 20_000_000
 # When something that could not be done is tried again.
 AGAIN_NS = 1_000_000
+# A supervisor whose own turn comes this late was held up, and the owner may have been with it.
+_HELD_UP_NS = 5 * LOOK_NS
 # How much longer than its calls may take a turn of the owner is waited for.
 _SLACK_S = 0.3
 
@@ -96,6 +98,9 @@ class DeviceOwner(SafetyMonitor):
         self.coil = coil
         self.orders = Orders(self.wake)
         self._deadline: Deadline | None = None
+        # when the supervisor looked last, and the deadline that it has looked past once
+        self._looked_ns = clock()
+        self._excused: Deadline | None = None
         # when the device was armed, and when it was armed or fired last
         self._armed_ns = 0
         self._active_ns = 0
@@ -166,13 +171,9 @@ class DeviceOwner(SafetyMonitor):
         now = self._clock()
         self.seen(SUPERVISOR)
         self._apply_halts()
-        deadline = self._deadline
-        if deadline is not None and now > deadline.until_ns:
-            self._deadline = None
-            self.fail(
-                'stuck',
-                f'{deadline.name}: expected an answer within {deadline.limit_s:g} s, got none',
-            )
+        held_up = now - self._looked_ns > _HELD_UP_NS
+        self._looked_ns = now
+        self._hold_to_deadline(now, held_up)
         if self.state not in POSSIBLE:
             return
         problem = self.interlocks.problem(now, self._armed_ns)
@@ -184,6 +185,20 @@ class DeviceOwner(SafetyMonitor):
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
         elif self.coil is not None:
             self.temperature(self.coil.at(now))
+
+    def _hold_to_deadline(self, now: int, held_up: bool) -> None:
+        """Fail if the owner does not come back; once, if this thread was held up, look again."""
+        deadline = self._deadline
+        if deadline is None or now <= deadline.until_ns:
+            return
+        if held_up and deadline is not self._excused:
+            self._excused = deadline
+            return
+        self._deadline = None
+        self.fail(
+            'stuck',
+            f'{deadline.name}: expected an answer within {deadline.limit_s:g} s, got none',
+        )
 
     @property
     def coil_temperature(self) -> float:

@@ -207,10 +207,11 @@ class _Fitter:
         """Return a segment that keeps the rate limits: weaker if that is of use, then slower."""
         rate = _rate_hz(wanted)
         level = strongest(wanted)
-        if level == 0.0:
-            return _slowed(wanted, self.limits.highest_rate_hz(0.0))
         if rate <= self.limits.highest_rate_hz(level):
             return wanted
+        if level == 0.0:
+            self.slowed += 1
+            return _slowed(wanted, self.limits.highest_rate_hz(0.0))
         enough = 0.5 * level
         if self.patient is not None:
             # half-way from the motor threshold to what is comfortable

@@ -23,8 +23,9 @@ from rpms_ros.stimulation.states import after
 
 EXECUTOR = 'executor'
 SUPERVISOR = 'supervisor'
-HEARTBEAT = 'heartbeat'
 FORCE = 'force'
+# of the node, which hears operators and buttons
+HEARTBEAT = 'heartbeat'
 EMERGENCY_STOP = 'emergency_stop'
 POSSIBLE = (State.ARMED, State.RUNNING)
 """States in which a pulse is possible."""
@@ -154,14 +155,6 @@ class SafetyMonitor:
         """Note a sign of life."""
         self.interlocks.seen(name, self._clock())
 
-    def emergency(self, pressed: bool) -> None:
-        """Take over the state of the emergency-stop button."""
-        if pressed:
-            self.interlocks.open(EMERGENCY_STOP, 'emergency stop is pressed')
-            self.stop(EMERGENCY_STOP, 'emergency stop')
-        else:
-            self.interlocks.close(EMERGENCY_STOP)
-
     def force(self, newton: float) -> None:
         """Hold a force sample [N] against its limit; not a number counts as too much."""
         self.seen(FORCE)
@@ -245,8 +238,6 @@ def _timeouts_s(settings: DriverSettings) -> dict[str, float]:
         EXECUTOR: settings.executor_timeout_s,
         SUPERVISOR: settings.supervisor_timeout_s,
     }
-    if settings.heartbeat_timeout_s > 0:
-        timeouts[HEARTBEAT] = settings.heartbeat_timeout_s
     if settings.force_limit_n > 0:
         timeouts[FORCE] = settings.force_timeout_s
     return timeouts

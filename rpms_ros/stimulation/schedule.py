@@ -15,6 +15,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.fields import Bound
 from rpms_ros.stimulation.fields import DescriptionError
 from rpms_ros.stimulation.fields import bounded
@@ -216,7 +217,7 @@ class _Tape:
         self.onsets.append(onset + self.end_ns)
         self.intensities.append(np.clip(item.intensities(onset_s, self.random), 0.0, 1.0))
         self.owners.append(np.full(len(onset), owner, dtype=np.int64))
-        self.end_ns += round(item.length_s * NANOSECONDS_PER_SECOND)
+        self.end_ns += nanoseconds(item.length_s)
 
 
 def _worked_out(schedule: Schedule) -> Plan:

@@ -7,7 +7,6 @@ from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import check_bounds
 
 _SECONDS = Bound(0.0, 10.0, 's', above=True)
-_SECONDS_OR_OFF = Bound(0.0, 10.0, 's')
 
 
 @dataclass(frozen=True)
@@ -33,8 +32,6 @@ class DriverSettings:
         Longest silence of the executor that serves stops and cancels [s].
     supervisor_timeout_s : float
         Longest silence of the thread that watches over the others [s].
-    heartbeat_timeout_s : float
-        Longest silence of the heartbeat [s]; 0 asks for none.
     force_limit_n : float
         Largest force, or torque [N, or `force_unit`]; 0 watches none.
     force_timeout_s : float
@@ -61,7 +58,6 @@ class DriverSettings:
     intensity_tolerance: float = bounded(Bound(0.0, 1.0), 0.005)
     executor_timeout_s: float = bounded(_SECONDS, 0.5)
     supervisor_timeout_s: float = bounded(_SECONDS, 0.5)
-    heartbeat_timeout_s: float = bounded(_SECONDS_OR_OFF, 0.5)
     force_limit_n: float = bounded(Bound(0.0, 1e5, 'N'), 0.0)
     force_timeout_s: float = bounded(_SECONDS, 0.2)
     force_unit: str = 'N'

@@ -3,6 +3,8 @@
 import sys
 import threading
 import time
+from abc import ABC
+from abc import abstractmethod
 from collections.abc import Callable
 from collections.abc import Iterator
 
@@ -17,7 +19,7 @@ _JOIN_S = 2.0
 _SWITCH_S = 5e-4
 
 
-class _MonitoredThread(threading.Thread):
+class _MonitoredThread(threading.Thread, ABC):
     """A thread whose end, for whatever reason but `close`, makes pulses impossible."""
 
     def __init__(
@@ -39,9 +41,9 @@ class _MonitoredThread(threading.Thread):
                     self.name, f'{self.name}: expected to run on, got an exception'
                 )
 
+    @abstractmethod
     def step(self) -> float:
         """Do what is due; return how long nothing will be [s]."""
-        raise NotImplementedError
 
     def close(self) -> None:
         """End it and wait for its end, but not for a device that hangs."""

@@ -8,6 +8,7 @@ import pytest
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import HEARTBEAT
 from rpms_ros.stimulation.settings import DriverSettings
@@ -92,17 +93,25 @@ class Driver:
     """A controller in virtual time."""
 
     def __init__(
-        self, limits=None, specification='simulated', ledger=None, steps=0, wire=None, **settings
+        self,
+        limits=None,
+        specification='simulated',
+        ledger=None,
+        steps=0,
+        wire=None,
+        heartbeat_s=None,
+        **settings,
     ):
         self.clock = Clock()
         self.device = NotingDevice(self.clock, steps=steps, wire=wire)
         chosen = cached_specification(specification)
         if limits is not None:
             chosen = dataclasses.replace(chosen, limits=limits)
-        watched = {'heartbeat_timeout_s': 0.0, **settings}
         self.controller = StimulationController(
-            self.device, chosen, DriverSettings(**watched), self.clock, ledger
+            self.device, chosen, DriverSettings(**settings), self.clock, ledger
         )
+        if heartbeat_s is not None:
+            self.controller.interlocks.require(HEARTBEAT, heartbeat_s)
         self.fired = []
         self.controller.on_fired = self.fired.append
         self.clock.meanwhile.append(self.look)
@@ -124,6 +133,13 @@ class Driver:
             self.controller.seen(HEARTBEAT)
         self.controller.supervise()
         self.controller.reserve()
+
+    def press_stop(self):
+        self.controller.interlocks.open(EMERGENCY_STOP, 'emergency stop is pressed')
+        self.controller.stop(EMERGENCY_STOP, 'emergency stop')
+
+    def release_stop(self):
+        self.controller.interlocks.close(EMERGENCY_STOP)
 
     def armed(self):
         self.controller.configure()

@@ -319,7 +319,7 @@ def test_armed_device_is_kept_alive(driver_in):
 
 @pytest.mark.parametrize('silent', ['executor', 'heartbeat'])
 def test_missing_sign_of_life_stops_before_the_next_pulse(silent, virtual):
-    driver = virtual(heartbeat_timeout_s=0.3 if silent == 'heartbeat' else 0.0).armed()
+    driver = virtual(heartbeat_s=0.3 if silent == 'heartbeat' else None).armed()
     driver.controller.start(constant(0.5, 5.0, 20.0))
     driver.advance(1.0)
     driver.alive = False

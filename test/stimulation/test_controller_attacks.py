@@ -187,6 +187,39 @@ def test_hang_is_noticed_within_its_limit_and_the_train_does_not_go_on(running, 
     assert_safe(driver)
 
 
+def stalls(driver, seconds, looks_then):
+    """Return a call during which the whole machine stands still, the supervisor as well."""
+
+    def call(*arguments):
+        del arguments
+        driver.clock.now += round(seconds * SECOND)
+        for pause_ms in looks_then:
+            driver.clock.now += pause_ms * MILLISECOND
+            driver.controller.supervise()
+
+    return call
+
+
+def test_a_machine_that_stood_still_is_no_device_that_hangs(virtual):
+    driver = virtual().armed()
+    driver.device.instead['beat'] = stalls(driver, 0.4, looks_then=[0])
+    driver.controller.step()
+    driver.device.instead.clear()
+    driver.advance(1.0)
+    assert driver.controller.state is State.ARMED
+    assert driver.controller.fault_counts() == {}
+
+
+@pytest.mark.parametrize('again_ms', [20, 300])
+def test_a_device_that_hangs_after_it_is_a_fault_at_the_second_look(again_ms, virtual):
+    driver = virtual().armed()
+    driver.device.instead['beat'] = stalls(driver, 0.4, looks_then=[0, again_ms])
+    driver.controller.step()
+    assert driver.controller.reason == 'beat: expected an answer within 0.2 s, got none'
+    assert driver.controller.fault_counts() == {'stuck': 1}
+    assert_safe(driver)
+
+
 def test_hang_in_arming_is_noticed_and_never_armed(virtual):
     driver = virtual()
     driver.controller.configure()
@@ -295,7 +328,7 @@ def test_pulse_without_an_answer_is_told_as_fired_and_unverified(running):
 
 def test_checked_pulse_does_not_wait_for_a_keep_alive_that_hangs(virtual):
     """The heart stops while the device is busy: no pulse after the heart's time is over."""
-    times = {'heartbeat_timeout_s': 0.3, 'executor_timeout_s': 5.0}
+    times = {'heartbeat_s': 0.3, 'executor_timeout_s': 5.0}
     driver = virtual(**times, stuck_limit_s=1.0, lateness_limit_s=0.1).armed()
     driver.controller.start(Schedule((Single(duration_s=2.0), Single(duration_s=1.0))))
     driver.advance(0.06)

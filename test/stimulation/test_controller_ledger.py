@@ -141,8 +141,9 @@ def test_a_real_device_needs_a_ledger():
         real = True
 
     specification = load_device_specification('rapid2-240v')
-    with pytest.raises(StimulationError, match='expected a dose ledger for a real device'):
-        StimulationController(Real(), specification, DriverSettings())
+    for ledger, got in ((None, 'none'), (MemoryLedger(), 'one in memory')):
+        with pytest.raises(StimulationError, match=f'on the disk for a real device, got {got}'):
+            StimulationController(Real(), specification, DriverSettings(), ledger=ledger)
 
 
 def test_three_processes_on_one_ledger_keep_the_limit(virtual, tmp_path):

@@ -152,7 +152,7 @@ class Others:
             controller.cancel,
             controller.disarm,
             controller.cleanup,
-            lambda: controller.emergency(True),
+            driver.press_stop,
             lambda: controller.stop('test', 'a test'),
             lambda: controller.measured('force_limit', 200.0, 100.0, 'N'),
             lambda: controller.temperature(60.0),
@@ -175,7 +175,7 @@ class Others:
         elif kind == 2:
             driver.alive = not driver.alive
         elif kind == 3:
-            controller.emergency(False)
+            driver.release_stop()
         elif kind == 4:
             attempt(lambda: controller.tighten(float(random.uniform(0.2, 1.0))), [])
         else:
@@ -254,7 +254,7 @@ def live(driver, others, witness, random):
     for _ in range(random.integers(1, 4)):
         if random.random() < 0.9:
             # the causes of the last stop have gone
-            controller.emergency(False)
+            driver.release_stop()
             controller.temperature(25.0)
             controller.measured('force_limit', 10.0, 100.0, 'N')
         for command in (controller.reset, controller.configure, controller.arm):
@@ -375,7 +375,7 @@ def example(virtual, number):
     moment = []
     ledger = MemoryLedger(dose, lambda: moment[0].now if moment else SECOND)
     steps = int(random.choice([0, 100]))
-    driver = virtual(limits, ledger=ledger, steps=steps, heartbeat_timeout_s=0.3)
+    driver = virtual(limits, ledger=ledger, steps=steps, heartbeat_s=0.3)
     moment.append(driver.clock)
     others = Others(driver, random, float(random.choice([0.0, 0.001, 0.02])))
     witness = Witness(driver, others)

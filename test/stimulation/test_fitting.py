@@ -5,6 +5,7 @@ from datetime import UTC
 from datetime import datetime
 
 import pytest
+from hypothesis import example
 from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -62,6 +63,7 @@ SEGMENTS = st.one_of(
 
 
 @settings(max_examples=40, deadline=None)
+@example([Single(0.0625), Doublet(0.0, interval_s=1 / 64)], None)
 @given(st.lists(SEGMENTS, min_size=1, max_size=5), st.sampled_from([None, PATIENT]))
 def test_what_is_fitted_passes(segments, patient):
     schedule = Schedule(tuple(segments))

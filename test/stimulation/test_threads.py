@@ -53,7 +53,6 @@ class HangingDevice(SimulatedDevice):
 def driver():
     """A driver with its threads; a machine under load may be slow."""
     settings = DriverSettings(
-        heartbeat_timeout_s=0.0,
         executor_timeout_s=10.0,
         supervisor_timeout_s=10.0,
         lateness_limit_s=0.1,

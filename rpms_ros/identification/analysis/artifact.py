@@ -16,6 +16,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 # Of 40 samples of white noise one in a million trials exceeds six standard deviations.
 STANDS_OUT = 6.0
@@ -97,7 +98,7 @@ def near_pulses(
     blanking : float
         Span after a pulse [s].
     """
-    margin = round(1.5 * sample_period * NANOSECONDS_PER_SECOND)
+    margin = nanoseconds(1.5 * sample_period)
     latest = np.searchsorted(onset_ns, stamp_ns + margin, side='right') - 1
     since = stamp_ns - onset_ns[np.maximum(latest, 0)]
     touched: BoolArray = (latest >= 0) & (since < blanking * NANOSECONDS_PER_SECOND)
@@ -118,7 +119,7 @@ def without_artifacts(trace: CleanTrace, onset_ns: IntArray, blanking: float) ->
 
 def _reaches(onset_ns: IntArray, search: float) -> IntArray:
     """Return how far from each stamp an artifact cannot be a neighbour's (pulses,) [ns]."""
-    reach = np.full(len(onset_ns), round(search * NANOSECONDS_PER_SECOND), dtype=np.int64)
+    reach = np.full(len(onset_ns), nanoseconds(search), dtype=np.int64)
     if len(onset_ns) > 1:
         half = np.diff(onset_ns) // 2
         reach = np.minimum(reach, np.minimum(np.append(half, half[-1]), np.append(half[0], half)))

@@ -14,6 +14,7 @@ from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 
 LEAST_SAMPLES = 50
 LEAST_BEFORE = 10
@@ -82,15 +83,15 @@ class Cutter:
         self._artifacts = artifacts
         self._settings = settings
         self._intensity = pulses.intensity
-        shift = round(artifacts.clock_offset * NANOSECONDS_PER_SECOND)
+        shift = nanoseconds(artifacts.clock_offset)
         self.onset_ns = pulses.onset_ns + shift
 
     def cut(self, group: PulseGroup) -> Response | str:
         """Return the response to a group of pulses, or why it does not qualify."""
         settings, trace = self._settings, self._trace
         start = int(self.onset_ns[group.first])
-        before = round(settings.before * NANOSECONDS_PER_SECOND)
-        after = round(settings.after * NANOSECONDS_PER_SECOND)
+        before = nanoseconds(settings.before)
+        after = nanoseconds(settings.after)
         end = int(self.onset_ns[group.last - 1]) + after
         if group.last < len(self.onset_ns):
             end = min(end, int(self.onset_ns[group.last]))

@@ -10,6 +10,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 
 # Two intensities or rates are one level if they differ by less: a driver rounds, a gate jitters.
 SAME_INTENSITY = 2e-3
@@ -95,7 +96,7 @@ def groups_of(pulses: PulseTrain, rest: float) -> tuple[PulseGroup, ...]:
     """
     if not len(pulses):
         return ()
-    gap = np.diff(pulses.onset_ns) >= round(rest * NANOSECONDS_PER_SECOND)
+    gap = np.diff(pulses.onset_ns) >= nanoseconds(rest)
     edges = np.concatenate(([0], np.flatnonzero(gap) + 1, [len(pulses)]))
     return tuple(_group(pulses, int(first), int(last)) for first, last in pairwise(edges))
 

@@ -15,6 +15,7 @@ from rpms_ros.identification.analysis.settings import AnalysisSettings
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 LEAST_PERIODS = 4
 REST_SPAN = 0.2
@@ -87,7 +88,7 @@ def resting_force(
     trace: CleanTrace, groups: tuple[PulseGroup, ...], onset_ns: IntArray
 ) -> Baseline | None:
     """Return the baseline before each group and at the end; None without any rest."""
-    span = round(REST_SPAN * NANOSECONDS_PER_SECOND)
+    span = nanoseconds(REST_SPAN)
     ends = [int(onset_ns[group.first]) for group in groups]
     if groups and trace.stamp_ns[-1] - onset_ns[-1] > NANOSECONDS_PER_SECOND:
         ends.append(int(trace.stamp_ns[-1]) + 1)

@@ -10,6 +10,7 @@ from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 # A motor axon is absolutely refractory for about a millisecond: no interval counts as shorter.
 _REFRACTORY_NS = 1_000_000
@@ -43,7 +44,7 @@ class PulseDelayLine(Restorable):
         rate_hz: float,
         history: TemporalSummation | None = None,
     ) -> None:
-        self._latency_ns = round(latency * NANOSECONDS_PER_SECOND)
+        self._latency_ns = nanoseconds(latency)
         self._by_rate = by_rate
         self._unit = float(by_rate.per_pulse(rate_hz)) if by_rate is not None else 1.0
         self._history = PulseHistory(history, rate_hz) if history is not None else None
@@ -63,7 +64,7 @@ class PulseDelayLine(Restorable):
 
     def latency(self, latency: float) -> None:
         """Let pulses that are added from now on wait so long [s]."""
-        self._latency_ns = round(latency * NANOSECONDS_PER_SECOND)
+        self._latency_ns = nanoseconds(latency)
 
     def restart(
         self, onset_ns: IntArray, intensity: FloatArray, weight: FloatArray, latency: float

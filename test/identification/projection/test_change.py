@@ -7,10 +7,10 @@ Mutants that make a test of this file fail, each tried by hand:
 * its decay left out (only the information is forgotten);
 * memory and horizon never compared;
 * no other start tried after a contradiction;
-* the remembered cost not moved to the parameters as they stand (`_recentre` left out).
-
-Mutants that no test catches yet: the horizon's part of the statistic left out, no process noise
-along the difference, nothing forgotten after a contradiction.
+* the remembered cost not moved to the parameters as they stand (`_recentre` left out);
+* the horizon's part of the statistic left out;
+* no process noise along the difference;
+* nothing forgotten after a contradiction.
 """
 
 from dataclasses import replace
@@ -25,6 +25,8 @@ from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.arrival_cost import disagreement_limit
 from rpms_ros.identification.projection.arrival_cost import forget
 from rpms_ros.identification.projection.arrival_cost import marginalize
+from rpms_ros.identification.projection.arrival_cost import yield_to_horizon
+from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.fit import fit_linear
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.settings import ProjectionSettings
@@ -181,3 +183,65 @@ def test_the_disagreement_of_an_unchanged_muscle_is_chi_square(record, monkeypat
     assert max(found) < limit
     # 99.99 % of chi-square with 11 degrees of freedom, from a table
     assert limit == pytest.approx(37.37, abs=0.01)
+
+
+class TwoEstimates:
+    """Memory and horizon as two quadratic costs of known centre and information."""
+
+    variance = 0.3
+
+    def __init__(self):
+        random = np.random.default_rng(8)
+        factors = random.standard_normal((2, 5, 8))
+        self.memory, self.horizon = (factor @ factor.T for factor in factors)
+        self.remembered, self.seen = random.uniform(0.1, 0.9, (2, 5))
+        theta = np.array([0.4, 0.9, 6.0, 5.0])
+        # the linear unknown is solved: the slope of both costs together by it is zero
+        point = np.array([*theta[:2], *np.log(theta[2:]), 0.0])
+        slope = self.memory @ (self.remembered - point) + self.horizon @ (self.seen - point)
+        point[4] = slope[4] / (self.memory + self.horizon)[4, 4]
+        self.slope = self.memory @ (self.remembered - point) + self.horizon @ (self.seen - point)
+        self.fit = empty_fit(theta, 1, 0)
+        self.fit.linear[:] = point[4]
+        self.fit.complete[:] = np.tril(self.horizon)
+        self.fit.variance[0] = self.variance
+        self.fit.samples[0] = 1.0
+        # far above the variance: the ridge is too small to count
+        self.fit.energy[0] = 1e12
+        self.prior = replace(SETTINGS, basis=LaguerreBasis(1, 38e-3, 0.0)).as_prior()
+        self.prior.deviation[:] = 1e9
+        self.prior.information[:] = self.memory
+        self.prior.reference[:] = self.remembered
+
+    def compare(self, limit):
+        return yield_to_horizon(self.prior, self.fit, self.slope[:PARAMETERS].copy(), limit)
+
+
+def test_the_statistic_is_the_squared_difference_in_units_of_its_covariance():
+    two = TwoEstimates()
+    covariance = np.linalg.inv(two.memory) + np.linalg.inv(two.horizon)
+    difference = two.remembered - two.seen
+    expected = difference @ np.linalg.solve(covariance, difference) / two.variance
+    # what keeps matrices positive is 1e-9 of them
+    assert two.compare(np.inf) == pytest.approx(expected, rel=1e-6)
+    np.testing.assert_array_equal(two.prior.information, two.memory)
+
+
+def test_what_contradicts_the_horizon_gets_noise_and_is_forgotten():
+    """As the equations of `arrival_cost` say; where it had its optimum, it still has it."""
+    two = TwoEstimates()
+    statistic = two.compare(0.0)
+    both = two.memory + two.horizon
+    optimum = np.linalg.solve(both, two.memory @ two.remembered + two.horizon @ two.seen)
+    slope = two.memory @ (two.remembered - optimum)
+    noise = np.outer(slope, slope) / (slope @ np.linalg.solve(two.memory, slope))
+    noisy = two.memory - (1.0 - 1.0 / statistic) * noise
+    # forgotten with share 1; M is kept positive by the variance on its diagonal
+    total = noisy + two.horizon + two.variance * np.eye(5)
+    expected = noisy @ np.linalg.solve(total, noisy)
+    np.testing.assert_allclose(two.prior.information, expected, rtol=1e-6, atol=1e-9)
+    # its own optimum has not moved
+    centre = two.prior.reference + np.linalg.solve(
+        two.prior.information, two.prior.information_vector
+    )
+    np.testing.assert_allclose(centre, two.remembered, rtol=1e-6)
