@@ -1,4 +1,4 @@
-"""What the force says about the muscle: bases, estimators, alignment of pulses and force."""
+"""Identification of a muscle from its force: bases, estimators, alignment of pulses and force."""
 
 from rpms_ros.identification.basis import DistortedSineBasis
 from rpms_ros.identification.batch import BatchEstimator

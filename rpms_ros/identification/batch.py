@@ -110,12 +110,12 @@ class BatchEstimator(ProjectionEstimator):
         return prediction
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Fit everything that has come and return what is prior."""
+        """Fit all samples so far and return the estimate."""
         self._fit_all(scouting=True)
         return self._build(stamp_ns, faults)
 
     def _make_room(self, span_ns: int) -> None:
-        """Let there be room for all pending pulses, and for the blocks of a pause."""
+        """Make the ring large enough for the pending pulses and the blocks of a pause."""
         need = int(self._problem.blocks.size[0]) + len(self._delay_line.begin_ns)
         need += span_ns // 200_000_000 + 2
         if need > len(self._problem.blocks.start_ns):
@@ -123,7 +123,7 @@ class BatchEstimator(ProjectionEstimator):
             self._problem = self._problem._replace(blocks=blocks)
 
     def _reshape(self, knots: int) -> None:
-        """Give the baseline so many knots."""
+        """Change the number of knots of the baseline."""
         theta, functions = self._fit.theta, self.settings.basis.functions
         self._fit = empty_fit(theta, functions, knots)
         self._trial = empty_fit(theta, functions, knots)
@@ -131,7 +131,7 @@ class BatchEstimator(ProjectionEstimator):
         self._problem = self._problem._replace(baseline=baseline)
 
     def _place_knots(self) -> None:
-        """Spread the baseline's knots evenly over what has come."""
+        """Spread the baseline's knots evenly over the recording so far."""
         assert self._origin_ns is not None
         span = self._last_ns - self._origin_ns
         spacing = self.settings.knot_spacing * NANOSECONDS_PER_SECOND

@@ -33,7 +33,7 @@ _PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line'
 
 @dataclass(frozen=True)
 class EstimatorOptions:
-    """What a command or a node tells the estimator that it builds; it takes of it what it needs.
+    """Options from which an estimator is built; each estimator uses those that it needs.
 
     Attributes
     ----------

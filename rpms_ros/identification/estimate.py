@@ -1,4 +1,4 @@
-"""What is known of a muscle after some force samples, whichever algorithm found it."""
+"""The estimate of a muscle, and the interface of estimators."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ def _no_flags() -> IntArray:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Snapshot of an estimator; arrays that it does not offer are empty.
+    """Estimate of a muscle; arrays that an estimator does not offer are empty.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class Estimate:
 
     @property
     def curve_known(self) -> bool:
-        """Whether the data tell the recruitment curve."""
+        """Whether the data determine the recruitment curve."""
         return len(self.curve_force) > 0
 
 

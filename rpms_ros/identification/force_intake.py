@@ -25,7 +25,7 @@ _DISORDER_NS = NANOSECONDS_PER_SECOND
 
 
 class TimeLine(Protocol):
-    """Who is told what the intake finds."""
+    """Receiver of the faults and gaps that the intake finds."""
 
     def postpone(self, name: str) -> None:
         """Count a fault when the samples up to here are processed."""

@@ -43,15 +43,15 @@ from rpms_ros.pulses import nanoseconds
 
 # There is room for pulses at this rate over the horizon [Hz]; at a higher one it is shorter.
 _HIGHEST_RATE = 120.0
-# BlockStatistics that a step period can bring before a step makes room again.
+# Blocks that can be added in one step period, before a step makes room again.
 _SPARE_BLOCKS = 128
-# BlockStatistics that no pulse begins, in one step period at the most.
+# Blocks without a pulse at their beginning, at most, in one step period.
 _BLOCKS_OF_PAUSES = 4
 # Of the baseline over the horizon, and how near they may be [ns]: a young horizon has two.
 _KNOTS = 3
 _LEAST_SPACING_NS = 15 * NANOSECONDS_PER_SECOND // 2
 _TOLERANCE = 1e-10
-# At most so many after the memory gave way: the optimum may have moved far.
+# At most so many steps after the arrival cost was reduced: the optimum may have moved far.
 _STEPS_AFTER_CHANGE = 5
 # Then another start is tried every so many steps, as long as the horizon is: as in the batch.
 _CHALLENGE_STEPS = 5
@@ -178,7 +178,7 @@ class HorizonEstimator(ProjectionEstimator):
         self._slide()
         prior, fit = self._problem.prior, self._fit
         if not self._holds_samples():
-            # Nothing to learn from: what is remembered is all that is known.
+            # No samples: only the arrival cost is known.
             fit.complete[:] = 0.0
             return
         remembers = bool(prior.information.any())
@@ -210,13 +210,13 @@ class HorizonEstimator(ProjectionEstimator):
         return self._last_ns < self._settled_ns
 
     def _compare(self) -> bool:
-        """Hold what is remembered against the horizon; return whether it had to give way."""
+        """Compare the arrival cost with the horizon; return whether it was reduced."""
         prior, fit = self._problem.prior, self._fit
         assert self._last_ns is not None
         complete(self._problem, fit)
         gradient = np.zeros(PARAMETERS)
         theta_gradient(fit, prior, gradient)
-        # After a contradiction all that leaves is suspect: more than expected is too much.
+        # Blocks that left after a contradiction may be wrong: the expected value is the limit.
         limit = float(len(prior.reference)) if self._unsettled else self._limit
         statistic = yield_to_horizon(prior, fit, gradient, limit)
         if statistic > self._limit:
@@ -264,11 +264,11 @@ class HorizonEstimator(ProjectionEstimator):
         return other
 
     def _move_to(self, first: int) -> None:
-        """Let the horizon begin at another block."""
+        """Set the first block of the horizon."""
         self._problem = self._problem._replace(first=first)
 
     def _slide(self) -> None:
-        """Let blocks go that lie before the horizon; keep what leads the state up to it."""
+        """Remove blocks older than the horizon, but not those that its first state depends on."""
         assert self._last_ns is not None
         blocks = self._problem.blocks
         capacity = len(blocks.start_ns)
@@ -290,7 +290,7 @@ class HorizonEstimator(ProjectionEstimator):
         self._problem = self._problem._replace(baseline=baseline)
 
     def _make_room(self, first_ns: int, last_ns: int) -> None:
-        """Let there be room for the blocks up to `last_ns`, at the cost of the oldest ones.
+        """Make room for the blocks up to `last_ns` by removing the oldest ones.
 
         What leaves is remembered as always.  Pulses that began long before the first sample, in
         an outage of the force, no longer act.
@@ -314,7 +314,7 @@ class HorizonEstimator(ProjectionEstimator):
             self._move_to(max(first - lacking, 0))
 
     def _leave(self, last: int) -> None:
-        """Keep what blocks up to `last` say as a quadratic cost."""
+        """Add the information of blocks up to `last` to the arrival cost."""
         if last <= self._problem.first:
             return
         marginalize(self._problem, last, self._fit, self._trial)

@@ -1,4 +1,4 @@
-r"""Continuous Laguerre functions behind a latency: a basis with a state of a few numbers.
+r"""Continuous Laguerre functions behind a latency: a basis with a finite-dimensional state.
 
 With pole ``p = 1 / T_p`` and ``x = 2 p t`` the functions are
 ``phi_l(t) = sqrt(2 p) e^(-x/2) L_l(x)``, orthonormal on ``t >= 0``.  They are the impulse

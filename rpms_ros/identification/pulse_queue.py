@@ -1,4 +1,4 @@
-"""Pulses in any order in, pulses in the order of their onsets out, with what was lost named.
+"""Queue that orders pulses by onset and counts lost, repeated and unusable ones.
 
 A pulse is *settled* when the force has come so far that an earlier one would be too late.  Only
 settled pulses are compared with their predecessors, so the answer depends on stamps and

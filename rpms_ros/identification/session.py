@@ -33,7 +33,7 @@ _NEVER = 1e9
 
 @dataclass(frozen=True)
 class IdentifiedSession:
-    """What an estimator made of a recording.
+    """Results of an estimator over a recording.
 
     Attributes
     ----------

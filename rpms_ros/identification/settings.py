@@ -12,7 +12,7 @@ from rpms_ros.muscle.identified_form import RecruitmentParameters
 
 @dataclass(frozen=True)
 class RecruitmentBounds:
-    """Box in which the nonlinear parameters stay, and the order of the two bends.
+    """Bounds of the nonlinear parameters, and the least distance of saturation and threshold.
 
     Without it the recursion can end in the mirror minimum near u_thr <-> u_sat.
 

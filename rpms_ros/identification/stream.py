@@ -1,4 +1,4 @@
-"""From messages in any order to an estimator that sees time pass once.
+"""Alignment of pulses and force by their stamps, in front of an estimator.
 
 Stamps are the truth.  A force sample waits until the newest one is `reorder_delay` later; by then
 every pulse that could act on it has come.  What is done with a sample depends on stamps, values,

@@ -1,4 +1,4 @@
-"""What is done to a muscle from outside, by a script: the coil moves, the gain is changed."""
+"""Scripted changes of a simulated muscle: the coil moves, the gain changes."""
 
 import bisect
 import math
@@ -84,7 +84,7 @@ class Timeline:
 
 
 def _knots(name: str, start: float, changes: Sequence[Change]) -> tuple[FloatArray, FloatArray]:
-    """Return times and values (knots,) whose linear interpolation is what the changes say."""
+    """Return times and values (knots,) of the piecewise linear course of the changes."""
     at, value = [0.0], [start]
     for change in changes:
         target = getattr(change, name)

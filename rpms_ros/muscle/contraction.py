@@ -168,7 +168,7 @@ class Contraction:
         self._intensity = np.empty(0)
 
     def begin(self, start_ns: int) -> None:
-        """Do nothing: a steady muscle has no beginning."""
+        """Do nothing: a steady muscle does not depend on the time."""
 
     def state(self, stamp_ns: int) -> MuscleState:
         """Return what is true of the muscle at any time."""

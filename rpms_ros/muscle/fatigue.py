@@ -1,4 +1,4 @@
-r"""How use changes a muscle: fatigue, recovery and potentiation.
+r"""Effects of use on a muscle: fatigue, recovery and potentiation.
 
 Fatigue has the form of Ding, Wexler and Binder-Macleod (J Electromyogr Kinesiol 13, 2003): the
 scaling of the force and a time constant move away from their rested values in proportion to the

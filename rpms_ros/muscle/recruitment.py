@@ -60,7 +60,7 @@ class IntensityRecruitment:
 
     @property
     def rises(self) -> bool:
-        """Whether more intensity, within 0..1, never means less recruitment; for gains above 0.
+        """Whether the curve rises monotonically over 0..1; for gains above 0.
 
         The slope is ``B(alpha_thr (u - u_thr)) - B(alpha_sat (u - u_sat))`` with the rising
         function ``B(z) = atan z + z / (1 + z^2)``, so its sign is that of a difference which is

@@ -1,4 +1,4 @@
-"""A whole session at once: pulses, a muscle and its surroundings in, samples and truth out."""
+"""Simulation of a whole session: samples and true state for given pulses, muscle and sensor."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""What every simulated muscle offers, steady or changing."""
+"""Interface and true state of simulated muscles, steady or changing."""
 
 from typing import NamedTuple
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""What surrounds a simulated muscle in a session: efforts, and the sensor with its faults."""
+"""Voluntary and other forces beside a simulated muscle, and the sensor with its faults."""
 
 from rpms_ros.muscle.disturbance import Sensor
 from rpms_ros.muscle.effort import total_effort

@@ -1,4 +1,4 @@
-"""A recording as a whole: what it holds, what can be told from it, what cannot and why."""
+"""Analysis of a recording: its groups of pulses, results of each, and reasons for missing ones."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -87,7 +87,7 @@ class _Analysis:
         self.groups = groups_of(self.pulses, settings.rest)
 
     def result(self) -> MuscleAnalysis:
-        """Do what can be done."""
+        """Analyse each kind of group that the recording has."""
         if not len(self.pulses):
             return self._described(None, None, None, (), None)
         self._judge_intensities()
@@ -303,7 +303,7 @@ def _shortened(group: PulseGroup) -> PulseGroup:
 
 
 def _share_left(response: Response) -> float:
-    """Return how much of a response is left at its end, in its peak."""
+    """Return the force at the end of a response, relative to its peak."""
     force = response.force[response.usable] - response.baseline
     scatter = float(np.std(response.force[response.lag < 0]))
     peak = float(np.percentile(force, 98))

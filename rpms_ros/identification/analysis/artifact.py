@@ -27,7 +27,7 @@ MEDIAN_SPAN = 5
 
 @dataclass(frozen=True)
 class Artifacts:
-    """What the artifacts say about the clocks.
+    """Offset between the clocks of force and pulses, by the artifacts.
 
     Attributes
     ----------

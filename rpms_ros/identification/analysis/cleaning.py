@@ -1,4 +1,4 @@
-"""A force trace fit for analysis: ascending, finite, its rate and its saturation known."""
+"""Preparation of a force trace: ascending and finite samples, sample rate, saturation, noise."""
 
 from dataclasses import dataclass
 
@@ -51,7 +51,7 @@ class CleanTrace:
 
 
 def clean(trace: ForceTrace) -> CleanTrace:
-    """Return the trace in order, without what is no number.
+    """Return the trace in order, without samples that are not finite.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def clean(trace: ForceTrace) -> CleanTrace:
 
 
 def _noise(force: FloatArray) -> float:
-    """Return the white noise [N]: third differences know no slow force, their median no artifact.
+    """Return the white noise [N], from the median of third differences: no drift, no artifacts.
 
     The third difference of white noise has 20 times its variance; the median of the absolute
     value of a normal variable is 0.6745 standard deviations.

@@ -99,7 +99,7 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
 
 
 def _model(theta: FloatArray, intensity: FloatArray, rate: FloatArray) -> FloatArray:
-    """Return the force in the greatest measured one; theta[0] is ln A in that unit."""
+    """Return the force relative to the greatest measured one; theta[0] is ln A."""
     shape = intensity_factor(theta[1:], intensity) * rate_factor(theta[1:], rate)
     scaled: FloatArray = np.exp(theta[0]) * shape
     return scaled
@@ -138,7 +138,7 @@ def _fitted(
 
 
 def _pure_noise(intensity: FloatArray, rate: FloatArray, force: FloatArray) -> float:
-    """Return a first idea of the noise: the misfit of the monotone product."""
+    """Return a first estimate of the noise: the residual of the monotone product."""
     rows, factor, columns, other = rising_product(intensity, rate, force)
     model = factor[np.searchsorted(rows, intensity)] * other[np.searchsorted(columns, rate)]
     return max(float(np.sqrt(np.mean((force - model) ** 2))), 1e-4)

@@ -1,4 +1,4 @@
-r"""Five numbers for what pulses in a train do to each other.
+r"""History law: how earlier pulses of a train change the effect of later ones.
 
 Pulse q finds a facilitation that the earlier ones have left and that dies away,
 
@@ -27,7 +27,7 @@ from rpms_ros.pulses import FloatArray
 
 @dataclass(frozen=True)
 class HistoryLaw:
-    """How unequal the pulses of a train are.
+    """Parameters of the history law.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Latency per intensity, as Table 1 gives it: mean, spread, number, and what was turned away."""
+"""Latency by intensity as in Table 1: mean, standard deviation, number, rejected twitches."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ from rpms_ros.identification.analysis.twitches import TwitchAnalysis
 
 @dataclass(frozen=True)
 class MuscleAnalysis:
-    """What a recording told about the muscle.
+    """Results of the analysis of a recording.
 
     Attributes
     ----------

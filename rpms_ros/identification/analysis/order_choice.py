@@ -1,4 +1,4 @@
-"""The order of the twitch, chosen by evidence instead of by decree (Sec. 2.1, Fig. 5).
+"""Choice of the twitch's order by information criterion (Sec. 2.1, Fig. 5).
 
 Every twitch gets its Bayesian information criterion at every order; all orders have the same
 number of parameters, so it compares likelihoods, and its sum over the twitches is the evidence of
@@ -22,7 +22,7 @@ DECISIVE = 10.0
 
 @dataclass(frozen=True)
 class OrderEvidence:
-    """What speaks for one order.
+    """Criteria of one order.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Responses to single pulses, cut out of a recording; those that do not qualify say why."""
+"""Responses to single pulses, cut out of a recording, or the reason for rejecting them."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What the muscle analysis takes for granted, in one place."""
+"""Settings of the muscle analysis."""
 
 import math
 from dataclasses import dataclass

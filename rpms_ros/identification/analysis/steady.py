@@ -1,4 +1,4 @@
-"""Steady force of long levels: what the recruitment field is made of (Sec. 2.2, Fig. 9).
+"""Steady force of long levels, to which the recruitment field is fitted (Sec. 2.2, Fig. 9).
 
 The mean over whole periods of the pulses, after the force has settled, above a baseline that runs
 straight from the rest before one group to the rest before the next.

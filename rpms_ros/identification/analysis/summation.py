@@ -1,4 +1,4 @@
-"""Trains: what superposed twitches explain, what pulses do to each other, what is steady.
+"""Analysis of trains: superposed twitches, history law, mean force and ripple.
 
 Eqs. (6) and (7), Figs. 6 to 8.  Each train is explained three ways: equal pulses, one gain a
 pulse, and the history law, which is fitted to the shorter trains and judged on the longest ones
@@ -61,7 +61,7 @@ class TrainAnalysis:
 
 @dataclass(frozen=True)
 class SummationAnalysis:
-    """What trains told.
+    """Results of the analysis of trains.
 
     Attributes
     ----------

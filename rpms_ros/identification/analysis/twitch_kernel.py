@@ -83,7 +83,7 @@ class SharedShape(NamedTuple):
 def _tables(
     lag: FloatArray, force: FloatArray, theta: FloatArray, rows: FloatArray
 ) -> tuple[float, float, float]:
-    """Return peak, baseline and squared error; `rows` (samples, 5) gets shapes and the rest."""
+    """Return peak, baseline, squared error; `rows` (samples, 5) gets shapes and residuals."""
     count = len(lag)
     sums = np.zeros(4)
     for k in range(count):

@@ -1,4 +1,4 @@
-"""Everything that single pulses tell: latency, time constant, order, peaks (Tables 1 and 2)."""
+"""Analysis of single pulses: latency, time constant, order, peaks (Tables 1 and 2)."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -50,7 +50,7 @@ class SharedTwitch:
 
 @dataclass(frozen=True)
 class TwitchAnalysis:
-    """What single pulses told.
+    """Results of the analysis of single pulses.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class TwitchAnalysis:
 
     @property
     def relative_peak(self) -> FloatArray:
-        """Peaks by the mean peak at the greatest intensity (twitches,), as in Fig. 5."""
+        """Peaks relative to the mean peak at the greatest intensity (twitches,), as in Fig. 5."""
         peak = self.fits.column(PEAK, self.choice.order)
         top = np.nan_to_num(self.fits.intensity, nan=1.0)
         return np.asarray(peak / peak[top >= top.max() - 1e-3].mean())

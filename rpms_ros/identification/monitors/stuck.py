@@ -118,7 +118,7 @@ class ClippedSensor(Monitor):
 
 
 class ConstantForce(Monitor):
-    """Names `force_constant`: not one bit of the force has changed for long."""
+    """Names `force_constant`: the force has been exactly constant for a long time."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CONSTANT: 0.0}
 

@@ -3,8 +3,8 @@ r"""What is kept of blocks that leave the horizon: a quadratic cost about [theta
 ``(z - z_0)^T L (z - z_0) / 2 - p^T (z - z_0)``: a leaving block adds its Gauss-Newton matrix to L
 and its gradient to p, both at the parameters as they stand.
 
-Old knowledge must give way to new, but only where there is new.  With M = L + (information of
-the horizon) it is forgotten in proportion to what replaces it,
+Old information is to be replaced by new, but only where there is new information.  With
+M = L + (information of the horizon) it is forgotten in proportion to what replaces it,
 
 .. math:: L \leftarrow L - a\,(L - L M^{-1} L), \qquad p \leftarrow p - a\,(p - L M^{-1} p).
 
@@ -52,7 +52,7 @@ _FALSE_ALARM = 1e-4
 
 
 def disagreement_limit(unknowns: int) -> float:
-    """Return the statistic above which memory and horizon contradict each other."""
+    """Return the value of the statistic above which arrival cost and horizon contradict."""
     return float(chdtri(unknowns, _FALSE_ALARM))
 
 
@@ -137,7 +137,7 @@ def forget(prior: Prior, fit: Fit, share: float) -> None:
 
 @numba.njit(cache=True)
 def _add_prior(prior: Prior, fit: Fit, matrix: FloatArray) -> None:
-    """Add what is known without any data to the diagonal of an information matrix."""
+    """Add prior and ridge to the diagonal of an information matrix."""
     ridge = weak_ridge(fit)
     for row in range(len(matrix)):
         if row < PARAMETERS:
@@ -167,7 +167,7 @@ def _slope_at_optimum(prior: Prior, fit: Fit, gradient: FloatArray) -> FloatArra
 
 @numba.njit(cache=True)
 def yield_to_horizon(prior: Prior, fit: Fit, gradient: FloatArray, limit: float) -> float:
-    """Give way where what is remembered contradicts the horizon; return the statistic T.
+    """Reduce the arrival cost where it contradicts the horizon; return the statistic T.
 
     Parameters
     ----------

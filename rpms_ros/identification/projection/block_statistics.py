@@ -1,4 +1,4 @@
-r"""What force samples say about every possible parameter set, kept in blocks of one pulse each.
+r"""Sufficient statistics of the force samples for any parameters, in blocks of one pulse each.
 
 A block holds the samples between two pulses.  Within it the regressors are
 ``phi_l(tau) = sum_k e_k(tau) z_(l-k)``: `e` depends on the time ``tau`` since the block began and

@@ -1,4 +1,4 @@
-"""State of a fit, what is known besides the blocks, and the linear unknowns (Eq. 22)."""
+"""State of a fit, its cost, and the solution for the linear unknowns (Eq. 22)."""
 
 import math
 from typing import NamedTuple
@@ -64,7 +64,7 @@ class Fit(NamedTuple):
 
 
 def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
-    """Return a fit that has seen nothing."""
+    """Return a fit without data."""
     unknowns = PARAMETERS + functions + knots
     return Fit(
         theta=theta.copy(),
@@ -95,7 +95,7 @@ def coordinate(theta: FloatArray, place: int) -> float:
 
 @numba.njit(cache=True)
 def weak_ridge(fit: Fit) -> float:
-    """Return a ridge that keeps w and b solvable and is too weak to be seen otherwise."""
+    """Return a ridge that keeps w and b solvable, too weak to change estimates noticeably."""
     power = fit.energy[0] / max(fit.samples[0], 1.0) + LEAST_ENERGY
     # The variance is above the power only where it is remembered from before a gap.
     value: float = 1e-2 * fit.variance[0] / max(power, fit.variance[0])
@@ -104,7 +104,7 @@ def weak_ridge(fit: Fit) -> float:
 
 @numba.njit(cache=True)
 def away_from_reference(fit: Fit, prior: Prior) -> FloatArray:
-    """Return [theta, w] less where the cost of the left blocks is expanded."""
+    """Return [theta, w] relative to the point where the arrival cost is expanded."""
     away = np.empty(len(prior.reference))
     for place in range(PARAMETERS):
         away[place] = coordinate(fit.theta, place)
@@ -115,14 +115,14 @@ def away_from_reference(fit: Fit, prior: Prior) -> FloatArray:
 
 @numba.njit(cache=True)
 def remembers(prior: Prior) -> bool:
-    """Return whether blocks that have left say anything."""
+    """Return whether there is an arrival cost."""
     found: bool = prior.information[PARAMETERS, PARAMETERS] > 0.0
     return found
 
 
 @numba.njit(cache=True)
 def linear_matrix(fit: Fit, prior: Prior) -> FloatArray:
-    """Return the lower triangle of the matrix of w and b, what is known included."""
+    """Return the lower triangle of the matrix of w and b, arrival cost and ridge included."""
     functions = len(fit.linear)
     count = functions + len(fit.levels)
     matrix = np.empty((count, count))
@@ -138,7 +138,7 @@ def linear_matrix(fit: Fit, prior: Prior) -> FloatArray:
 
 @numba.njit(cache=True)
 def _known_cost(fit: Fit, prior: Prior) -> float:
-    """Return the cost of the left blocks, of the ridge and of the prior at the fit's point."""
+    """Return arrival cost, ridge and prior at the parameters of the fit."""
     cost = 0.0
     away = away_from_reference(fit, prior)
     for row in range(len(away)):

@@ -1,4 +1,4 @@
-"""Which parameters the data tell, by stated rules.
+"""Which parameters the data determine.
 
 * not informed: the standard deviation is above 0.7 of the prior's; the data have not even halved
   what was uncertain (as variance).
@@ -20,7 +20,7 @@ SETTLED.flags.writeable = False
 
 
 def identifiability(deviation: FloatArray, prior: FloatArray, moved: float) -> IntArray:
-    """Return a flag a parameter (4,).
+    """Return one flag per parameter (4,).
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ def linear_pass(
     Parameters
     ----------
     first, last : int
-        BlockStatistics before `first` only lead the state up to it.
+        Blocks before `first` only lead the state up to it.
     theta : ndarray (4,)
         u_thr, u_sat, alpha_sat, alpha_thr.
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)

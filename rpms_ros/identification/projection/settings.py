@@ -1,4 +1,4 @@
-"""Settings that the batch and the horizon estimator share."""
+"""Settings of the batch and the horizon estimator."""
 
 import math
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class RecruitmentPrior:
     def as_prior(
         self, bounds: RecruitmentBounds, alpha_thr: tuple[float, float], functions: int
     ) -> Prior:
-        """Return this prior and the bounds as the steps want them."""
+        """Return this prior and the bounds as a `Prior`."""
         joint = PARAMETERS + functions
         centre = np.array(self.centre)
         low, high = zip(bounds.u_thr, bounds.u_sat, bounds.alpha_sat, alpha_thr, strict=True)
@@ -71,7 +71,7 @@ class RecruitmentPrior:
 
 @dataclass(frozen=True)
 class ProjectionSettings:
-    """Model and numerics of the estimators that project exactly.
+    """Model and numerics of the batch and the horizon estimator.
 
     Attributes
     ----------

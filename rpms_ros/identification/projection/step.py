@@ -91,7 +91,7 @@ def _room(problem: Problem, fit: Fit, low: FloatArray, high: FloatArray) -> None
 
 @numba.njit(cache=True)
 def _part(prior: Prior, candidate: FloatArray) -> None:
-    """Keep u_sat above u_thr, about where both would be."""
+    """Move u_thr and u_sat apart, to their least distance, if they are closer."""
     lacking = prior.separation - (candidate[1] - candidate[0])
     if lacking > 0.0:
         candidate[0] = max(candidate[0] - 0.5 * lacking, prior.lower[0])
@@ -117,7 +117,7 @@ def _move(problem: Problem, fit: Fit, step: FloatArray, trial: Fit) -> None:
 
 @register_jitable
 def _accept(fit: Fit, trial: Fit) -> None:
-    """Go where the trial is."""
+    """Copy the trial into the fit."""
     fit.theta[:] = trial.theta
     fit.linear[:] = trial.linear
     fit.levels[:] = trial.levels
@@ -132,7 +132,7 @@ def _accept(fit: Fit, trial: Fit) -> None:
 
 @numba.njit(cache=True)
 def complete(problem: Problem, fit: Fit) -> None:
-    """Make matrix and right-hand side complete at parameters whose linear part is solved."""
+    """Add the rows of theta to the equations of a fit whose linear part is solved."""
     gradient_pass(problem, problem.blocks.size[0], fit.theta, fit.linear, fit.matrix, fit.right)
     fit.complete[:] = fit.matrix
 
@@ -165,6 +165,6 @@ def improve(
 
 @numba.njit(cache=True)
 def complete_equations(problem: Problem, fit: Fit) -> None:
-    """Make matrix and right-hand side of `fit` complete at its parameters, theta included."""
+    """Solve the linear part of `fit` and fill in all its equations."""
     fit_linear(problem, fit, False)
     complete(problem, fit)

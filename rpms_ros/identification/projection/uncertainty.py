@@ -1,4 +1,4 @@
-r"""How sure an estimate is: covariance of [theta, w], and what follows from it.
+r"""Uncertainty of an estimate: covariance of [theta, w], intervals of what depends on them.
 
 The covariance is ``s^2 (M + C)^-1`` with M the Gauss-Newton matrix of the joint problem and C
 what is known besides.  ``s^2`` is the variance of the residuals, times the factor by which sums
