@@ -166,45 +166,32 @@ def _accept(match: TwitchMatch, trial: TwitchMatch) -> None:
 _minimise = minimiser(_linearise, _room, _move, _accept)
 
 
-@numba.njit(cache=True)
 def _fit_from(start: FloatArray, response: Coefficients) -> TwitchMatch:
     """Return the fit that is reached from a start (3,)."""
-    functions = len(response.target)
-    energy = (response.target * response.target).sum()
-    match, trial = [
+    match, trial = (
         TwitchMatch(
-            start.copy(),
-            np.zeros(1),
-            np.zeros((functions, 4)),
-            np.zeros(1),
-            np.full(1, energy),
-            np.full(1, _DAMPING),
-            np.zeros(1),
-            np.zeros(1),
+            theta=start.copy(),
+            peak=np.zeros(1),
+            columns=np.zeros((len(response.target), 4)),
+            cost=np.zeros(1),
+            energy=np.full(1, response.target @ response.target),
+            damping=np.full(1, _DAMPING),
+            moved=np.zeros(1),
+            failures=np.zeros(1),
         )
         for _ in range(2)
-    ]
+    )
     _measure(response, match)
     # In squared standard deviations: a cost of 1 is nothing to fit any better.
     _minimise(response, match, trial, Ending(_STEPS, _TOLERANCE, 1.0), True)
     return match
 
 
-@numba.njit(cache=True)
-def match_twitch(response: Coefficients) -> tuple[FloatArray, float, FloatArray]:
+def match_twitch(response: Coefficients) -> TwitchMatch:
     """Return the twitch that the coefficients show.
 
     The search begins at the centre of the prior; where it ends in a twitch that contradicts the
     coefficients, it may be a local minimum, and other starts are tried too.
-
-    Returns
-    -------
-    theta : ndarray (3,)
-        Time constant [s], latency [s], order.
-    peak : float
-        Peak force [N].
-    columns : ndarray (functions, 4)
-        Whitened coefficients of the twitch of peak 1, and their derivatives by theta.
     """
     best = _fit_from(response.prior.centre, response)
     for shift in _OTHER_STARTS:
@@ -214,4 +201,4 @@ def match_twitch(response: Coefficients) -> tuple[FloatArray, float, FloatArray]
         other = _fit_from(start, response)
         if other.cost[0] < best.cost[0]:
             best = other
-    return best.theta, best.peak[0], best.columns
+    return best

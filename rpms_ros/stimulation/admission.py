@@ -9,12 +9,10 @@ from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.dose import DoseExceeded
 from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.forecast import Forecast
-from rpms_ros.stimulation.forecast import forecast_plan
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.limits import Limits
 from rpms_ros.stimulation.schedule import Plan
 from rpms_ros.stimulation.schedule import Schedule
-from rpms_ros.stimulation.thermal import CoilTemperature
 
 
 def quantized_plan(schedule: Schedule, books: Books, device: Device) -> Plan:
@@ -46,35 +44,13 @@ def refuse_over_dose(plan: Plan, limits: Limits, ledger: MemoryLedger) -> None:
         raise Refused(error.limit, str(error)) from error
 
 
-def refuse_undeliverable(
-    plan: Plan,
-    width_s: float,
-    books: Books,
-    coil: CoilTemperature | None,
-    start_ns: int,
-    silent_since_ns: int,
-) -> None:
-    """Raise Refused if a plan breaks a limit of the device, with what could be delivered.
-
-    Parameters
-    ----------
-    plan : Plan
-        The pulses.
-    width_s : float
-        Their duration [s].
-    books : Books
-        What was fired before.
-    coil : CoilTemperature or None
-        How warm it is.
-    start_ns, silent_since_ns : int
-        Beginning of the plan, and when the device was armed or fired last [ns].
-    """
-    ahead = forecast_plan(plan, width_s, books, coil, start_ns, silent_since_ns)
+def refuse_undeliverable(ahead: Forecast, limits: Limits) -> None:
+    """Raise Refused if a plan breaks a limit of the device, with what could be delivered."""
     for violation in ahead.violations:
         raise Refused(
             violation.limit,
             f'{violation.limit}: {violation.reason}; at {violation.time_s:.4g} s of the '
-            f'schedule, mean power {ahead.mean_power_w:.4g} W{_advice(ahead, books.limits)}',
+            f'schedule, mean power {ahead.mean_power_w:.4g} W{_advice(ahead, limits)}',
         )
 
 

@@ -30,6 +30,7 @@ from rpms_ros.stimulation.dose import LedgerError
 from rpms_ros.stimulation.dose_ledger import DoseLedger
 from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.fired import Fired
+from rpms_ros.stimulation.forecast import forecast_plan
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.lateness import Lateness
 from rpms_ros.stimulation.limiter import TIMING_LIMITS
@@ -388,7 +389,7 @@ class StimulationController(DeviceOwner):
         if fired.delivery is not None:
             self.delivered += 1
             self.unverified += bool(fired.delivery.unverified)
-        with self._deadline_of('on_fired', self.settings.stuck_limit_s):
+        with self._deadlines.of('on_fired', self.settings.stuck_limit_s):
             try:
                 self.on_fired(fired)
             except Exception as error:  # noqa: BLE001 - nobody knows what it has left behind
@@ -409,9 +410,9 @@ class StimulationController(DeviceOwner):
         )
         plan = quantized_plan(schedule, books, self.device)
         refuse_over_dose(plan, self.limits, self.ledger)
-        refuse_undeliverable(plan, schedule.width_s, books, coil, start_ns, since_ns)
-        if confirmed.last_ns != books.last_ns:
-            refuse_undeliverable(plan, schedule.width_s, confirmed, coil, start_ns, since_ns)
+        for kept in (books,) if confirmed.last_ns == books.last_ns else (books, confirmed):
+            ahead = forecast_plan(plan, schedule.width_s, kept, coil, start_ns, since_ns)
+            refuse_undeliverable(ahead, kept.limits)
         return plan
 
 

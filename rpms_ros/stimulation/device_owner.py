@@ -8,15 +8,13 @@ and whatever its call comes back with counts for nothing.
 import math
 import time
 from collections.abc import Callable
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import NamedTuple
 from typing import ParamSpec
 from typing import TypeVar
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation.deadlines import Deadlines
 from rpms_ros.stimulation.device_faults import fault_of
 from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
@@ -41,31 +39,13 @@ from rpms_ros.stimulation.thermal import CoilTemperature
 LOOK_NS = 20_000_000
 # When something that could not be done is tried again.
 AGAIN_NS = 1_000_000
-# A supervisor whose own turn comes this late was held up, and the owner may have been with it.
+# A turn of the supervisor that comes this late was held up.
 _HELD_UP_NS = 5 * LOOK_NS
 # How much longer than its calls may take a turn of the owner is waited for.
 _SLACK_S = 0.3
 
 Arguments = ParamSpec('Arguments')
 Result = TypeVar('Result')
-
-
-class Deadline(NamedTuple):
-    """Until when the owner has to come back from something.
-
-    Attributes
-    ----------
-    name : str
-        What it does.
-    limit_s : float
-        How long that may take [s].
-    until_ns : int
-        When it must be over [ns].
-    """
-
-    name: str
-    limit_s: float
-    until_ns: int
 
 
 class DeviceOwner(SafetyMonitor):
@@ -97,10 +77,7 @@ class DeviceOwner(SafetyMonitor):
         self.limits = limits
         self.coil = coil
         self.orders = Orders(self.wake)
-        self._deadline: Deadline | None = None
-        # when the supervisor looked last, and the deadline that it has looked past once
-        self._looked_ns = clock()
-        self._excused: Deadline | None = None
+        self._deadlines = Deadlines(clock, _HELD_UP_NS)
         # when the device was armed, and when it was armed or fired last
         self._armed_ns = 0
         self._active_ns = 0
@@ -150,7 +127,7 @@ class DeviceOwner(SafetyMonitor):
         """Do what is due; return when there is more to do [ns].  Called by the owner alone."""
         due_ns = None
         limit_s = self.settings.stuck_limit_s
-        with self._deadline_of('a turn of the driver', limit_s):
+        with self._deadlines.of('a turn of the driver', limit_s):
             try:
                 self._apply_halts()
                 self.orders.serve()
@@ -171,9 +148,12 @@ class DeviceOwner(SafetyMonitor):
         now = self._clock()
         self.seen(SUPERVISOR)
         self._apply_halts()
-        held_up = now - self._looked_ns > _HELD_UP_NS
-        self._looked_ns = now
-        self._hold_to_deadline(now, held_up)
+        missed = self._deadlines.missed(now)
+        if missed is not None:
+            self.fail(
+                'stuck',
+                f'{missed.name}: expected an answer within {missed.limit_s:g} s, got none',
+            )
         if self.state not in POSSIBLE:
             return
         problem = self.interlocks.problem(now, self._armed_ns)
@@ -185,20 +165,6 @@ class DeviceOwner(SafetyMonitor):
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
         elif self.coil is not None:
             self.temperature(self.coil.at(now))
-
-    def _hold_to_deadline(self, now: int, held_up: bool) -> None:
-        """Fail if the owner does not come back; once, if this thread was held up, look again."""
-        deadline = self._deadline
-        if deadline is None or now <= deadline.until_ns:
-            return
-        if held_up and deadline is not self._excused:
-            self._excused = deadline
-            return
-        self._deadline = None
-        self.fail(
-            'stuck',
-            f'{deadline.name}: expected an answer within {deadline.limit_s:g} s, got none',
-        )
 
     @property
     def coil_temperature(self) -> float:
@@ -245,7 +211,7 @@ class DeviceOwner(SafetyMonitor):
 
     def _close(self, reason: str) -> None:
         """Close the device; one that does not close is let go."""
-        with self._deadline_of('close', self.settings.open_limit_s):
+        with self._deadlines.of('close', self.settings.open_limit_s):
             try:
                 self.device.close()
             except Exception as error:  # noqa: BLE001 - nothing more can be done about it
@@ -256,19 +222,6 @@ class DeviceOwner(SafetyMonitor):
     def _advance(self) -> int:
         """Do what a run asks for; return when there is more to do [ns]."""
         return self._clock() + LOOK_NS
-
-    @contextmanager
-    def _deadline_of(self, name: str, limit_s: float) -> Iterator[None]:
-        """Have the supervisor see to it that something is over in time."""
-        outer = self._deadline
-        self._deadline = Deadline(name, limit_s, self._clock() + nanoseconds(limit_s))
-        try:
-            yield
-        finally:
-            if outer is not None:
-                until_ns = self._clock() + nanoseconds(outer.limit_s)
-                outer = outer._replace(until_ns=until_ns)
-            self._deadline = outer
 
     def _call(
         self,
@@ -296,7 +249,7 @@ class DeviceOwner(SafetyMonitor):
         DeviceError
             Whatever went wrong: a fault already, unless there was a halt.  `TooLate` is none.
         """
-        with self._deadline_of(name, limit_s):
+        with self._deadlines.of(name, limit_s):
             try:
                 return do(*arguments, **options)
             except TooLate:

@@ -151,7 +151,6 @@ def _linearise(
 _minimise = minimiser(_linearise, _room, _move, _accept)
 
 
-@numba.njit(cache=True)
 def improve(
     problem: Problem, fit: Fit, trial: Fit, steps: int, tolerance: float, ready: bool
 ) -> None:
