@@ -83,17 +83,20 @@ class RecursiveEstimator(RestorableWithSettings):
             raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
         self.settings = settings
         self.rate_hz = rate_hz
-        self._recursion = Recursion(
-            _constants(settings),
-            _start(settings, seed),
-            workspace(settings.basis.functions, ACTING_PULSES),
-        )
+        self._constants = _constants(settings)
+        self._state = _start(settings, seed)
+        self._workspace = workspace(settings.basis.functions, ACTING_PULSES)
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
         self._intensity_range = (np.inf, -np.inf)
         self._pulses = 0
         self._response_time = np.arange(0.0, settings.basis.duration, RESPONSE_STEP)
         self._response_basis = settings.basis.evaluate(self._response_time)
+
+    @property
+    def _recursion(self) -> Recursion:
+        """Constants, state and workspace as one object."""
+        return Recursion(self._constants, self._state, self._workspace)
 
     @property
     def memory(self) -> float:
@@ -147,7 +150,7 @@ class RecursiveEstimator(RestorableWithSettings):
         alike = all(one.shape == other.shape for one, other in zip(own, saved, strict=True))
         alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
         expect(alike, 'RecursiveEstimator', 'arrays of one model')
-        self._recursion = self._recursion._replace(state=state_of(saved))
+        self._state = state_of(saved)
         if len(self._onset_ns):
             self._make_room()
 
@@ -234,8 +237,7 @@ class RecursiveEstimator(RestorableWithSettings):
         oldest = np.searchsorted(self._onset_ns, self._onset_ns - span)
         most = int((np.arange(1, len(oldest) + 1) - oldest).max()) + 1
         if most > len(self._recursion.work.basis):
-            work = workspace(self.settings.basis.functions, 2 * most)
-            self._recursion = self._recursion._replace(work=work)
+            self._workspace = workspace(self.settings.basis.functions, 2 * most)
 
     def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:
         """Return K rho(u) [N] (101,), empty if one intensity only has been seen."""
