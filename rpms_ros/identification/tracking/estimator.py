@@ -129,6 +129,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._origin = no_change(functions)
         self._watch = ChangeWatch()
         self._raw = RawSamples()
+        self._use(settings.basis)
 
     @property
     def memory(self) -> float:

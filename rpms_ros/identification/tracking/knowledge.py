@@ -94,7 +94,7 @@ class Knowledge:
         gradient[last] = -point.slope / scale**2
         cost += float(point.slope @ point.slope) / scale**2
         logarithm -= 2.0 * SLOPES * np.log(scale)
-        return matrix, gradient, cost, float(logarithm)
+        return matrix, gradient, float(cost), float(logarithm)
 
     def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
         """Return the step (unknowns,) with theta within its bounds, the rest solved again."""
