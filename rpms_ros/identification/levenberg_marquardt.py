@@ -153,7 +153,6 @@ def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> M
         the first ``linearise``.
     """
 
-    @numba.njit(cache=True, nogil=True)
     def minimise(problem: Any, here: Any, trial: Any, ending: Ending, ready: bool) -> None:
         count = len(here.theta)
         hessian = np.zeros((count, count))
@@ -187,4 +186,8 @@ def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> M
             if promised <= ending.tolerance * (here.cost[0] + ending.least_cost):
                 break
 
-    return minimise
+    # The name of numba's index file: one that models share could not be read where the module of
+    # any of them is missing.
+    minimise.__qualname__ = f'minimise.{linearise.__module__}'
+    compiled: Minimise = numba.njit(cache=True, nogil=True)(minimise)
+    return compiled

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from rpms_ros.identification.levenberg_marquardt import Ending
 from rpms_ros.identification.levenberg_marquardt import bounded_step
 from rpms_ros.identification.levenberg_marquardt import minimiser
+from rpms_ros.identification.projection import step
 
 TIME = np.linspace(0.0, 2.0, 41)
 ENDING = Ending(60, 1e-12, 1e-18)
@@ -56,8 +57,8 @@ def room(problem, here, low, high):
 
 
 @register_jitable
-def move(problem, here, step, trial):
-    trial.theta[:] = here.theta + step
+def move(problem, here, change, trial):
+    trial.theta[:] = here.theta + change
     trial.cost[0] = cost_of(problem, trial.theta)
 
 
@@ -134,7 +135,13 @@ def test_a_matrix_that_is_not_positive_is_counted_and_damped():
 def test_parameters_that_are_free_make_up_for_those_that_are_held():
     hessian = np.array([[2.0, 1.0], [1.0, 2.0]])
     gradient = np.array([4.0, 0.0])
-    step = np.zeros(2)
-    assert bounded_step(hessian, gradient, 0.0, np.array([-1.0, -9.0]), np.ones(2), step)
+    change = np.zeros(2)
+    assert bounded_step(hessian, gradient, 0.0, np.array([-1.0, -9.0]), np.ones(2), change)
     # unbounded it is (8/3, -4/3); with the first held at 1 the second one is -1/2
-    np.testing.assert_allclose(step, (1.0, -0.5))
+    np.testing.assert_allclose(change, (1.0, -0.5))
+
+
+def test_what_is_compiled_for_a_model_is_kept_apart_from_other_models():
+    """numba's index of a function is read as a whole, with the types of all who used it."""
+    names = {compiled.py_func.__qualname__ for compiled in (fit_decay, step._minimise)}
+    assert names == {f'minimise.{linearise.__module__}', f'minimise.{step.__name__}'}
