@@ -38,7 +38,7 @@ STORAGES = (('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', ''))
 COMMANDS = ('info', 'verify', 'identify')
 LONGEST = 10.0
 MEMORY = 1_000_000_000
-DOCUMENTED = (0, 1, 2)
+DOCUMENTED = frozenset({0, 1, 2, 3})
 _HOSTILE = (b'\xff' * 8, b'\0' * 8, b'\x7f' + b'\xff' * 7, b'[' * 64, b'&a *a ', b'\n- ')
 
 
@@ -138,18 +138,20 @@ def try_mutations(paths: list[Path], count: int, seed: int) -> Counter[str]:
     return ends
 
 
-def shown(output: str) -> dict[str, object]:
-    """Return what was printed without the faults."""
-    document: dict[str, object] = json.loads(output)
-    return {
-        key: value for key, value in document.items() if key not in ('faults', 'remarks', 'notes')
-    }
+_NAMED = ('faults', 'remarks', 'notes')
+
+
+def shown(output: str) -> tuple[dict[str, object], dict[str, object]]:
+    """Return what was printed without the faults, and the faults."""
+    document: dict[str, object] = json.loads(output) if output else {}
+    named = {key: document.pop(key) for key in _NAMED if key in document}
+    return document, named
 
 
 def try_flips(paths: list[Path], count: int, seed: int) -> Counter[str]:
     """Return how many flips ended how; print those that pass unnamed."""
     generator = random.Random(seed)
-    before = {path: shown(run('identify', path)[1]) for path in paths}
+    clean = {path: run('identify', path) for path in paths}
     ends: Counter[str] = Counter()
     for number in range(count):
         path = generator.choice(paths)
@@ -164,14 +166,17 @@ def try_flips(paths: list[Path], count: int, seed: int) -> Counter[str]:
         content[place] ^= 1 << bit
         with changed(file, bytes(content)):
             code, output = run('identify', path)
-        if code == 0 and shown(output) != before[path]:
-            print(f'flip {number}: bit {bit} of byte {place} of {path.name}/{file.name} unnamed')
-            ends['unnamed'] += 1
-        elif code not in DOCUMENTED:
-            print(f'flip {number}: bit {bit} of byte {place} of {path.name}/{file.name}: {code}')
+        where = f'flip {number}: bit {bit} of byte {place} of {path.name}/{file.name}'
+        if code not in DOCUMENTED:
+            print(f'{where}: {code}')
             ends['traceback'] += 1
+        elif code == 2 or shown(output)[1] != shown(clean[path][1])[1]:
+            ends['named'] += 1
+        elif shown(output)[0] != shown(clean[path][1])[0]:
+            print(f'{where} unnamed')
+            ends['unnamed'] += 1
         else:
-            ends['without effect' if code == 0 else 'named'] += 1
+            ends['without effect'] += 1
     return ends
 
 

@@ -77,7 +77,8 @@ class TwitchReader:
 
     @cached_property
     def _grid(self) -> FloatArray:
-        step = min(self.step, self.basis.time_constant / 10.0)
+        finest = self.basis.time_constant / 10.0
+        step = min(self.step, finest) if self.wide else self.step
         return np.arange(step / 2, self.basis.duration, step)
 
     @cached_property

@@ -208,7 +208,8 @@ class RecursiveEstimator(RestorableWithSettings):
         full = identified_recruitment(parameters, 1.0)
         energy = float(scalars['force_energy'][0])
         error = float(np.sqrt(scalars['error_energy'][0] / energy)) if energy > 0.0 else 0.0
-        own = FaultCounter()
+        # names that a monitor of another package counts are passed on
+        own = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), (FACTORISATION_FAILED, int(scalars['failures'][0]))):
             own.add(name, count)
         return Estimate(

@@ -170,7 +170,7 @@ def _fit_from(start: FloatArray, response: Coefficients) -> TwitchMatch:
     """Return the fit that is reached from a start (3,)."""
     match, trial = (
         TwitchMatch(
-            theta=start.copy(),
+            theta=np.clip(start, response.prior.lower, response.prior.upper),
             peak=np.zeros(1),
             columns=np.zeros((len(response.target), 4)),
             cost=np.zeros(1),

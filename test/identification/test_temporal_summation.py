@@ -132,7 +132,7 @@ def test_bad_numbers_are_refused(tmp_path, text, message) -> None:
 
 
 def test_the_recursion_has_no_law() -> None:
-    with pytest.raises(IdentificationError, match='batch or horizon, got recursive'):
+    with pytest.raises(IdentificationError, match='batch, horizon or tracking, got recursive'):
         estimator_by_name('recursive', history=RAT)
 
 

@@ -209,7 +209,8 @@ class ExactRecursion(RestorableWithSettings):
             intensity_span=high - low,
             output_error=float(np.sqrt(course.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
-        own = FaultCounter()
+        # names that a monitor of another package counts are passed on
+        own = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), (FACTORISATION_FAILED, int(fit.failures[0]))):
             own.add(name, count)
         spread = self._spread.mean
