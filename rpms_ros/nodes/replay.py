@@ -11,6 +11,8 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.logging import LoggingSeverity
+from rclpy.logging import set_logger_level
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
@@ -116,6 +118,8 @@ def _play(
     overrides = [Parameter(name, value=value) for name, value in parameters.items()]
     executor = EventsExecutor(context=context)
     nodes: list[Any] = []
+    # the command says what is replayed; faults and doubts are said by the node
+    set_logger_level('identifier', LoggingSeverity.WARN)
     try:
         nodes.append(Identifier(parameter_overrides=overrides, **options))
         replayer = Replayer(recording, settings, **options)
@@ -136,6 +140,7 @@ def _play(
             executor.remove_node(node)
             node.destroy_node()
         executor.shutdown()
+        set_logger_level('identifier', LoggingSeverity.UNSET)
     return Replay(replayer.estimates, expected, replayer.sent, elapsed, _span(recording))
 
 
