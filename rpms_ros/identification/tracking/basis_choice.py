@@ -2,8 +2,8 @@
 
 Laguerre functions of any time constant can describe any twitch, but seven of them only one that
 is not far from their own, and none that begins before their latency.  So the basis is compared
-with others by the evidence of the newest seconds, on a coarse grid while little is known and with
-its neighbours later on.
+with others by the likelihood of the newest seconds, on a coarse grid while little is known and
+with its neighbours later on.
 """
 
 from dataclasses import replace
@@ -12,6 +12,7 @@ import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.block_statistics import COUNT
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.tracking.assembly import SLOPES
@@ -25,14 +26,14 @@ from rpms_ros.identification.tracking.window_fit import fresh_fit
 from rpms_ros.pulses import FloatArray
 
 TIME_CONSTANTS = (8e-3, 12e-3, 18e-3, 27e-3, 40e-3, 60e-3, 90e-3)
-LATENCIES = (4e-3, 8e-3, 13e-3, 19e-3, 26e-3)
+LATENCIES = (0.0, 4e-3, 8e-3, 13e-3, 19e-3, 26e-3)
 _RATIO = 1.25
 _SHIFT = 2.5e-3
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
 # Another basis has to be this much better [nat]: nothing is gained by going to and fro.
-_DECISION = 6.0
-_STEPS = 3
+_DECISION = 15.0
+_STEPS = 6
 
 
 def grid(functions: int) -> list[LaguerreBasis]:
@@ -66,7 +67,7 @@ def conversion(old: LaguerreBasis, new: LaguerreBasis) -> FloatArray:
     return result
 
 
-def evidence(
+def likelihood(
     raw: RawSamples,
     basis: LaguerreBasis,
     fit: WindowFit,
@@ -76,7 +77,7 @@ def evidence(
     now_ns: int,
     length_ns: int,
 ) -> float:
-    """Return the evidence of a basis for the samples since a time, at the scales of a fit."""
+    """Return the log-likelihood of a basis for the samples since a time."""
     functions = basis.functions
     theta = fit.point.theta
     problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), first_ns, prior)
@@ -93,7 +94,9 @@ def evidence(
     assert len(trial.covariance) == joint + SLOPES
     if not explained(problem, trial, alone, window, _STEPS):
         return -np.inf
-    return trial.evidence
+    # Not the evidence: it would prefer a basis whose functions the samples leave open.
+    samples = float(blocks.moments[problem.first : size, COUNT].sum())
+    return -0.5 * trial.misfit * samples
 
 
 def better(
@@ -111,9 +114,9 @@ def better(
     if fit.variance <= 0.0:
         raise IdentificationError(f'expected a variance above 0, got {fit.variance}')
     rest = (fit, knowledge, prior, first_ns, now_ns, length_ns)
-    best, most = None, evidence(raw, basis, *rest) + _DECISION
+    best, most = None, likelihood(raw, basis, *rest) + _DECISION
     for candidate in candidates:
-        value = evidence(raw, candidate, *rest)
+        value = likelihood(raw, candidate, *rest)
         if value > most:
             best, most = candidate, value
     return best

@@ -33,6 +33,8 @@ _NAMING_NS = 4 * NANOSECONDS_PER_SECOND
 _LEAST_KNOWN_NS = 5 * NANOSECONDS_PER_SECOND
 _LEAST_SNAPSHOTS = 8
 _CANDIDATES = 8
+# A first look takes every second of them.
+_FIRST_LOOK = 2
 _SUSPICIOUS = 1.5
 _LEAST_SAMPLES = 50.0
 _IN_VAIN = 8
@@ -118,7 +120,8 @@ class ChangeWatch(Restorable):
         if self._named is not None:
             return self._renamed(problem, window, prior, alert)
         if self._alarm_ns is None:
-            if self._suspicious(fit, alert) and self._best(problem, window, prior, alert):
+            suspicious = self._suspicious(fit, alert)
+            if suspicious and self._best(problem, window, prior, alert, _FIRST_LOOK):
                 self._alarm_ns = now_ns
                 self._in_vain = 0
             return None
@@ -147,11 +150,16 @@ class ChangeWatch(Restorable):
         return large and (self._in_vain <= _IN_VAIN or self._in_vain % _IN_VAIN == 0)
 
     def _best(
-        self, problem: Problem, window: Window, prior: Knowledge, alert: Alert
+        self,
+        problem: Problem,
+        window: Window,
+        prior: Knowledge,
+        alert: Alert,
+        stride: int = 1,
     ) -> Explanation | None:
         """Return the change that explains the newest samples best, if the odds decide."""
         best = None
-        for before in list(self._snapshots)[-_CANDIDATES:]:
+        for before in list(self._snapshots)[-_CANDIDATES:][::-stride]:
             if before.stamp_ns < window.first_ns + _LEAST_KNOWN_NS:
                 continue
             one = _of_muscle(_explanations(problem, before, window, prior, alert))

@@ -48,6 +48,7 @@ from rpms_ros.identification.tracking.settings import LONGEST_BASIS
 from rpms_ros.identification.tracking.settings import TrackingSettings
 from rpms_ros.identification.tracking.window_fit import Window
 from rpms_ros.identification.tracking.window_fit import WindowFit
+from rpms_ros.identification.tracking.window_fit import explained
 from rpms_ros.identification.tracking.window_fit import fresh_fit
 from rpms_ros.identification.tracking.window_fit import improved
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -61,7 +62,7 @@ _SPARE_BLOCKS = 128
 _BLOCKS_OF_PAUSES = 4
 INTERVAL_NS = 125_000_000
 # Between two knots of the slow change, in intervals.
-_KNOT_INTERVALS = 48
+_KNOT_INTERVALS = 80
 _KNOT_S = _KNOT_INTERVALS * INTERVAL_NS / NANOSECONDS_PER_SECOND
 # The window ends where the muscle was so different that the model of its change, linear in the
 # time constant, is wrong by more than the noise.
@@ -69,13 +70,16 @@ _LARGEST_GAIN = 0.25
 _LARGEST_SLOWING = 0.07
 _SHORTEST_S = 20.0
 _STEPS, _FIRST_STEPS = 2, 6
+_CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
+_CHALLENGER_STEPS = 5
+_CHALLENGER_DECISION = 3.0
 _SETTLING_NS = NANOSECONDS_PER_SECOND // 2
 _YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
 # When the basis is compared with others, since a response shows; later with this period [s].
 _CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
 _CHOICE_PERIOD_S = 32.0
 # So many times with all that people have, then with its neighbours.
-_GRIDS = 3
+_GRIDS = 2
 _CHOICE_NS = 8 * NANOSECONDS_PER_SECOND
 
 
@@ -101,6 +105,7 @@ class TrackingEstimator(ProjectionEstimator):
     _last_ns: int | None
     _begun_ns: int | None
     _choices: int
+    _turn: int
     _knowledge: Knowledge
     _window: WindowFit
     _origin: Origin
@@ -123,6 +128,8 @@ class TrackingEstimator(ProjectionEstimator):
         self._last_ns = None
         self._begun_ns = None
         self._choices = 0
+        self._turn = 0
+        self._starts = settings.starts()
         self._prior = knowledge_of(settings)
         self._knowledge = self._prior
         self._window = fresh_fit(np.array(settings.start), functions)
@@ -237,10 +244,33 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young else _STEPS
+            self._challenge(self._span())
             improved(self._problem, self._window, self._knowledge, self._span(), steps)
             if self._find:
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window()
+
+    def _challenge(self, window: Window) -> None:
+        """While the window is young try another start, in turn; go on from there if it is better.
+
+        A fit that has begun with few samples may hang in a local minimum.
+        """
+        fit = self._window
+        if window.now_ns - window.first_ns > _CHALLENGED_NS or not fit.shows_response:
+            return
+        self._turn = (self._turn + 1) % len(self._starts)
+        functions = self._basis.functions
+        other = fresh_fit(self._starts[self._turn], functions)
+        other.variance, other.together = fit.variance, fit.together
+        mine = replace(fit)
+        alone = (self._problem, self._knowledge, window)
+        if not explained(alone[0], other, alone[1], alone[2], _CHALLENGER_STEPS):
+            return
+        if explained(alone[0], mine, alone[1], alone[2], 1) and (
+            other.evidence > mine.evidence + _CHALLENGER_DECISION
+        ):
+            fit.point, fit.scales, fit.levels = other.point, other.scales, other.levels
+            fit.first = other.first
 
     def _look_for_change(self, window: Window) -> None:
         """Let the window begin anew where the muscle has changed."""
