@@ -29,11 +29,11 @@ from rpms_ros.identification.tracking.assembly import SLOPES
 from rpms_ros.identification.tracking.assembly import Point
 from rpms_ros.identification.tracking.assembly import slowed
 from rpms_ros.identification.tracking.knowledge import Knowledge
+from rpms_ros.identification.tracking.knowledge import coordinates
 from rpms_ros.identification.tracking.window_fit import LIVELINESS
 from rpms_ros.identification.tracking.window_fit import StartLevels
 from rpms_ros.identification.tracking.window_fit import Window
 from rpms_ros.identification.tracking.window_fit import WindowFit
-from rpms_ros.identification.tracking.window_fit import coordinates
 from rpms_ros.identification.tracking.window_fit import explained
 from rpms_ros.pulses import FloatArray
 

@@ -263,10 +263,10 @@ class TrackingEstimator(ProjectionEstimator):
         other = fresh_fit(self._starts[self._turn], functions)
         other.variance, other.together = fit.variance, fit.together
         mine = replace(fit)
-        alone = (self._problem, self._knowledge, window)
-        if not explained(alone[0], other, alone[1], alone[2], _CHALLENGER_STEPS):
+        problem, knowledge = self._problem, self._knowledge
+        if not explained(problem, other, knowledge, window, _CHALLENGER_STEPS):
             return
-        if explained(alone[0], mine, alone[1], alone[2], 1) and (
+        if explained(problem, mine, knowledge, window, 1) and (
             other.evidence > mine.evidence + _CHALLENGER_DECISION
         ):
             fit.point, fit.scales, fit.levels = other.point, other.scales, other.levels

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 # Share of the response that another basis, or a rest, may have lost.
 _LOST = 0.01
+# Added to the diagonal of a matrix whose rows are scaled to 1.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Knowledge:
         joint = PARAMETERS + functions
         matrix = np.zeros((unknowns, unknowns))
         gradient = np.zeros(unknowns)
-        theta = np.concatenate((point.theta[:2], np.log(point.theta[2:])))
+        theta = coordinates(point.theta)
         place = np.arange(PARAMETERS)
         away = theta - self.mean
         matrix[place, place] = 1.0 / self.deviation**2
@@ -98,7 +100,7 @@ class Knowledge:
 
     def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
         """Return the step (unknowns,) with theta within its bounds, the rest solved again."""
-        theta = np.concatenate((point.theta[:2], np.log(point.theta[2:])))
+        theta = coordinates(point.theta)
         low, high = self.lower - theta, self.upper - theta
         held = np.zeros(len(step), dtype=bool)
         right = hessian @ step
@@ -131,10 +133,12 @@ class Knowledge:
         if not self.information.any():
             return self
         joint = len(self.reference)
-        covariance = matrix @ _inverse(self.information) @ matrix.T
+        covariance = matrix @ scaled_inverse(self.information) @ matrix.T
         place = np.arange(PARAMETERS, joint)
         covariance[place, place] += (_LOST * size) ** 2
-        return replace(self, information=_inverse(covariance), reference=matrix @ self.reference)
+        return replace(
+            self, information=scaled_inverse(covariance), reference=matrix @ self.reference
+        )
 
 
 def knowledge_of(settings: ProjectionSettings) -> Knowledge:
@@ -144,8 +148,8 @@ def knowledge_of(settings: ProjectionSettings) -> Knowledge:
     return Knowledge(
         mean=prior.mean,
         deviation=prior.deviation,
-        lower=_logarithmic(prior.lower),
-        upper=_logarithmic(prior.upper),
+        lower=coordinates(prior.lower),
+        upper=coordinates(prior.upper),
         separation=prior.separation,
         information=np.zeros((joint, joint)),
         reference=np.zeros(joint),
@@ -159,16 +163,18 @@ def informed(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
     covariance = fit.covariance[:joint, :joint].copy()
     place = np.arange(PARAMETERS, joint)
     covariance[place, place] += (_LOST * float(np.linalg.norm(point.linear))) ** 2
-    reference = np.concatenate((_logarithmic(point.theta), point.linear))
-    return replace(knowledge, information=_inverse(covariance), reference=reference)
+    reference = np.concatenate((coordinates(point.theta), point.linear))
+    return replace(knowledge, information=scaled_inverse(covariance), reference=reference)
 
 
-def _logarithmic(theta: FloatArray) -> FloatArray:
+def coordinates(theta: FloatArray) -> FloatArray:
+    """Return theta (4,) with alpha as logarithms."""
     return np.concatenate((theta[:2], np.log(theta[2:])))
 
 
-def _inverse(matrix: FloatArray) -> FloatArray:
+def scaled_inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse (n, n) of a symmetric matrix whose rows differ much in size."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix * np.outer(scale, scale) + 1e-9 * np.eye(len(matrix))
+    scaled = matrix * np.outer(scale, scale) + ROUNDING * np.eye(len(matrix))
     inverse: FloatArray = np.linalg.inv(scaled) * np.outer(scale, scale)
     return 0.5 * (inverse + inverse.T)

@@ -29,7 +29,10 @@ from rpms_ros.identification.tracking.assembly import slowed
 from rpms_ros.identification.tracking.intervals import Intervals
 from rpms_ros.identification.tracking.intervals import Origin
 from rpms_ros.identification.tracking.intervals import condensed
+from rpms_ros.identification.tracking.knowledge import ROUNDING
 from rpms_ros.identification.tracking.knowledge import Knowledge
+from rpms_ros.identification.tracking.knowledge import coordinates
+from rpms_ros.identification.tracking.knowledge import scaled_inverse
 from rpms_ros.pulses import FloatArray
 
 # Standard deviation of the disturbance's second difference over an interval, as a share of the
@@ -45,7 +48,6 @@ _MODEL_ERROR_SAMPLES = 200.0
 # Standard deviation of a knot's level, as a multiple of the force: nothing is known of it.
 _LEVEL = 30.0
 _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
-_ROUNDING = 1e-9
 _RIDGE = 1e-2
 _MOST_TOGETHER = 3.0
 # Standard deviations by which w differs from nothing where a response shows.
@@ -198,11 +200,6 @@ def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
     )
 
 
-def coordinates(theta: FloatArray) -> FloatArray:
-    """Return theta (4,) with alpha as logarithms."""
-    return np.concatenate((theta[:2], np.log(theta[2:])))
-
-
 def with_knots(point: Point, knots: int) -> Point:
     """Return the point with so many knots of the past."""
     if len(point.gain) == knots:
@@ -290,7 +287,7 @@ def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | 
     scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     try:
         factor = np.linalg.cholesky(
-            hessian * np.outer(scale, scale) + _ROUNDING * np.eye(len(scale))
+            hessian * np.outer(scale, scale) + ROUNDING * np.eye(len(scale))
         )
     except np.linalg.LinAlgError:
         return None
@@ -392,7 +389,7 @@ def _move(fit: WindowFit, at: _Linearised, solution: _Solution) -> None:
     fit.moved = step[:PARAMETERS]
     fit.levels = disturbance_at(solution.reduced, step)
     fit.first = int(at.intervals.first[0])
-    fit.covariance = _inverse(solution.hessian) * max(1.0, fit.together / _MOST_TOGETHER)
+    fit.covariance = scaled_inverse(solution.hessian) * max(1.0, fit.together / _MOST_TOGETHER)
     fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
     fit.evidence = solution.evidence
     fit.misfit = solution.left / at.samples
@@ -423,14 +420,6 @@ def moved(point: Point, step: FloatArray) -> Point:
         slowing=point.slowing + slowing,
         slope=point.slope + slope,
     )
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    inverse: FloatArray = np.linalg.inv(
-        matrix * np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
-    ) * np.outer(scale, scale)
-    return 0.5 * (inverse + inverse.T)
 
 
 def _restate_noise(fit: WindowFit, at: _Linearised, solution: _Solution, window: Window) -> None:
