@@ -1,6 +1,6 @@
 """A driver without a controller: opens a port, arms, fires until something is wrong.
 
-    python test/guarded_train.py PORT RATE_HZ BEAT_LIMIT_S
+    python test/guarded_train.py PORT RATE_HZ BEAT_LIMIT_S ANSWER_LIMIT_S
 
 It prints the process of its guard when it has fired for the first time, then what was wrong.
 """
@@ -17,9 +17,9 @@ SECOND = 1_000_000_000
 INTENSITY = 0.4
 
 
-def train(port, rate_hz, beat_limit_s, say):
+def train(port, rate_hz, beat_limit_s, say, answer_limit_s=0.15):
     """Fire until the device says that something is wrong."""
-    device = SerialDevice(port, beat_limit_s=beat_limit_s)
+    device = SerialDevice(port, timeout_s=answer_limit_s, beat_limit_s=beat_limit_s)
     try:
         device.open()
         device.arm()
@@ -50,6 +50,5 @@ if __name__ == '__main__':
     # a shell that put the tests into the background has them ignore these two
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGQUIT, signal.SIG_DFL)
-    train(
-        sys.argv[1], float(sys.argv[2]), float(sys.argv[3]), lambda text: print(text, flush=True)
-    )
+    rate, beat_limit, answer_limit = map(float, sys.argv[2:])
+    train(sys.argv[1], rate, beat_limit, lambda text: print(text, flush=True), answer_limit)

@@ -7,9 +7,60 @@ from dataclasses import dataclass
 
 from rpms_ros.guard import rapid2
 
+# The kernel lets one process at a time write to a port: the other is told to try again.
+_PATIENCE_S = 0.05
+_PAUSE_S = 0.0002
+
 
 class LineError(Exception):
     """The line is gone, or does not take what is written."""
+
+
+class LineBusy(LineError):
+    """Another process writes to the line at this moment, or what was written before never left."""
+
+
+def write_silence(descriptor: int, raw: bytes) -> None:
+    """Write everything, and wait up to 50 ms while another process writes to the same port.
+
+    A driver that silences the instrument past its guard and a guard that does the same may
+    meet here.
+
+    Raises
+    ------
+    LineError
+        If the port does not take it.
+    """
+    end = time.monotonic() + _PATIENCE_S
+    while True:
+        try:
+            write(descriptor, raw)
+        except LineBusy:
+            if time.monotonic() > end:
+                raise
+            time.sleep(_PAUSE_S)
+        else:
+            return
+
+
+def write(descriptor: int, raw: bytes) -> None:
+    """Write everything at once.
+
+    Raises
+    ------
+    LineBusy
+        If nothing can be written now.
+    LineError
+        If the port is gone, or takes a part.
+    """
+    try:
+        taken = os.write(descriptor, raw)
+    except BlockingIOError as error:
+        raise LineBusy(f'expected a line to write to, got {error}') from error
+    except OSError as error:
+        raise LineError(f'expected a line to write to, got {error}') from error
+    if taken != len(raw):
+        raise LineError(f'expected a line that takes {len(raw)} bytes, got {taken}')
 
 
 @dataclass
@@ -60,25 +111,30 @@ class Line:
         self._clock = clock
 
     def ask(self, command: bytes, length: int, sequence: int | None = None) -> None:
-        """Write a command; `heard` collects its answer."""
-        self.write(rapid2.framed(command))
+        """Write a command; `heard` collects its answer.
+
+        Raises
+        ------
+        LineBusy
+            If it cannot be written now: who else writes to the port is the driver, which
+            silences the instrument past this guard.  No command follows that.
+        LineError
+            If the port does not take it.
+        """
+        write(self.descriptor, rapid2.framed(command))
+        self.written_ns = self._clock()
         self.outstanding = Exchange(command, length, sequence, self.written_ns)
 
-    def write(self, raw: bytes) -> None:
-        """Write everything at once.
+    def silence(self, raw: bytes) -> None:
+        """Write what sets the instrument to zero and disarms it, or gives it back.
 
         Raises
         ------
         LineError
             If the port does not take it: it is gone, or what was written before never left.
         """
-        try:
-            taken = os.write(self.descriptor, raw)
-        except OSError as error:
-            raise LineError(f'expected a line to write to, got {error}') from error
+        write_silence(self.descriptor, raw)
         self.written_ns = self._clock()
-        if taken != len(raw):
-            raise LineError(f'expected a line that takes {len(raw)} bytes, got {taken}')
 
     def read(self) -> bytes:
         """Return what has come.

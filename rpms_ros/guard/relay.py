@@ -1,6 +1,5 @@
 """The guard: relays commands while the driver lives, and disarms when it does not."""
 
-import os
 import select
 import time
 from collections import deque
@@ -13,6 +12,7 @@ from rpms_ros.guard.driver_socket import DriverGone
 from rpms_ros.guard.driver_socket import DriverSocket
 from rpms_ros.guard.line import Exchange
 from rpms_ros.guard.line import Line
+from rpms_ros.guard.line import LineBusy
 from rpms_ros.guard.line import LineError
 from rpms_ros.guard.packets import Packet
 
@@ -115,13 +115,13 @@ class Guard:
                     poll.unregister(self._driver.descriptor)
                 if self._wakeup in ready:
                     poll.unregister(self._wakeup)
-            self.line.write(rapid2.framed(rapid2.RELEASE))
+            self.line.silence(rapid2.framed(rapid2.RELEASE))
         except LineError as error:
             self._driver.tell(packets.DISARMED, str(error).encode())
             return str(error)
         except BaseException:
             # a mistake in here must not leave it armed
-            os.write(self.line.descriptor, rapid2.SILENCE)
+            self.line.silence(rapid2.SILENCE)
             raise
         return self.ended
 
@@ -223,9 +223,17 @@ class Guard:
         if self._clock() > packet.time_ns:
             self._driver.tell(packets.LATE, b'', packet.sequence)
             return
-        self.line.ask(command, length, packet.sequence)
+        self._ask(command, length, packet.sequence)
 
     # ---- the line
+
+    def _ask(self, command: bytes, length: int, sequence: int | None = None) -> None:
+        try:
+            self.line.ask(command, length, sequence)
+        except LineBusy as error:
+            self.silence(str(error))
+            if sequence is not None:
+                self._driver.tell(packets.REFUSED, str(error).encode(), sequence)
 
     def _begin_to_listen(self, packet: Packet) -> None:
         self._listening = packet
@@ -271,7 +279,7 @@ class Guard:
         self._attempts -= 1
         self._attempt_ns = self._clock()
         # the second disarming is answered with the status after the first one
-        self.line.write(rapid2.SILENCE + rapid2.framed(rapid2.DISARM))
+        self.line.silence(rapid2.SILENCE + rapid2.framed(rapid2.DISARM))
 
     def _disarmed(self) -> bool:
         """Whether the instrument has said that it is disarmed."""
@@ -304,7 +312,7 @@ class Guard:
                 limit = self.limits.answer_limit_s
                 self.silence(f'expected an answer of the instrument within {limit:g} s, got none')
         elif now - self.line.written_ns > self.limits.keep_alive_s * _SECOND:
-            self.line.ask(rapid2.ENABLE, rapid2.STATUS_LENGTH)
+            self._ask(rapid2.ENABLE, rapid2.STATUS_LENGTH)
 
     def _look_at_noise(self, now: int) -> None:
         packet = self._listening

@@ -17,6 +17,8 @@ from typing import NoReturn
 import rpms_ros.guard
 from rpms_ros.guard import packets
 from rpms_ros.guard import rapid2
+from rpms_ros.guard.line import LineError
+from rpms_ros.guard.line import write_silence
 from rpms_ros.guard.packets import Packet
 from rpms_ros.guard.port import open_port
 from rpms_ros.guard.port import release_port
@@ -162,20 +164,22 @@ class GuardedLine:
             self._fail(f'expected a sign of life of the guard within {limit_s:g} s, got none')
 
     def silence(self) -> bool:
-        """Write intensity zero and disarm, by any thread, without waiting; whether it was taken.
+        """Write intensity zero and disarm, by any thread; whether it was taken.
 
         Twice: through the guard, which refuses everything from then on, and past it, since it may
-        be stopped or dead.
+        be stopped or dead.  No answer is waited for; while the guard writes to the port, the
+        kernel refuses the second one, which is tried for up to 50 ms then.
         """
         line, guard = self._line, self._socket
-        taken = False
         if guard is not None:
             with contextlib.suppress(OSError):
                 os.write(guard.number, packets.packed(Packet(packets.SILENCE)))
         if line is not None:
-            with contextlib.suppress(OSError):
-                taken = os.write(line.number, rapid2.SILENCE) == len(rapid2.SILENCE)
-        return taken or line is None
+            try:
+                write_silence(line.number, rapid2.SILENCE)
+            except LineError:
+                return False
+        return True
 
     def close(self) -> None:
         """Let the guard disarm, give back remote control and let go of the port."""
