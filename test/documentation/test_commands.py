@@ -226,7 +226,9 @@ def test_a_page_runs_as_it_is_written(
         if not fence.run:
             continue
         if fence.kind == 'python':
-            ends_well([sys.executable, '-c', fence.body], scratch, variables, (0,))
+            # -P: by the path through the scratch folder numba would compile everything once more
+            program = [sys.executable, '-P', '-c', fence.body]
+            ends_well(program, scratch, variables, (0,))
             continue
         for command, statuses in fence.commands():
             if fence.seconds:
