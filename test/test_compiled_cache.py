@@ -1,12 +1,14 @@
 """Compiled functions of other sources are not used: an edit of what they call counts."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 from rpms_ros.compiled_cache import key_of
 
+ROOT = Path(__file__).resolve().parents[1]
 CALLED = 'from numba import njit\n\n@njit(cache=True)\ndef called(x):\n    return x + {}\n'
 CALLER = """from numba import njit
 
@@ -62,3 +64,34 @@ def test_the_key_is_that_of_compiled_sources_only(tmp_path: Path) -> None:
     assert key_of(tmp_path) == key
     (tmp_path / 'called.py').write_text(CALLED.format(2))
     assert key_of(tmp_path) != key
+
+
+def python(path: Path, *arguments: str) -> str:
+    """Run Python with the package at a path, and its compiled functions in it."""
+    environment = {name: text for name, text in os.environ.items() if name != 'NUMBA_CACHE_DIR'}
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=path,
+        env={**environment, 'PYTHONPATH': str(path)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=250,
+    )
+    return done.stdout
+
+
+def test_another_installation_of_the_same_sources_compiles_nothing_anew(tmp_path: Path) -> None:
+    use = (
+        'import numpy; import rpms_ros; from rpms_ros.muscle import identified_form as form; '
+        'form.arctan_recruitment(0.5, numpy.array([0.3, 0.7, 6.0, 6.0])); '
+        'print(rpms_ros.__file__, sum(form.arctan_recruitment.stats.cache_hits.values()))'
+    )
+    python(ROOT, '-c', use)
+    ignored = shutil.ignore_patterns('__pycache__')
+    shutil.copytree(ROOT / 'rpms_ros', tmp_path / 'rpms_ros', ignore=ignored)
+    said = python(tmp_path, str(ROOT / 'tools' / 'share_compiled'))
+    assert 'folders of compiled functions' in said
+    file, hits = python(tmp_path, '-c', use).split()
+    assert Path(file).is_relative_to(tmp_path)
+    assert hits == '1'
