@@ -28,6 +28,7 @@ COMMANDS = (
     'report',
     'replay',
     'import_file',
+    'export',
     'protocol',
     'check',
     'audit',
@@ -48,6 +49,7 @@ Identify a muscle that is stimulated by repetitive magnetic or electrical pulses
   rpms report session --out report.html  one page to read, print and send
   rpms replay session                    the recording through the real nodes
   rpms import trial.csv --out trial --time 'Time [s]' --force 'Force [N]' --pulse Gate
+  rpms export session --to csv --out tables
 """
 _EPILOG = """\
 Help on one command: rpms help COMMAND, or rpms COMMAND --help

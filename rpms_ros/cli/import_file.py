@@ -1,9 +1,11 @@
 """``rpms import``: a file of a laboratory becomes a recording."""
 
 import argparse
+import os
 import sys
+from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 from typing import Any
 
@@ -13,7 +15,11 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
+    from rpms_ros.pulses import ForceTrace
+    from rpms_ros.pulses import PulseTrain
     from rpms_ros.recording.importing import Guess
+    from rpms_ros.recording.importing import Imported
+    from rpms_ros.recording.importing import ImportOptions
     from rpms_ros.recording.importing import SignalFile
 
 _DESCRIPTION = """\
@@ -22,6 +28,7 @@ Makes a recording of a file with time, force and the stimulator's gate or trigge
 MATLAB .mat, Excel .xlsx and XDF of the Lab Streaming Layer.  What is what is guessed and shown; on
 a terminal it is asked for, and each option below decides it.  Every rising edge of a gate is a
 pulse; its width is measured.  A gate does not tell the intensity: give it if it was below 1.
+What `rpms export` has written is read again without options, with the same numbers.
 """
 _EXAMPLES = """\
   rpms import trial.csv --out trial
@@ -30,7 +37,6 @@ _EXAMPLES = """\
   rpms import leg.xdf --out leg --intensity 0.8
   rpms identify trial
 """
-_NAMED = ('time', 'force', 'pulse', 'time_unit', 'force_unit')
 
 
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
@@ -39,9 +45,17 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         subparsers, 'import', run, 'a file of a laboratory becomes a recording', _DESCRIPTION,
         _EXAMPLES,
     )  # fmt: skip
-    parser.add_argument('file', type=Path, metavar='FILE', help='.csv, .txt, .mat, .xlsx, .xdf')
+    parser.add_argument(
+        'file', type=Path, metavar='FILE', help='.csv, .txt, .mat, .xlsx, .xdf, or an export'
+    )
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
-    group = parser.add_argument_group('what is what (guessed where not given)')
+    add_signal_options(parser)
+    add_option(parser, '--storage', 'mcap', 'of the recording', choices=('mcap', 'sqlite3'))
+
+
+def add_signal_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says what is what in a file of a laboratory."""
+    group = parser.add_argument_group('what is what in a file (guessed where not given)')
     add_option(group, '--time COL', None, 'column of the time')
     add_option(group, '--force COL', None, 'column of the force')
     add_option(group, '--pulse COL', None, 'column of the gate, or list of trigger times')
@@ -60,57 +74,64 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(group, '--block N', None, 'block of a LabChart file, from 1', type=int)
     add_option(group, '--sheet NAME', None, 'sheet of a workbook')
     parser.add_argument('--yes', action='store_true', help='ask nothing on a terminal')
-    add_option(parser, '--storage', 'mcap', 'of the recording', choices=('mcap', 'sqlite3'))
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Import the file and say what it held."""
-    from rpms_ros.recording import GateSettings
-    from rpms_ros.recording.importing import ImportChoices
-    from rpms_ros.recording.importing import converted
-    from rpms_ros.recording.importing import read_signals
-
-    if arguments.out.exists():
+    if os.path.lexists(arguments.out):
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
-    choices = ImportChoices(
-        GateSettings(arguments.threshold, arguments.intensity),
-        arguments.sampling_rate,
-        arguments.force_scale,
-    )
-    file = read_signals(arguments.file, arguments.block, arguments.sheet)
-    asked = sys.stdin.isatty() and sys.stderr.isatty() and not arguments.yes
-    guess = _decided(file, arguments, asked)
-    if asked and not _agreed(file, guess):
-        raise RecordingError('expected the guess to be accepted; the options decide otherwise')
-    pulses, forces = converted(file, guess, choices)
-    _write(arguments, pulses, forces)
-    span = (forces.stamp_ns[-1] - forces.stamp_ns[0]) / 1e9
-    print(f'{arguments.out}: {len(pulses)} pulses, {len(forces)} samples, {span:.3f} s')
-    if not asked and any(getattr(arguments, name) is None for name in ('time', 'force', 'pulse')):
-        print(_shown(file, guess), file=sys.stderr)
+    found = imported(arguments.file, arguments)
+    _write(arguments, found.pulses, found.forces)
+    stamps = found.forces.stamp_ns
+    span = (stamps[-1] - stamps[0]) / 1e9 if len(stamps) else 0.0
+    print(f'{arguments.out}: {len(found.pulses)} pulses, {len(stamps)} samples, {span:.3f} s')
+    if found.guessed and not _asked(arguments):
+        print(labelled(found.facts), file=sys.stderr)
     return 0
 
 
-def _decided(file: 'SignalFile', arguments: argparse.Namespace, asked: bool) -> 'Guess':
-    """Return the guess; on a terminal, what cannot be guessed is asked for."""
-    from rpms_ros.recording.importing import Ambiguous
-    from rpms_ros.recording.importing import guessed
+def imported(path: Path, arguments: argparse.Namespace) -> 'Imported':
+    """Return what a file holds, as the options say; a terminal is asked for the rest."""
+    from rpms_ros.recording.importing import guess_by
+    from rpms_ros.recording.importing import import_file
 
-    given: dict[str, Any] = {name: getattr(arguments, name) for name in _NAMED}
+    asked = _asked(arguments)
+    options = signal_options(arguments)
+    return import_file(path, options, _questioned if asked else guess_by)
+
+
+def signal_options(arguments: argparse.Namespace) -> 'ImportOptions':
+    """Return what the command line says of a file."""
+    from rpms_ros.recording.importing import ImportOptions
+
+    return ImportOptions(
+        **{one.name: getattr(arguments, one.name) for one in fields(ImportOptions)}
+    )
+
+
+def _asked(arguments: argparse.Namespace) -> bool:
+    return sys.stdin.isatty() and sys.stderr.isatty() and not arguments.yes
+
+
+def _questioned(file: 'SignalFile', options: 'ImportOptions') -> 'Guess':
+    """Return the guess; what cannot be guessed is asked for, and then whether it is right."""
+    from rpms_ros.recording.importing import Ambiguous
+    from rpms_ros.recording.importing import guess_by
+
     while True:
         try:
-            return guessed(
-                file,
-                **given,
-                sampling_rate_hz=arguments.sampling_rate,
-                force_scale=arguments.force_scale,
-            )
+            guess = guess_by(file, options)
+            break
         except Ambiguous as error:
             name = error.option.removeprefix('--').replace('-', '_')
-            if not asked or given[name] is not None:
+            if getattr(options, name) is not None:
                 raise
             print(f'{error}\n{_numbered(error.candidates)}', file=sys.stderr)
-            given[name] = _chosen(error.candidates)
+            answer: dict[str, Any] = {name: _chosen(error.candidates)}
+            options = replace(options, **answer)
+    if not _agreed(file, guess):
+        raise RecordingError('expected the guess to be accepted; the options decide otherwise')
+    return guess
 
 
 def _numbered(names: tuple[str, ...]) -> str:
@@ -135,17 +156,13 @@ def _shown(file: 'SignalFile', guess: 'Guess') -> str:
     return labelled([('file', ', '.join((file.kind, *file.facts))), *guess.reasons])
 
 
-def _write(arguments: argparse.Namespace, pulses: Any, forces: Any) -> None:
+def _write(arguments: argparse.Namespace, pulses: 'PulseTrain', forces: 'ForceTrace') -> None:
     """Write the recording beside its place and move it there as a whole."""
     from rpms_ros.recording import write_recording
+    from rpms_ros.recording.exporting import written_whole
 
-    parent = arguments.out.resolve().parent
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix='.import-', dir=parent) as folder:
-            made = Path(folder) / arguments.out.name
-            custom = {'source': arguments.file.name}
-            write_recording(made, pulses, forces, storage=arguments.storage, custom=custom)
-            made.rename(arguments.out)
-    except OSError as error:
-        raise RecordingError(f'expected to write {arguments.out}, got {error}') from error
+    def write(made: Path) -> None:
+        custom = {'source': arguments.file.name}
+        write_recording(made, pulses, forces, storage=arguments.storage, custom=custom)
+
+    written_whole(arguments.out, write)

@@ -16,10 +16,10 @@ from rpms_ros.cli.study_work import Row
 from rpms_ros.cli.study_work import StudyOptions
 from rpms_ros.cli.study_work import columns
 from rpms_ros.errors import RecordingError
+from rpms_ros.printable import spreadsheet_text
 from rpms_ros.recording.files import READERS
 
 _VERSION = 1
-_FORMULA_STARTS = ('=', '+', '-', '@', '\t', '\r')
 
 
 # By these a folder or a file is known as something that a command of this package has written.
@@ -177,10 +177,8 @@ class StudyTable:
 
 
 def _cell(value: object) -> object:
-    """Return a value that no spreadsheet takes for a formula: such a text gets an apostrophe."""
-    if isinstance(value, str) and value.startswith(_FORMULA_STARTS):
-        return f"'{value}"
-    return value
+    """Return a value that no spreadsheet takes for a formula."""
+    return spreadsheet_text(value) if isinstance(value, str) else value
 
 
 def _replace(path: Path, text: str) -> None:

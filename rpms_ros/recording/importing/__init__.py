@@ -9,15 +9,23 @@ from rpms_ros.recording.importing.reader import read_signals
 from rpms_ros.recording.importing.signals import Events
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.whole_file import Imported
+from rpms_ros.recording.importing.whole_file import ImportOptions
+from rpms_ros.recording.importing.whole_file import guess_by
+from rpms_ros.recording.importing.whole_file import import_file
 
 __all__ = [
     'Ambiguous',
     'Events',
     'Guess',
     'ImportChoices',
+    'ImportOptions',
+    'Imported',
     'Signal',
     'SignalFile',
     'converted',
+    'guess_by',
     'guessed',
+    'import_file',
     'read_signals',
 ]

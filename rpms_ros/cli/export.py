@@ -1,0 +1,140 @@
+"""``rpms export``: a recording as files of other programs."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rpms_ros.cli.import_file import add_signal_options
+from rpms_ros.cli.import_file import imported
+from rpms_ros.cli.import_file import signal_options
+from rpms_ros.cli.options import INCOMPLETE
+from rpms_ros.cli.options import SUCCESS
+from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import read
+from rpms_ros.cli.options import warn
+from rpms_ros.errors import RecordingError
+
+if TYPE_CHECKING:
+    from rpms_ros.recording.exporting import SessionExport
+
+FORMATS = ('csv', 'mat', 'bids')
+_OF_RECORDINGS = {
+    'pulses_topic': 'pulses', 'force_topic': 'force', 'axis': 'z', 'max_memory': None,
+}  # fmt: skip
+_DESCRIPTION = """\
+Writes force, pulses and recorded estimates for other programs: a folder of CSV files, a MATLAB
+file (version 5), or a BIDS dataset with the stimulation as NIBS-BIDS (BEP 037, a draft) has it.
+Every number is written with all of its digits: `rpms import` reads the same numbers again.  A
+file of a laboratory is taken too, as `rpms import` takes it.  Nothing is replaced.
+"""
+_EXAMPLES = """\
+  rpms export bags/sample --to csv --out sample_csv       force.csv, pulses.csv, session.json
+  rpms export session --to mat --out session.mat
+  rpms export session --to bids --out dataset --subject 07 --session 2 --anonymous
+  rpms import dataset --out again                         the same numbers again
+exit codes: 0 well, 1 the recording has faults, 2 not possible
+"""
+
+
+def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
+    """Add the command to the command line."""
+    parser = add_command(
+        subparsers, 'export', run, 'a recording as files of other programs', _DESCRIPTION,
+        _EXAMPLES,
+    )  # fmt: skip
+    text = 'recording, or a file that rpms import takes'
+    parser.add_argument('bag', type=Path, metavar='SESSION', help=text)
+    parser.add_argument('--to', required=True, choices=FORMATS, help='what is written')
+    text = 'new folder; new file of MATLAB'
+    parser.add_argument('--out', type=Path, required=True, metavar='PLACE', help=text)
+    text = 'leave out date, name and notes; times begin at 0'
+    parser.add_argument('--anonymous', action='store_true', help=text)
+    group = parser.add_argument_group('names of a BIDS dataset (letters and digits)')
+    add_option(group, '--subject LABEL', '01', 'of the person')
+    add_option(group, '--session LABEL', '', 'of the visit, if there are several')
+    add_option(group, '--task LABEL', 'rpms', 'of what was done')
+    text = 'which recording of the visit, from 1'
+    add_option(group, '--run N', None, text, type=int, dest='run_number')
+    add_reading_options(parser)
+    add_signal_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Export the session and say what was written."""
+    from rpms_ros.recording.exporting import BidsNames
+    from rpms_ros.recording.exporting import write_bids
+    from rpms_ros.recording.exporting import write_matlab
+    from rpms_ros.recording.exporting import write_tables
+    from rpms_ros.recording.exporting import written_whole
+
+    names = BidsNames(arguments.subject, arguments.task, arguments.session, arguments.run_number)
+    if arguments.to != 'bids' and names != BidsNames():
+        raise RecordingError(
+            f'expected names of a dataset with --to bids, got --to {arguments.to}'
+        )
+    if arguments.to == 'mat' and arguments.out.suffix.lower() != '.mat':
+        raise RecordingError(f'expected a file that ends with .mat, got {arguments.out}')
+    session, findings = _session(arguments)
+
+    def write(place: Path) -> None:
+        if arguments.to == 'bids':
+            write_bids(place, session, names)
+        else:
+            {'csv': write_tables, 'mat': write_matlab}[arguments.to](place, session)
+
+    written_whole(arguments.out, write)
+    rows = 0 if session.estimates is None else len(session.estimates.stamp_ns)
+    counts = f'{len(session.pulses)} pulses, {len(session.forces)} samples'
+    print(f'{arguments.out}: {counts}, {rows} estimates')
+    warn(findings)
+    return INCOMPLETE if findings else SUCCESS
+
+
+def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple[str, str]]]:
+    """Return what is exported, and what was wrong with it."""
+    from rpms_ros.pulses import ForceTrace
+    from rpms_ros.recording import session_hash
+    from rpms_ros.recording.exporting import SessionExport
+    from rpms_ros.recording.exporting import is_export
+    from rpms_ros.recording.files import READERS
+    from rpms_ros.recording.reading import held_bytes
+    from rpms_ros.report.estimate_table import estimate_table
+    from rpms_ros.report.recorded import recorded_messages
+
+    path = arguments.bag
+    name = path.resolve().name
+    recorded = path.name.removesuffix('.zstd').endswith(tuple(READERS)) or (
+        path.is_dir() and not is_export(path)
+    )
+    if not recorded:
+        for option, default in _OF_RECORDINGS.items():
+            if getattr(arguments, option) != default:
+                raise RecordingError(
+                    f'expected --{option.replace("_", "-")} with a recording, got {path}'
+                )
+        found = imported(path, arguments)
+        forces = ForceTrace(found.forces.stamp_ns, arguments.sign * found.forces.force)
+        return SessionExport(name, found.pulses, forces, anonymous=arguments.anonymous), []
+    if given := signal_options(arguments).given():
+        raise RecordingError(
+            f'expected --{given[0].replace("_", "-")} with a file of a laboratory, got {path}'
+        )
+    recording = read(path, arguments)
+    nodes = recorded_messages(path, memory=arguments.max_memory, held=held_bytes(recording))
+    unit = nodes.estimates[-1].unit if nodes.estimates else 'N'
+    findings = [('warning', remark) for remark in recording.facts.remarks]
+    if nodes.unreadable:
+        findings.append(('warning', f'{nodes.unreadable} messages could not be decoded'))
+    session = SessionExport(
+        name,
+        recording.pulses,
+        recording.forces,
+        unit,
+        estimate_table(nodes.estimates) if nodes.estimates else None,
+        session_hash(recording),
+        recording.facts.custom,
+        arguments.anonymous,
+    )
+    return session, findings

@@ -1,0 +1,137 @@
+"""CSV files in a folder, and one MATLAB file."""
+
+import csv
+import json
+from collections.abc import Iterable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import savemat
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.printable import printable
+from rpms_ros.printable import spreadsheet_text
+from rpms_ros.recording.exporting.content import FORCE_COLUMNS
+from rpms_ros.recording.exporting.content import INTENSITY
+from rpms_ros.recording.exporting.content import SEQUENCE
+from rpms_ros.recording.exporting.content import TIME
+from rpms_ros.recording.exporting.content import WIDTH
+from rpms_ros.recording.exporting.content import EstimateTable
+from rpms_ros.recording.exporting.content import SessionExport
+from rpms_ros.recording.exporting.content import column_names
+from rpms_ros.recording.exporting.content import seconds
+from rpms_ros.recording.exporting.content import seconds_text
+
+FACTS, FORCE, PULSES, ESTIMATES = 'session.json', 'force.csv', 'pulses.csv', 'estimates.csv'
+"""Files of a folder of CSV."""
+MARK = 'rpms_ros_session'
+"""Variable of a MATLAB file by which it is known as an export."""
+
+
+def write_tables(folder: Path, session: SessionExport) -> None:
+    """Write a folder of CSV files and ``session.json``.
+
+    Numbers have as many digits as it takes to read the same number again; times have all of their
+    nanoseconds.
+
+    Parameters
+    ----------
+    folder : Path
+        Does not exist yet.
+    session : SessionExport
+        What is written.
+    """
+    folder.mkdir()
+    origin = session.origin_ns
+    force = session.forces
+    text = json.dumps(session.facts(), allow_nan=False, indent=1)
+    (folder / FACTS).write_text(text, encoding='utf-8')
+    columns: dict[str, Sequence[Any]] = {
+        TIME: seconds_text(force.stamp_ns, origin),
+        FORCE_COLUMNS[session.unit]: force.force.tolist(),
+    }
+    _write_csv(folder / FORCE, columns)
+    pulses = session.pulses
+    columns = {
+        TIME: seconds_text(pulses.onset_ns, origin),
+        INTENSITY: pulses.intensity.tolist(),
+        WIDTH: pulses.width.tolist(),
+        SEQUENCE: pulses.sequence.tolist(),
+    }
+    _write_csv(folder / PULSES, columns)
+    if session.estimates is not None:
+        _write_csv(folder / ESTIMATES, estimate_columns(session.estimates, origin))
+
+
+def estimate_columns(table: EstimateTable, origin_ns: int) -> dict[str, Sequence[Any]]:
+    """Return the columns of estimates, their names and texts such that no program runs them."""
+    names = column_names((*table.texts, *table.numbers))
+    texts = ([spreadsheet_text(printable(one)) for one in row] for row in table.texts.values())
+    columns = [*texts, *(values.tolist() for values in table.numbers.values())]
+    return {
+        TIME: seconds_text(table.stamp_ns, origin_ns),
+        **dict(zip(names, columns, strict=True)),
+    }
+
+
+def _write_csv(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
+    rows: Iterable[tuple[Any, ...]] = zip(*columns.values(), strict=True)
+    with path.open('w', newline='', encoding='utf-8') as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(rows)
+
+
+def write_matlab(path: Path, session: SessionExport) -> None:
+    """Write a MATLAB file of version 5, with a structure for each table.
+
+    ``force`` and ``pulses`` have their times twice: ``time_s``, and ``stamp_ns`` as whole
+    nanoseconds, which are exact.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    session : SessionExport
+        What is written.
+
+    Raises
+    ------
+    RecordingError
+        If it does not fit into a file of version 5, whose variables have 4 GB at most.
+    """
+    origin, shift = session.origin_ns, session.origin_ns - session.stated_origin_ns
+    forces, pulses = session.forces, session.pulses
+    facts = session.facts()
+    content: dict[str, Any] = {
+        MARK: {
+            **{name: value for name, value in facts.items() if isinstance(value, str | int)},
+            'notes': json.dumps(facts.get('notes', {})),
+        },
+        'force': {
+            TIME: seconds(forces.stamp_ns, origin),
+            'stamp_ns': forces.stamp_ns - shift,
+            FORCE_COLUMNS[session.unit]: forces.force,
+        },
+        'pulses': {
+            TIME: seconds(pulses.onset_ns, origin),
+            'stamp_ns': pulses.onset_ns - shift,
+            INTENSITY: pulses.intensity,
+            WIDTH: pulses.width,
+            SEQUENCE: pulses.sequence,
+        },
+    }
+    if (table := session.estimates) is not None:
+        names = column_names((*table.texts, *table.numbers))
+        texts = [np.array(row, dtype=object) for row in table.texts.values()]
+        columns = dict(zip(names, (*texts, *table.numbers.values()), strict=True))
+        content['estimates'] = {TIME: seconds(table.stamp_ns, origin), **columns}
+    try:
+        savemat(path, content, do_compression=True, long_field_names=True, oned_as='column')
+    except (OverflowError, ValueError) as error:
+        raise RecordingError(
+            f'expected a session that fits into a MATLAB file, got {error}; --to csv takes any'
+        ) from error

@@ -1,0 +1,138 @@
+"""One file of a laboratory as pulses and force: read, guessed, converted."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from dataclasses import fields
+from pathlib import Path
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording.csv_import import GateSettings
+from rpms_ros.recording.exporting import is_export
+from rpms_ros.recording.exporting import read_export
+from rpms_ros.recording.importing.conversion import ImportChoices
+from rpms_ros.recording.importing.conversion import converted
+from rpms_ros.recording.importing.guess import Guess
+from rpms_ros.recording.importing.guess import guessed
+from rpms_ros.recording.importing.reader import read_signals
+from rpms_ros.recording.importing.signals import SignalFile
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions:
+    """What is what in a file; what is None is guessed, or taken from the file.
+
+    Attributes
+    ----------
+    time, force, pulse : str or None
+        Names of the columns or signals; of the pulses also a list of trigger times.
+    time_unit, force_unit : str or None
+        Units.
+    force_scale : float or None
+        Newtons of one unit of the force signal.
+    sampling_rate : float or None
+        Rate of a table without times [Hz].
+    threshold : float or None
+        Level of a gate between rest and pulse.
+    intensity : float
+        Share of the stimulator's maximum of every pulse, 0 to 1.
+    block : int or None
+        Block of a LabChart file, from 1.
+    sheet : str or None
+        Sheet of a workbook.
+    """
+
+    time: str | None = None
+    force: str | None = None
+    pulse: str | None = None
+    time_unit: str | None = None
+    force_unit: str | None = None
+    force_scale: float | None = None
+    sampling_rate: float | None = None
+    threshold: float | None = None
+    intensity: float = 1.0
+    block: int | None = None
+    sheet: str | None = None
+
+    def given(self) -> list[str]:
+        """Return the names of the options that are not left at their defaults."""
+        return [one.name for one in fields(self) if getattr(self, one.name) != one.default]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Pulses and force of a file.
+
+    Attributes
+    ----------
+    pulses, forces : PulseTrain, ForceTrace
+        What it holds.
+    facts : tuple of (str, str)
+        How it was read and what was guessed, for people.
+    guessed : bool
+        Whether anything was.
+    """
+
+    pulses: PulseTrain
+    forces: ForceTrace
+    facts: tuple[tuple[str, str], ...]
+    guessed: bool
+
+
+def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
+    """Return what is taken for what; raises as `guessed` does."""
+    return guessed(
+        file,
+        time=options.time,
+        force=options.force,
+        pulse=options.pulse,
+        time_unit=options.time_unit,
+        force_unit=options.force_unit,
+        sampling_rate_hz=options.sampling_rate,
+        force_scale=options.force_scale,
+    )
+
+
+def import_file(
+    path: Path,
+    options: ImportOptions,
+    decide: Callable[[SignalFile, ImportOptions], Guess] = guess_by,
+) -> Imported:
+    """Return pulses and force of a file, or of an export of this package.
+
+    Parameters
+    ----------
+    path : Path
+        Any file that `read_signals` reads; a folder or file that `rpms export` wrote.
+    options : ImportOptions
+        What is what.
+    decide : callable
+        Guesses the rest; a terminal is asked here.
+
+    Raises
+    ------
+    Ambiguous
+        If something cannot be guessed.
+    RecordingError
+        If the file cannot be read, or an option does not fit it.
+    """
+    if is_export(path):
+        if names := options.given():
+            raise RecordingError(
+                f'expected no options for an export, in which everything is stated, got '
+                f'{", ".join(names)} with {path}'
+            )
+        pulses, forces = read_export(path)
+        return Imported(pulses, forces, (('file', 'export of rpms'),), guessed=False)
+    choices = ImportChoices(
+        GateSettings(options.threshold, options.intensity),
+        options.sampling_rate,
+        options.force_scale,
+    )
+    file = read_signals(path, options.block, options.sheet)
+    guess = decide(file, options)
+    pulses, forces = converted(file, guess, choices)
+    facts = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons)
+    named = None not in (options.time, options.force, options.pulse)
+    return Imported(pulses, forces, facts, guessed=not named)

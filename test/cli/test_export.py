@@ -1,0 +1,360 @@
+"""rpms export: other readers open it, and rpms import reads the same numbers again."""
+
+import csv
+import gzip
+import json
+from array import array
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import loadmat
+
+from rpms_ros import messages
+from rpms_ros.identification import CONVERGED
+from rpms_ros.identification import Estimate
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import FurtherTopic
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import session_hash
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.definitions import known_types
+
+Rpms = Callable[..., tuple[int, str, str]]
+FORMATS = ('csv', 'mat', 'bids')
+HOSTILE = '=HYPERLINK("http://x","a")\t\nb'
+NOTE = '=Ada Lovelace'
+START = 1_700_000_000_123_456_789
+
+
+def estimate(stamp_ns: int, name: str = 'u_thr') -> Estimate:
+    return Estimate(
+        stamp_ns=stamp_ns,
+        estimator=HOSTILE,
+        nonlinear_names=(name, 'u_sat'),
+        nonlinear=np.array([0.5, 0.9]),
+        nonlinear_covariance=np.diag([0.01, 0.04]),
+        nonlinear_identifiability=np.array([CONVERGED, 0]),
+        linear_names=(),
+        linear=np.empty(0),
+        repetition_rate=20.0,
+        curve_intensity=np.linspace(0.0, 1.0, 5),
+        curve_force=np.linspace(0.0, 8.0, 5),
+        curve_lower=np.linspace(0.0, 7.0, 5),
+        curve_upper=np.linspace(0.0, 9.0, 5),
+        response_time=np.array([0.0, 0.1]),
+        response_force=np.array([0.0, 1.0]),
+        physiology_names=('latency_s',),
+        physiology=np.array([0.009]),
+        physiology_lower=np.array([0.008]),
+        physiology_upper=np.array([0.010]),
+        confidence=0.95,
+        output_error=0.02,
+        samples=100,
+        pulses=3,
+        faults={HOSTILE: 2},
+    )
+
+
+def estimates_topic(estimates: list[Estimate]) -> FurtherTopic:
+    types = known_types()
+    built = [messages.estimate_message(one, types.types) for one in estimates]
+    for message in built:
+        # rosbags takes arrays of NumPy only
+        for name, value in vars(message).items():
+            if isinstance(value, array):
+                setattr(message, name, np.array(value))
+    kind = messages.MUSCLE_ESTIMATE
+    encoded = [bytes(types.serialize_cdr(message, kind)) for message in built]
+    return FurtherTopic('/estimate', kind, [one.stamp_ns for one in estimates], encoded)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    """A short session of an awkward start, with odd numbers, a gap and estimates."""
+    random = np.random.default_rng(1)
+    stamps = START + np.cumsum(random.integers(900_000, 1_100_000, 200))
+    force = random.normal(size=200)
+    force[[3, 7]] = np.nan, 1e-300
+    pulses = PulseTrain(
+        stamps[[0, 50, 120]] - [250_000_000, 1, -1],
+        np.array([0.07, 1 / 3, 1.0]),
+        np.array([7, 8, 10]),
+        np.array([1e-4, 2.5e-4, 1e-4]),
+    )
+    path = tmp_path / 'session'
+    estimates = [estimate(int(stamps[99]), HOSTILE), estimate(int(stamps[199]))]
+    further = [estimates_topic(estimates)]
+    custom = {'patient': NOTE}
+    write_recording(path, pulses, ForceTrace(stamps, force), custom=custom, further=further)
+    return path
+
+
+def exported(rpms: Rpms, session: Path, kind: str, *options: object) -> Path:
+    place = session.with_name('exported.mat' if kind == 'mat' else f'exported-{kind}')
+    code, out, err = rpms('export', session, '--to', kind, '--out', place, *options)
+    assert (code, err) == (0, '')
+    assert out == f'{place}: 3 pulses, 200 samples, 2 estimates\n'
+    return place
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_what_was_exported_imports_again_with_the_same_numbers(
+    rpms: Rpms, session: Path, kind: str
+) -> None:
+    place = exported(rpms, session, kind)
+    again = session.with_name('again')
+    code, out, err = rpms('import', place, '--out', again)
+    assert (code, err) == (0, '')
+    assert out.startswith(f'{again}: 3 pulses, 200 samples')
+    before, after = read_recording(session), read_recording(again)
+    assert session_hash(after) == session_hash(before)
+    np.testing.assert_array_equal(after.forces.force, before.forces.force)
+    np.testing.assert_array_equal(after.pulses.intensity, before.pulses.intensity)
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_the_result_of_what_was_exported_is_the_same(
+    rpms: Rpms,
+    as_json: Callable[..., dict[str, Any]],
+    short_session: Path,
+    tmp_path: Path,
+    kind: str,
+) -> None:
+    place = tmp_path / ('a.mat' if kind == 'mat' else 'a')
+    assert rpms('export', short_session, '--to', kind, '--out', place)[0] == 0
+    assert rpms('import', place, '--out', tmp_path / 'again')[0] == 0
+    before = as_json('identify', short_session, '--estimator', 'batch', '--json')
+    assert as_json('identify', tmp_path / 'again', '--estimator', 'batch', '--json') == before
+
+
+def test_pandas_reads_the_tables(rpms: Rpms, session: Path) -> None:
+    folder = exported(rpms, session, 'csv')
+    recording = read_recording(session)
+    force = pd.read_csv(folder / 'force.csv')
+    assert list(force) == ['time_s', 'force_N']
+    np.testing.assert_array_equal(force['force_N'], recording.forces.force)
+    stamps = recording.forces.stamp_ns
+    # a nanosecond is the last digit that is written
+    np.testing.assert_allclose(force['time_s'], (stamps - stamps[0]) / 1e9, atol=1e-9)
+    pulses = pd.read_csv(folder / 'pulses.csv')
+    assert pulses['sequence'].tolist() == [7, 8, 10]
+    np.testing.assert_array_equal(pulses['intensity'], recording.pulses.intensity)
+    facts = json.loads((folder / 'session.json').read_text())
+    assert facts['origin_ns'] == str(stamps[0])
+    assert facts['session_hash'] == session_hash(recording)
+    assert facts['notes'] == {'patient': NOTE}
+
+
+def test_estimates_are_a_table_that_no_spreadsheet_runs(rpms: Rpms, session: Path) -> None:
+    folder = exported(rpms, session, 'csv')
+    with (folder / 'estimates.csv').open(newline='') as file:
+        rows = list(csv.reader(file))
+    assert all(not cell.startswith(('=', '+', '@', '\t')) for row in rows for cell in row)
+    assert all(name.isidentifier() and name.isascii() for name in rows[0])
+    table = pd.read_csv(folder / 'estimates.csv')
+    assert table['u_thr'].isna().tolist() == [True, False]
+    assert table['u_sat_deviation'].tolist() == [0.2, 0.2]
+    assert table['u_sat_determined'].tolist() == ['not informed'] * 2
+    assert table['steady_force_50'].tolist() == [4.0, 4.0]
+    assert table['steady_force_100_upper'].tolist() == [9.0, 9.0]
+    assert table['latency_s_lower'].tolist() == [0.008, 0.008]
+    assert json.loads(table['faults'][0]) == {HOSTILE: 2}
+
+
+def test_scipy_reads_the_matlab_file(rpms: Rpms, session: Path) -> None:
+    content = loadmat(exported(rpms, session, 'mat'), simplify_cells=True)
+    recording = read_recording(session)
+    assert content['force']['stamp_ns'].tolist() == recording.forces.stamp_ns.tolist()
+    np.testing.assert_array_equal(content['force']['force_N'], recording.forces.force)
+    assert content['pulses']['intensity'].tolist() == recording.pulses.intensity.tolist()
+    assert content['estimates']['steady_force_50'].tolist() == [4.0, 4.0]
+    assert content['rpms_ros_session']['unit'] == 'N'
+
+
+def test_bids_has_the_fields_of_the_draft(rpms: Rpms, session: Path) -> None:
+    options = ('--subject', '07', '--session', '2', '--run', '3', '--task', 'leg')
+    folder = exported(rpms, session, 'bids', *options)
+    start = 'sub-07_ses-2_task-leg_run-3'
+    visit = folder / 'sub-07' / 'ses-2'
+    events = pd.read_csv(visit / 'beh' / f'{start}_events.tsv', sep='\t')
+    nibs = pd.read_csv(visit / 'nibs' / f'{start}_nibs.tsv', sep='\t')
+    assert list(events)[:3] == ['onset', 'duration', 'nibs_event_id']
+    assert list(nibs)[:2] == ['nibs_event_id', 'nibs_type']
+    assert set(nibs['nibs_type']) == {'PNS'}
+    assert nibs['nibs_event_id'].is_unique
+    assert set(events['nibs_event_id']) == set(nibs['nibs_event_id'])
+    # a third, in per cent, with every digit
+    assert nibs['stimulus_intensity'].tolist() == [7.0, float('33.33333333333333'), 100.0]
+    sidecar = json.loads((visit / 'nibs' / f'{start}_nibs.json').read_text())
+    assert set(nibs) <= set(sidecar)
+    assert sidecar['stimulus_intensity']['Units'] == '% Maximum Stimulator Output'
+    assert sidecar['IntendedFor'] == f'bids::sub-07/ses-2/beh/{start}_events.tsv'
+    physio = visit / 'beh' / f'{start}_recording-force_physio'
+    described = json.loads(physio.with_suffix('.json').read_text())
+    with gzip.open(physio.with_suffix('.tsv.gz'), 'rt') as file:
+        force = pd.read_csv(file, sep='\t', header=None, names=described['Columns'])
+    assert force['force'].isna().sum() == 1
+    assert described['SamplingFrequency'] == pytest.approx(1000.0, rel=0.05)
+    scans = pd.read_csv(visit / 'sub-07_ses-2_scans.tsv', sep='\t')
+    assert (visit / scans['filename'][0]).is_file()
+    assert scans['acq_time'][0].startswith('2023-11-14T22:13:20.')
+    derived = folder / 'derivatives/rpms_ros/sub-07/ses-2/beh'
+    table = pd.read_csv(derived / f'{start}_desc-estimates_timeseries.tsv', sep='\t')
+    assert len(table) == 2
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_anonymous_leaves_out_date_name_and_notes(rpms: Rpms, session: Path, kind: str) -> None:
+    named = session.rename(session.with_name('Ada'))
+    place = exported(rpms, named, kind, '--anonymous')
+    files = [place] if place.is_file() else [one for one in place.rglob('*') if one.is_file()]
+    content = b'\n'.join(
+        gzip.decompress(one.read_bytes()) if one.suffix == '.gz' else one.read_bytes()
+        for one in files
+    )
+    if kind == 'mat':
+        content = repr(loadmat(place, simplify_cells=True)).encode()
+    for secret in (b'Ada', b'1700000000', b'2023-11'):
+        assert secret not in content
+    assert rpms('import', place, '--out', named.with_name('again'))[0] == 0
+    again = read_recording(named.with_name('again'))
+    before = read_recording(named)
+    assert again.pulses.onset_ns[0] == 0
+    np.testing.assert_array_equal(np.diff(again.forces.stamp_ns), np.diff(before.forces.stamp_ns))
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_nothing_is_replaced_and_nothing_is_half_written(
+    rpms: Rpms, session: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = session.with_name('there.mat')
+    place.write_text('mine')
+    code, _, err = rpms('export', session, '--to', kind, '--out', place)
+    assert code == 2
+    assert 'expected nothing at' in err
+    assert place.read_text() == 'mine'
+    place.unlink()
+    before = sorted(session.parent.iterdir())
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError('disk full')
+
+    name = {'csv': 'tables.estimate_columns', 'mat': 'tables.savemat'}.get(
+        kind, 'bids.estimate_columns'
+    )
+    monkeypatch.setattr(f'rpms_ros.recording.exporting.{name}', full)
+    code, _, err = rpms('export', session, '--to', kind, '--out', place)
+    assert code == 2
+    assert err.endswith('got disk full\n')
+    assert sorted(session.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (('--to', 'mat', '--out', 'a'), 'expected a file that ends with .mat'),
+        (('--to', 'csv', '--out', 'a', '--subject', '2'), 'expected names of a dataset'),
+        (('--to', 'bids', '--out', 'a', '--subject', '../x'), 'expected a subject of letters'),
+        (('--to', 'bids', '--out', 'a', '--task', ''), "expected a task of letters.*got ''"),
+        (('--to', 'bids', '--out', 'a', '--run', '0'), 'expected a run from 1, got 0'),
+        (('--to', 'csv', '--out', 'a', '--block', '1'), 'expected --block with a file of'),
+    ],
+)
+def test_what_does_not_fit_is_named(
+    rpms: Rpms, session: Path, options: tuple[str, ...], message: str
+) -> None:
+    code, _, err = rpms('export', session, *options)
+    assert code == 2
+    assert pytest.raises(AssertionError, match=message).matches(AssertionError(err)) is True
+
+
+def test_a_table_is_exported_as_it_is_imported(rpms: Rpms, tmp_path: Path) -> None:
+    table = tmp_path / 'trial.csv'
+    rows = [f'{k};{0.1 * k:.1f};{5 * (k % 10 == 5)}' for k in range(40)]
+    table.write_text('\n'.join(['time;force;trigger', *rows]))
+    options = ('--to', 'csv', '--intensity', '0.5', '--sign', '-1')
+    code, _, err = rpms('export', table, '--out', tmp_path / 'out', *options)
+    assert (code, err) == (0, '')
+    force = pd.read_csv(tmp_path / 'out' / 'force.csv')
+    assert force['force_N'].tolist()[:3] == [-0.0, -0.1, -0.2]
+    assert set(pd.read_csv(tmp_path / 'out' / 'pulses.csv')['intensity']) == {0.5}
+    code, _, err = rpms('export', table, '--to', 'csv', '--out', tmp_path / 'b', '--axis', 'x')
+    assert code == 2
+    assert 'expected --axis with a recording' in err
+
+
+DAMAGE: dict[str, tuple[str, Callable[[str], str]]] = {
+    'not json': ('session.json', lambda text: text[:-5]),
+    'another version': ('session.json', lambda text: text.replace('"version": 1', '"version": 2')),
+    'no origin': ('session.json', lambda text: text.replace('origin_ns', 'x')),
+    'origin beyond 64 bits': ('session.json', lambda text: text.replace('"17000', '"99999917000')),
+    'a column less': ('pulses.csv', lambda text: text.replace('width_s', 'w')),
+    'a short row': ('force.csv', lambda text: text + '1.0\n'),
+    'a word': ('force.csv', lambda text: text + '0.3,many\n'),
+    'a time far off': ('force.csv', lambda text: text + '1e999999999,1\n'),
+    'no time': ('force.csv', lambda text: text + 'nan,1\n'),
+    'per cent': ('pulses.csv', lambda text: text + '0.1,35.0,1e-4,11\n'),
+    'nothing': ('pulses.csv', lambda _: ''),
+}
+
+
+@pytest.mark.parametrize('damage', DAMAGE)
+def test_a_damaged_export_is_refused(rpms: Rpms, session: Path, damage: str) -> None:
+    folder = exported(rpms, session, 'csv')
+    name, change = DAMAGE[damage]
+    (folder / name).write_text(change((folder / name).read_text()))
+    code, _, err = rpms('import', folder, '--out', session.with_name('again'))
+    assert code == 2
+    assert err.startswith('rpms: error: expected ')
+    assert err.count('\n') == 1
+    assert not session.with_name('again').exists()
+
+
+def test_flipped_bits_never_end_in_a_traceback(rpms: Rpms, session: Path) -> None:
+    random = np.random.default_rng(2)
+    for kind in FORMATS:
+        place = exported(rpms, session, kind)
+        files = [place] if place.is_file() else sorted(place.rglob('*.*'))
+        for file in (one for one in files if one.is_file()):
+            whole = file.read_bytes()
+            for _ in range(4):
+                content = bytearray(whole)
+                content[random.integers(len(content))] ^= 1 << int(random.integers(8))
+                file.write_bytes(content)
+                again = session.with_name(f'again{random.integers(2**40)}')
+                code, _, err = rpms('import', place, '--out', again)
+                assert code in (0, 2)
+                assert (err == '') or err.startswith('rpms: error: expected ')
+            file.write_bytes(whole)
+
+
+def test_several_runs_are_told_apart_by_their_folders(rpms: Rpms, session: Path) -> None:
+    folder = exported(rpms, session, 'bids', '--session', '1')
+    visit = folder / 'sub-01' / 'ses-1'
+    other = folder / 'sub-01' / 'ses-2'
+    (other / 'beh').mkdir(parents=True)
+    (other / 'beh' / 'sub-01_ses-2_task-rpms_events.tsv').write_text('onset\n')
+    code, _, err = rpms('import', folder, '--out', session.with_name('again'))
+    assert code == 2
+    assert 'expected one run in' in err
+    assert rpms('import', visit, '--out', session.with_name('again'))[0] == 0
+
+
+def test_a_torque_is_named_as_one(rpms: Rpms, session: Path, tmp_path: Path) -> None:
+    recording = read_recording(session)
+    further = [estimates_topic([replace(estimate(int(START)), unit='N m')])]
+    path = tmp_path / 'torque'
+    write_recording(path, recording.pulses, recording.forces, further=further)
+    for kind in FORMATS:
+        place = tmp_path / f'{kind}.mat'
+        assert rpms('export', path, '--to', kind, '--out', place)[0] == 0
+        assert rpms('import', place, '--out', tmp_path / f'again-{kind}')[0] == 0
+        again = read_recording(tmp_path / f'again-{kind}')
+        np.testing.assert_array_equal(again.forces.force, recording.forces.force)
+    assert pd.read_csv(tmp_path / 'csv.mat' / 'force.csv').columns[1] == 'torque_Nm'
