@@ -71,8 +71,16 @@ class PulseQueue(Restorable):
             # No force comes: one array instead of many small ones.
             self._merge_arrived()
 
-    def settle(self, until_ns: int) -> tuple[IntArray, FloatArray]:
+    def settle(self, until_ns: int, cell_ns: int | None = None) -> tuple[IntArray, FloatArray]:
         """Return the pulses with onsets up to `until_ns`, ascending, that can be used.
+
+        Parameters
+        ----------
+        until_ns : int
+            How far pulses are settled [ns].
+        cell_ns : int or None
+            How far it was where a cell of the grid of the stamps began: far pulses are looked at
+            cell by cell, however a cell is cut into blocks; None: as `until_ns` [ns].
 
         Returns
         -------
@@ -81,7 +89,7 @@ class PulseQueue(Restorable):
         intensity : ndarray, shape (pulses,)
             Shares of the maximum, 0..1.
         """
-        come_near, given_up = self._far.come_near(until_ns)
+        come_near, given_up = self._far.come_near(until_ns if cell_ns is None else cell_ns)
         self._counter.add(faults.PULSE_FAR_AHEAD, given_up)
         self._arrived += come_near
         self._merge_arrived()

@@ -6,13 +6,16 @@ from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import PulseTrain
 
-# So long the force may go on before a stray pulse counts as late [ns].
+# So long the force goes on, at least, before a stray pulse counts as late [ns].
 _PATIENCE_NS = NANOSECONDS_PER_SECOND
 _MOST = 1000
 
 
 class StrayPulses(Restorable):
     """Keeps stray pulses until the force shows what they are.
+
+    Which pulses are kept follows from what has come, and when the others are late from what was
+    processed: neither depends on how the stream is cut into blocks.
 
     Parameters
     ----------
@@ -22,41 +25,47 @@ class StrayPulses(Restorable):
 
     _kept: deque[tuple[int, PulseTrain]]
     _count: int
-    _given_up: int
+    _late: deque[tuple[int, int]]
 
     def __init__(self, overtaking_ns: int) -> None:
         self._overtaking_ns = overtaking_ns
+        # As long as a pulse may be of a new time line, it is not late.
+        self._patience_ns = max(_PATIENCE_NS, overtaking_ns)
         self._kept = deque()
         self._count = 0
-        self._given_up = 0
+        self._late = deque()
 
     def add(self, pulses: PulseTrain, newest_ns: int) -> None:
         """Keep pulses (maybe none) that came when the newest force was at `newest_ns`."""
         if not len(pulses):
             return
+        while self._kept and self._kept[0][0] + self._overtaking_ns < newest_ns:
+            self._count -= len(self._kept.popleft()[1])
         kept = pulses[: max(_MOST - self._count, 0)]
-        self._given_up += len(pulses) - len(kept)
         if len(kept):
             self._kept.append((newest_ns, kept))
             self._count += len(kept)
+        before = self._late.pop()[1] if self._late and self._late[-1][0] == newest_ns else 0
+        self._late.append((newest_ns, before + len(pulses)))
 
     def taken(self, newest_ns: int) -> PulseTrain:
         """Return the pulses that came just before the clock jumped; the others count as late."""
         kept, self._kept, self._count = self._kept, deque(), 0
-        recent_ns = newest_ns - self._overtaking_ns
-        self._given_up += sum(len(train) for since, train in kept if since < recent_ns)
-        return PulseTrain.joined(
-            [PulseTrain.of([]), *(train for since, train in kept if since >= recent_ns)]
-        )
+        recent = [one for one in kept if one[0] >= newest_ns - self._overtaking_ns]
+        late = dict(self._late)
+        for since, train in recent:
+            late[since] -= len(train)
+        self._late = deque(late.items())
+        return PulseTrain.joined([PulseTrain.of([]), *(train for _, train in recent)])
 
     def given_up(self, until_ns: int | None) -> int:
         """Return how many turned out to be late when the force has come to `until_ns`.
 
         None: it ends here.
         """
-        while self._kept and (until_ns is None or self._kept[0][0] + _PATIENCE_NS <= until_ns):
-            train = self._kept.popleft()[1]
-            self._count -= len(train)
-            self._given_up += len(train)
-        count, self._given_up = self._given_up, 0
+        count = 0
+        while self._late and (until_ns is None or self._late[0][0] + self._patience_ns < until_ns):
+            count += self._late.popleft()[1]
+        if until_ns is None:
+            self._kept, self._count = deque(), 0
         return count

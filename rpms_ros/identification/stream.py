@@ -351,7 +351,11 @@ class IdentificationStream(RestorableWithSettings):
 
     def _settle(self, stamp_ns: int) -> tuple[IntArray, FloatArray]:
         """Hand over the pulses that are known at a sample; return those since the last one."""
-        onset, intensity = self._queue.settle(stamp_ns + self._pulse_look_ahead_ns)
+        cell_ns = self._pipeline.cell_ns
+        onset, intensity = self._queue.settle(
+            stamp_ns + self._pulse_look_ahead_ns,
+            stamp_ns // cell_ns * cell_ns + self._pulse_look_ahead_ns,
+        )
         self.estimator.add_pulses(onset, intensity)
         before, self._foreseen = self._foreseen, (onset[:0], intensity[:0])
         return np.concatenate((before[0], onset)), np.concatenate((before[1], intensity))

@@ -68,6 +68,10 @@ def spoil(arrivals: list[Arrival], kind: str, place: int, size: int) -> list[Arr
             for other in ((one,) if isinstance(one, Pulse) else (one, (one[0] + 1000, -one[1])))
         ]
         return before + doubled + after[4 * abs(size) :]
+    if kind == 'far pulse':
+        # so far that it is given up, or just not
+        stamp_ns = next((one[0] for one in after if not isinstance(one, Pulse)), START_NS)
+        return [*before, Pulse(stamp_ns + 20 * SECOND + size * MILLISECOND, 0.5, 0), *after]
     if kind == 'forged pulse':
         sequence = abs(size) % 7
         forged = Pulse(START_NS + size * SECOND, 0.5, sequence, 1e-4)
@@ -139,6 +143,80 @@ def test_live_is_replay(record, name, wrong, cuts, delay) -> None:
     for kind, place, size in wrong:
         arrivals = spoil(arrivals, kind, place, size)
     waiting = StreamSettings(reorder_delay=delay[0], pulse_look_ahead=delay[1])
+    check_live_is_replay(name, arrivals, cuts, waiting)
+
+
+SLOW_HZ = 50
+SLOW_SECONDS = 40
+PULSES_IN_A_SECOND = 20
+
+
+@pytest.fixture(scope='module')
+def slow_session(record) -> list[Arrival]:
+    """What a slow sensor tells of a long session."""
+    pulses, forces = record(
+        np.random.default_rng(9).uniform(size=PULSES_IN_A_SECOND * SLOW_SECONDS), START_NS
+    )
+    noise = 0.02 * np.random.default_rng(10).standard_normal(len(forces))
+    chosen = slice(None, None, 1000 // SLOW_HZ)
+    slow = ForceTrace(forces.stamp_ns[chosen], (forces.force + noise)[chosen])
+    return arrivals_of(pulses, slow)
+
+
+@pytest.mark.parametrize('name', ['recursive', 'horizon'])
+@settings(deadline=None, max_examples=max(EXAMPLES // 4, 1))
+@given(
+    wrong=st.lists(
+        st.tuples(
+            st.sampled_from((*KINDS, 'far pulse')), st.integers(0, 2800), st.integers(-700, 700)
+        ),
+        min_size=1,
+        max_size=12,
+    ),
+    cuts=st.lists(st.integers(0, 2800), max_size=40),
+)
+def test_live_is_replay_for_long_with_a_slow_sensor(slow_session, name, wrong, cuts) -> None:
+    arrivals = slow_session
+    for kind, place, size in wrong:
+        arrivals = spoil(arrivals, kind, place, size)
+    check_live_is_replay(name, arrivals, cuts, StreamSettings())
+
+
+def late_and_back(count: int, ahead_ns: int) -> list[Arrival]:
+    """A slow sensor, pulses much too late, and `ahead_ns` after them a clock that is set back."""
+    step_ns = SECOND // SLOW_HZ
+    samples = [(START_NS + index * step_ns, 0.0) for index in range(6 * SLOW_HZ)]
+    place = 3 * SLOW_HZ
+    late = [Pulse(START_NS + index * MILLISECOND, 0.5, index) for index in range(count)]
+    jump = place + ahead_ns // step_ns
+    back = [moved(one, -6 * SECOND) for one in samples[jump:]]
+    return [*samples[:place], *late, *samples[place:jump], *back]
+
+
+@pytest.mark.parametrize('ahead_ns', range(0, 2 * SECOND, 500 * MILLISECOND))
+@pytest.mark.parametrize(
+    ('name', 'count'), [('recursive', 3), ('recursive', 2500), ('tracking', 3)]
+)
+def test_late_pulses_count_at_one_time(name: str, ahead_ns: int, count: int) -> None:
+    arrivals = late_and_back(count, ahead_ns)
+    every_sample = list(range(len(arrivals)))
+    check_live_is_replay(name, arrivals, every_sample, StreamSettings())
+
+
+@pytest.mark.parametrize('after_ms', range(19_980, 20_300, 40))
+def test_far_pulses_are_given_up_at_one_time(after_ms: int) -> None:
+    step_ns = SECOND // SLOW_HZ
+    samples = [(START_NS + index * step_ns, 0.0) for index in range(12 * SLOW_HZ)]
+    far = Pulse(START_NS + after_ms * MILLISECOND, 0.5, 0)
+    arrivals = [samples[0], far, *samples[1:]]
+    # Before ten seconds it is not given up anyhow.
+    every_late_sample = list(range(9 * SLOW_HZ, len(arrivals)))
+    check_live_is_replay('recursive', arrivals, every_late_sample, StreamSettings())
+
+
+def check_live_is_replay(
+    name: str, arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings
+) -> None:
     expected = replayed(name, arrivals, waiting)
     found = live(name, arrivals, [cut for cut in cuts if cut < len(arrivals)], waiting)
     assert [one.stamp_ns for one in found] == [one.stamp_ns for one in expected]
