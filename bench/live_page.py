@@ -1,8 +1,9 @@
 """What the live page costs at 1 kHz, and whether a recording made beside it lacks anything.
 
 A simulated session as `rpms demo --live` starts it.  Beside it runs a plain rclpy node that hears
-the same topics and does nothing, in the quickest executor: that is rclpy's own taking.  The target
-is at most 5 % of a core above it, with a browser that draws every frame, and nothing lost.
+the same topics and does nothing, in the quickest executor.  The target is at most 5 % of a core
+with a browser that draws every frame, DDS included, and nothing lost.  Processor time on a machine
+with other work counts for more than on a free one: the plain node, in the same run, says how much.
 
 python bench/live_page.py [--duration 20]
 """
@@ -46,10 +47,19 @@ while True:
 """
 
 
-def processor_time(process: int) -> float:
-    """Processor time of a process so far, user and system [s]."""
-    fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+DDS = 'dds.'
+
+
+def processor_time(process: int) -> dict[str, float]:
+    """Processor time of a process so far, user and system [s]: all of it, and of DDS's threads."""
+    spent = {'all': 0.0, DDS: 0.0}
+    for task in Path(f'/proc/{process}/task').iterdir():
+        name, _, rest = (task / 'stat').read_text().partition('(')[2].rpartition(')')
+        fields = rest.split()
+        seconds = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+        spent['all'] += seconds
+        spent[DDS] += seconds if name.startswith(DDS) else 0.0
+    return spent
 
 
 class Browser(threading.Thread):
@@ -98,12 +108,14 @@ def free_port() -> int:
 
 
 def cores(launcher: SimulationLauncher, pids: dict[str, int], span: float) -> dict[str, float]:
-    """Cores that each process takes over the next `span` seconds."""
+    """Cores that each process, and DDS in the page, takes over the next `span` seconds."""
     begun = time.monotonic()
     before = {name: processor_time(pid) for name, pid in pids.items()}
     launcher.step(span)
     passed = time.monotonic() - begun
-    return {name: (processor_time(pid) - before[name]) / passed for name, pid in pids.items()}
+    after = {name: processor_time(pid) for name, pid in pids.items()}
+    loads = {name: (after[name]['all'] - before[name]['all']) / passed for name in pids}
+    return loads | {DDS: (after['page'][DDS] - before['page'][DDS]) / passed}
 
 
 def connected(launcher: SimulationLauncher, port: int) -> Browser:
@@ -164,7 +176,6 @@ def main(argv: list[str] | None = None) -> int:
         counts = launcher.recorder.counts
         lost = counts['force'].missing(FORCE_RATE)
         samples = counts['force'].messages
-    above = drawn['page'] - drawn['listener']
     print(f'live page, {FORCE_RATE:.0f} Hz, {span:g} s each')
     for name, load in (
         ('one browser', drawn),
@@ -172,17 +183,17 @@ def main(argv: list[str] | None = None) -> int:
         ('ten that never read', stuck),
     ):
         print(
-            f'  {name:<20} page {load["page"]:6.3f} cores, '
+            f'  {name:<20} page {load["page"]:6.3f} cores, {load[DDS]:6.3f} of them DDS; '
             f'plain rclpy node {load["listener"]:6.3f} cores'
         )
-    print(f"  above rclpy's own taking {above:.3f} cores (target < {LARGEST_LOAD})")
+    print(f'  with a browser {drawn["page"]:.3f} cores (target < {LARGEST_LOAD})')
     print(
         f'  frames {count / span:.1f} a second, {size / span / 1000:.1f} kB/s, '
         f'longest gap {1000 * max(gaps):.0f} ms, median {1000 * statistics.median(gaps):.0f} ms'
     )
     print(f'  first curve after {first_curve:.1f} s (target < 120)')
     print(f'  recording beside it: {samples} samples, lost {lost} (target 0)')
-    return 0 if above < LARGEST_LOAD and not lost and first_curve < 120.0 else 1
+    return 0 if drawn['page'] < LARGEST_LOAD and not lost and first_curve < 120.0 else 1
 
 
 if __name__ == '__main__':

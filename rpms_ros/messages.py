@@ -43,9 +43,6 @@ PULSE = 'rpms_msgs/msg/Pulse'
 MUSCLE_ESTIMATE = 'rpms_msgs/msg/MuscleEstimate'
 MUSCLE_TRUTH = 'rpms_msgs/msg/MuscleTruth'
 
-# Of a geometry_msgs/Vector3, serialised.
-_VECTOR_BYTES = 24
-
 
 def _fields_of(kind: Any, *apart: str) -> tuple[str, ...]:
     """Return the fields of an estimate of one type, but for those that are converted apart."""
@@ -139,27 +136,6 @@ def force_of(message: Any, axis: Axis, quantity: str = FORCE) -> tuple[int, floa
     """
     force = getattr(message.wrench, quantity)
     return nanoseconds(message.header.stamp), _along(axis, (force.x, force.y, force.z))
-
-
-def force_of_bytes(data: bytes, axis: Axis, quantity: str = FORCE) -> tuple[int, float]:
-    """Return what `force_of` does, of a serialised geometry_msgs/WrenchStamped.
-
-    Behind the stamp comes the frame, a text with its length, and then, at a multiple of eight
-    bytes, the force, and the torque behind it.
-
-    Raises
-    ------
-    MessageError
-        If the bytes are too few for this message.
-    """
-    try:
-        order = '<' if data[1] & 1 else '>'
-        seconds, rest, length = struct.unpack_from(f'{order}iII', data, 4)
-        start = 4 + -(-(12 + length) // 8) * 8 + (0 if quantity == FORCE else _VECTOR_BYTES)
-        force = struct.unpack_from(f'{order}3d', data, start)
-    except (struct.error, IndexError) as error:
-        raise MessageError(f'expected a serialised WrenchStamped, got {error}') from error
-    return int(seconds) * NANOSECONDS_PER_SECOND + int(rest), _along(axis, force)
 
 
 def _along(axis: Axis, vector: tuple[float, float, float]) -> float:

@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
 
 BIN_NS = 5_000_000
 KEPT = 6000
@@ -69,6 +70,26 @@ class ForceBins:
             self._skip_to(place)
             self._begin(place, force)
         self.last = force
+
+    def add_block(self, stamp_ns: IntArray, force: FloatArray) -> None:
+        """Add samples [ns], [N], each (n,); the bins are those that `add` one by one makes."""
+        place = stamp_ns // BIN_NS
+        steps = np.diff(place, prepend=self._open)
+        steady = self._begun and (steps >= 0).all() and (steps < KEPT).all()
+        if not len(place) or not (steady and np.isfinite(force).all()):
+            for stamp, value in zip(stamp_ns.tolist(), force.tolist(), strict=True):
+                self.add(stamp, value)
+            return
+        starts = np.append(0, np.flatnonzero(steps[1:]) + 1)
+        low = np.minimum.reduceat(force, starts).tolist()
+        high = np.maximum.reduceat(force, starts).tolist()
+        for bin_place, smallest, largest in zip(place[starts].tolist(), low, high, strict=True):
+            if bin_place != self._open:
+                self._close()
+                self._skip_to(bin_place)
+                self._begin(bin_place, smallest)
+            self._low, self._high = min(self._low, smallest), max(self._high, largest)
+        self.last = float(force[-1])
 
     def model(self, first: int, forces: FloatArray) -> None:
         """Put the modelled force [N] of bins from `first` on beside the measured."""

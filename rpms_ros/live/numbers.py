@@ -1,6 +1,5 @@
 """Numbers and texts of anybody as the page can carry them: valid JSON of bounded length."""
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -10,17 +9,31 @@ from rpms_ros.pulses import FloatArray
 LONGEST_TEXT = 300
 MOST_NAMES = 60
 _DIGITS = 5
+# The largest double is infinite with five digits, which JSON does not have.
+_LARGEST = 1e300
 
 
 def number(value: float) -> float | None:
-    """Return a number with five digits, None if it is not finite."""
+    """Return a number with five digits, None if it is not finite or beyond `_LARGEST`."""
     value = float(value)
-    return float(f'{value:.{_DIGITS}g}') if math.isfinite(value) else None
+    return float(f'{value:.{_DIGITS}g}') if abs(value) <= _LARGEST else None
 
 
 def numbers(values: Iterable[float]) -> list[float | None]:
-    """Return numbers with five digits, None for each that is not finite."""
-    return [number(value) for value in values]
+    """Return what `number` makes of each."""
+    array = np.asarray(
+        values if isinstance(values, np.ndarray) else list(values), dtype=np.float64
+    )
+    shown = np.abs(array) <= _LARGEST
+    known = np.where(shown, array, 0.0)
+    size = np.abs(known)
+    # places behind the point; those of a number too small for a double's power of ten are zeros
+    places = _DIGITS - 1 - np.floor(np.log10(size, where=size > 0.0, out=np.zeros_like(size)))
+    up, down = 10.0 ** np.clip(places, 0.0, 300.0), 10.0 ** np.clip(-places, 0.0, None)
+    rounded: list[float | None] = (np.rint(known * up / down) / up * down).tolist()
+    if shown.all():
+        return rounded
+    return [value if there else None for value, there in zip(rounded, shown, strict=True)]
 
 
 def text(value: object) -> str:

@@ -3,7 +3,8 @@
   'use strict';
   const element = (id) => document.getElementById(id);
   const calm = matchMedia('(prefers-reduced-motion: reduce)');
-  const TEXT_PERIOD = 500, CALM_PERIOD = 1000, RETRY = 1000, SILENCE = 3000;
+  const TEXT_PERIOD = 500, CALM_PERIOD = 1000, RETRY = 1000, SILENCE = 3000,
+    HIDDEN_PERIOD = 1000;
   const known = { unit: 'N', estimate: null, driver: null, topics: [], stop: { pressed: false, text: '' } };
   let token = '', held = false, canStop = false, socket = null, changed = true;
   let written = 0, drawn = 0, lastFrame = 0, pressedHere = '';
@@ -183,7 +184,7 @@
         update(performance.now());
         if (made.readyState === WebSocket.OPEN) { made.send('n'); }
       };
-      if (document.hidden) { next(); } else { requestAnimationFrame(next); }
+      if (document.hidden) { setTimeout(next, HIDDEN_PERIOD); } else { requestAnimationFrame(next); }
     };
     made.onclose = (event) => {
       const reason = event.reason ? `: ${event.reason}` : '';

@@ -1,8 +1,9 @@
 """The server of the page, in a thread of its own.
 
-Tornado on an event loop that also hears the topics: thirty times a second it takes what has come,
+Tornado on an event loop that also hears the topics: twenty times a second it takes what has come,
 and sends a frame to every browser that has drawn its last one.  Nothing is queued for a browser,
-so a slow one costs nothing; more of them than `MOST_BROWSERS` are turned away.
+so a slow one costs nothing; more of them than `MOST_BROWSERS` are turned away.  While no browser
+has drawn its last frame it looks five times a second, so that nothing of the course is missing.
 """
 
 import asyncio
@@ -27,8 +28,11 @@ from rpms_ros.live.access import Access
 from rpms_ros.live.session import Cursor
 from rpms_ros.live.session import LiveSession
 
-RATE = 30.0
+RATE = 20.0
 """Frames a second at most."""
+
+IDLE_PERIOD = 0.2
+"""Looks at the topics are so far apart while no browser asks for a frame [s]."""
 
 MOST_BROWSERS = 32
 MOST_CONNECTIONS = 128
@@ -110,6 +114,7 @@ class LiveServer:
         self._listen = listen
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing = threading.Event()
+        self.asked = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name='live_page', daemon=True)
 
     @property
@@ -157,14 +162,25 @@ class LiveServer:
         try:
             while not self._closing.is_set():
                 self._tick()
+                due += 1.0 / RATE
+                await asyncio.sleep(max(due - time.monotonic(), 0.0))
+                await self._until_asked()
                 # a step that was missed is not made up for
-                due = max(due + 1.0 / RATE, time.monotonic())
-                await asyncio.sleep(due - time.monotonic())
+                due = max(due, time.monotonic())
         finally:
             server.stop()
             for browser in list(self.browsers):
                 browser.close(1001, 'the page has ended')
             await asyncio.wait_for(server.close_all_connections(), _PATIENCE)
+
+    async def _until_asked(self) -> None:
+        """Wait until a browser asks for a frame, not longer than `IDLE_PERIOD`."""
+        self.asked.clear()
+        if any(browser.ready for browser in self.browsers):
+            return
+        alarm = asyncio.get_running_loop().call_later(IDLE_PERIOD, self.asked.set)
+        await self.asked.wait()
+        alarm.cancel()
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -306,17 +322,21 @@ class _Stream(WebSocketHandler, _Guarded):
         return self.server.access.same_origin(origin, self.request.headers.get('Host', ''))
 
     def open(self) -> None:
-        self.ready = True
         self.server.browsers.add(self)
+        self._ask()
 
     def on_message(self, _message: str | bytes) -> None:
-        self.ready = True
+        self._ask()
         self._messages += 1
         if self._messages > _MOST_MESSAGES:
             self.close(1008, 'expected one message a frame')
 
     def on_close(self) -> None:
         self.server.browsers.discard(self)
+
+    def _ask(self) -> None:
+        self.ready = True
+        self.server.asked.set()
 
     def send(self, cursor: Cursor, text: str) -> None:
         """Send a frame, after which the browser has what `cursor` says."""

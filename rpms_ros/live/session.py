@@ -21,6 +21,9 @@ from rpms_ros.live.force_bins import ForceBins
 from rpms_ros.live.heard import Topic
 from rpms_ros.live.modelled import ModelledForce
 from rpms_ros.live.numbers import number
+from rpms_ros.live.numbers import numbers
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import Pulse
 
 FORCE, PULSES, ESTIMATE, DRIVER = 'force', 'pulses', 'estimate', 'driver_status'
@@ -93,9 +96,9 @@ class LiveSession:
         """Whether the driver says that a stop is latched."""
         return self.state == STOPPED
 
-    def force(self, stamp_ns: int, force: float) -> None:
-        """Take a force sample [ns], [N]."""
-        self.bins.add(stamp_ns, force)
+    def force(self, stamp_ns: IntArray, force: FloatArray) -> None:
+        """Take force samples [ns], [N], each (n,)."""
+        self.bins.add_block(stamp_ns, force)
 
     def pulse(self, pulse: Pulse) -> None:
         """Take a pulse that was delivered; one of an impossible intensity is counted only."""
@@ -200,14 +203,15 @@ class LiveSession:
         first = self.bins.oldest
         if cursor.epoch == self._epoch:
             first = max(first, cursor.bin + 1)
-        low, high, modelled = self.bins.since(first, self._ready)
+        shown = self.bins.since(first, self._ready)
+        values, count = numbers(shown.ravel()), shown.shape[1]
         return {
             'epoch': self._epoch,
             'first': first - self.bins.origin,
             'width': BIN_NS * 1e-9,
-            'low': [number(value) for value in low],
-            'high': [number(value) for value in high],
-            'modelled': [number(value) for value in modelled],
+            'low': values[:count],
+            'high': values[count : 2 * count],
+            'modelled': values[2 * count :],
         }
 
     def _pulse_part(self, cursor: Cursor) -> list[list[float | None]]:

@@ -1,12 +1,15 @@
 """What the live page hears, past the executor.
 
-A second node, that is in no executor, is read thirty times a second: a message costs a few
-microseconds so, where rclpy would wake up a thousand times a second.  The subscriptions ask for
-nothing but best effort, so they hear every publisher, and no publisher ever waits for them.
+A second node, that is in no executor, is read twenty times a second, and less often while nobody
+looks: a message costs a few microseconds so, where rclpy would wake up a thousand times a second.
+The subscriptions ask for nothing but best effort, so they hear every publisher, and no publisher
+ever waits for them.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
+from typing import TypeVar
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
@@ -24,10 +27,14 @@ from rpms_ros.errors import MessageError
 from rpms_ros.live import session as shown
 from rpms_ros.live.heard import Endpoint
 from rpms_ros.live.heard import Topic
+from rpms_ros.live.serialized_force import alike
+from rpms_ros.live.serialized_force import forces_of
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.taking import Taker
+
+_Data = TypeVar('_Data', bytes, list[bytes])
 
 SUFFIX = '_watch'
 """What the name of the second node adds to the page's."""
@@ -43,6 +50,8 @@ TYPES: dict[str, tuple[str, type, float]] = {
 
 # A second at the highest rate of a sensor; what is behind it is taken with the next look.
 _MOST = 20000
+# Curves and tables are looked at, not listened to: five estimates a second are read, the newest.
+_ESTIMATE_PERIOD = 0.2
 
 
 def expected_topics(node: Node) -> dict[str, Topic]:
@@ -90,18 +99,22 @@ class LiveListener:
             enable_rosout=False,
         )
         self._takers = {key: self._taker(key) for key in TYPES}
-        self._take: dict[str, Callable[[bytes], None]] = {
-            shown.FORCE: self._force,
-            shown.PULSES: self._pulse,
-            shown.ESTIMATE: self._estimate,
-            shown.DRIVER: self._driver,
-        }
+        self._unread: list[bytes] = []
+        self._next_estimate = -math.inf
 
     def listen(self, now: float) -> None:
         """Take everything that has come by `now` [s], of a steady clock."""
         # pulses first: the force that they cause is modelled with them
-        for key in (shown.PULSES, shown.FORCE, shown.ESTIMATE, shown.DRIVER):
-            self._session.topics[key].heard(self._hear(key), now)
+        for data in self._heard(shown.PULSES, now):
+            self._read(shown.PULSES, self._pulse, data)
+        for run in alike(self._heard(shown.FORCE, now)):
+            self._read(shown.FORCE, self._force, run)
+        self._unread = self._heard(shown.ESTIMATE, now)[-1:] or self._unread
+        if self._unread and now >= self._next_estimate:
+            self._next_estimate = now + _ESTIMATE_PERIOD
+            self._read(shown.ESTIMATE, self._estimate, self._unread.pop())
+        for data in self._heard(shown.DRIVER, now):
+            self._read(shown.DRIVER, self._driver, data)
 
     def endpoints(self) -> dict[str, list[Endpoint]]:
         """Return who publishes and hears each topic, without this node."""
@@ -118,21 +131,20 @@ class LiveListener:
         name = self._session.topics[key].name
         return Taker(self._node.create_subscription(kind, name, _served_by_nobody, qos.VIEW))
 
-    def _hear(self, key: str) -> int:
-        taker, take, topic = self._takers[key], self._take[key], self._session.topics[key]
-        for count in range(_MOST):
-            taken = taker.take()
-            if taken is None:
-                return count
-            try:
-                take(taken.data)
-                topic.refused = ''
-            except MessageError as error:
-                topic.refused = str(error)
-        return _MOST
+    def _heard(self, key: str, now: float) -> list[bytes]:
+        found = self._takers[key].take_data(_MOST)
+        self._session.topics[key].heard(len(found), now)
+        return found
 
-    def _force(self, data: bytes) -> None:
-        self._session.force(*messages.force_of_bytes(data, self._axis, self._quantity))
+    def _read(self, key: str, read: Callable[[_Data], None], data: _Data) -> None:
+        try:
+            read(data)
+            self._session.topics[key].refused = ''
+        except MessageError as error:
+            self._session.topics[key].refused = str(error)
+
+    def _force(self, run: list[bytes]) -> None:
+        self._session.force(*forces_of(run, self._axis, self._quantity))
 
     def _pulse(self, data: bytes) -> None:
         self._session.pulse(messages.pulse_of(deserialize_message(data, Pulse)))

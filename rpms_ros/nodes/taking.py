@@ -103,26 +103,18 @@ class Taker:
         allocate.argtypes = (ctypes.POINTER(_Bytes), ctypes.c_size_t, ctypes.POINTER(_Allocator))
         self._free.argtypes = (ctypes.POINTER(_Bytes),)
         self._bytes, self._information = _Bytes(), _Information()
+        self._to_bytes = ctypes.byref(self._bytes)
+        self._to_information = ctypes.byref(self._information)
         functions = allocator()
-        if allocate(ctypes.byref(self._bytes), _FIRST_BYTES, ctypes.byref(functions)) != _OK:
+        if allocate(self._to_bytes, _FIRST_BYTES, ctypes.byref(functions)) != _OK:
             raise NodeError('expected memory for a message, got none')
 
     def take(self) -> Taken | None:
         """Return the next message, None if there is none."""
         handle = self._subscription.handle
         with handle:
-            answer = self._take(
-                handle.pointer,
-                ctypes.byref(self._bytes),
-                ctypes.byref(self._information),
-                None,
-            )
-        if answer == _NOTHING:
-            return None
-        if answer != _OK:
-            self._forget_error()
-            topic = self._subscription.topic
-            raise NodeError(f'expected a message of {topic}, got error {answer}')
+            if not self._came(handle.pointer):
+                return None
         return Taken(
             ctypes.string_at(self._bytes.buffer, self._bytes.length),
             bytes(self._information.identity),
@@ -130,6 +122,27 @@ class Taker:
             int(self._information.received_ns),
         )
 
+    def take_data(self, most: int) -> list[bytes]:
+        """Return the next `most` messages as they were sent, without saying who sent them."""
+        found: list[bytes] = []
+        handle, content = self._subscription.handle, self._bytes
+        with handle:
+            pointer = handle.pointer
+            while len(found) < most and self._came(pointer):
+                found.append(ctypes.string_at(content.buffer, content.length))
+        return found
+
+    def _came(self, pointer: int) -> bool:
+        """Take the next message into the buffer; return whether there was one."""
+        answer = self._take(pointer, self._to_bytes, self._to_information, None)
+        if answer == _NOTHING:
+            return False
+        if answer != _OK:
+            self._forget_error()
+            topic = self._subscription.topic
+            raise NodeError(f'expected a message of {topic}, got error {answer}')
+        return True
+
     def close(self) -> None:
         """Let go of the memory."""
-        self._free(ctypes.byref(self._bytes))
+        self._free(self._to_bytes)

@@ -13,7 +13,6 @@ import rclpy
 from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.serialization import serialize_message
 from std_msgs.msg import Bool
 from std_msgs.msg import Float64
 
@@ -21,7 +20,6 @@ from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
 from rpms_ros import messages
 from rpms_ros.errors import LiveError
-from rpms_ros.errors import MessageError
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
@@ -177,24 +175,6 @@ def test_messages_that_fit_nothing_are_named_and_harm_nobody(graph, page):
     publisher.publish(MuscleEstimate(estimator='mine'))
     graph.wait_for(lambda: 'not shown' not in text())
     assert page.server.failure is None
-
-
-@pytest.mark.parametrize('frame_id', ['', 'a', 'sensor', 'force_sensor', 'é' * 7])
-def test_the_force_is_read_from_the_bytes_as_from_the_message(frame_id):
-    axis = messages.axis_of('0.6,0,0.8')
-    message = WrenchStamped()
-    message.header.frame_id = frame_id
-    message.header.stamp.sec, message.header.stamp.nanosec = 5, 6
-    force = message.wrench.force
-    force.x, force.y, force.z = 1.25, float('nan'), -2.5
-    message.wrench.torque.x = 2.5
-    data = serialize_message(message)
-    assert messages.force_of_bytes(data, axis) == messages.force_of(message, axis)
-    torque = messages.force_of_bytes(data, axis, 'torque')
-    assert torque == messages.force_of(message, axis, 'torque') == (5_000_000_006, 1.5)
-    for length in range(20):
-        with pytest.raises(MessageError, match='expected a serialised WrenchStamped, got'):
-            messages.force_of_bytes(data[:length], axis)
 
 
 def test_a_taken_port_and_a_bad_token_are_refused(graph, page):

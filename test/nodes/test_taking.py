@@ -33,6 +33,23 @@ def test_a_message_comes_with_the_publisher_that_the_graph_shows(graph, wait_for
     silent.destroy_node()
 
 
+def test_many_messages_are_taken_at_once_and_no_more_than_asked_for(graph):
+    silent = Node('silent', context=graph.context, use_global_arguments=False)
+    taker = Taker(silent.create_subscription(Bool, 'said', lambda _: None, qos.STOP_LIVE))
+    speaker = graph.add(lambda **options: Node('speaker', **options))
+    publisher = speaker.create_publisher(Bool, 'said', qos.STOP)
+    graph.wait_for(lambda: publisher.get_subscription_count() == 1)
+    assert taker.take_data(10) == []
+    sent = [bytes([0, 1, 0, 0, index % 3 == 0]) for index in range(5)]
+    for data in sent:
+        publisher.publish(Bool(data=bool(data[-1])))
+    found = []
+    graph.wait_for(lambda: found.extend(taker.take_data(2)) or len(found) == 5)
+    assert found == sent
+    taker.close()
+    silent.destroy_node()
+
+
 def test_another_rcl_is_refused(graph, monkeypatch):
     node = graph.add(lambda **options: Node('silent', **options))
     subscription = node.create_subscription(Bool, 'said', lambda _: None, qos.STOP_LIVE)

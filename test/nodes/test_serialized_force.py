@@ -1,0 +1,62 @@
+"""Forces that are read from the bytes of many messages are those of the messages."""
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+
+from rpms_ros import messages
+from rpms_ros.errors import MessageError
+from rpms_ros.live.serialized_force import alike
+from rpms_ros.live.serialized_force import forces_of
+
+AXIS = messages.axis_of('0.6,0,0.8')
+
+
+def wrench(frame_id, index=0):
+    """A message with a NaN across the axis, and a force that is none of a short decimal."""
+    message = WrenchStamped()
+    message.header.frame_id = frame_id
+    message.header.stamp.sec, message.header.stamp.nanosec = 5 - index, 6 + index
+    force = message.wrench.force
+    force.x, force.y, force.z = 1.25 + index / 3.0, float('nan'), -2.5
+    message.wrench.torque.x = 2.5
+    return message
+
+
+@pytest.mark.parametrize('quantity', ['force', 'torque'])
+@pytest.mark.parametrize('frame_id', ['', 'a', 'sensor', 'force_sensor', 'é' * 7])
+def test_the_forces_of_many_messages_are_those_of_each(frame_id, quantity):
+    sent = [wrench(frame_id, index) for index in range(20)]
+    stamps, forces = forces_of([serialize_message(one) for one in sent], AXIS, quantity)
+    expected = [messages.force_of(one, AXIS, quantity) for one in sent]
+    assert list(zip(stamps.tolist(), forces.tolist(), strict=True)) == expected
+
+
+def test_messages_of_several_sensors_come_in_runs_and_in_their_order():
+    frames = ['', '', 'sensor', '', 'a', 'b']
+    sent = [serialize_message(wrench(frame, index)) for index, frame in enumerate(frames)]
+    runs = list(alike(sent))
+    # an empty text and one of a letter have the same number of bytes before what follows
+    assert [len(run) for run in runs] == [2, 1, 1, 2]
+    assert [data for run in runs for data in run] == sent
+
+
+def test_too_few_bytes_are_refused():
+    data = serialize_message(wrench('sensor'))
+    for length in range(len(data) - 24):
+        with pytest.raises(MessageError, match='expected a serialised WrenchStamped of at least'):
+            forces_of([data[:length]], AXIS)
+
+
+def test_a_frame_that_claims_to_be_longer_than_the_message_is_refused():
+    data = bytearray(serialize_message(wrench('sensor')))
+    data[12:16] = b'\xff\xff\xff\x7f'
+    with pytest.raises(MessageError, match=r'expected a .* of at least 21474\d+ bytes, got'):
+        forces_of([bytes(data)], AXIS)
+
+
+def test_a_sum_that_is_too_large_is_infinite():
+    message = wrench('sensor')
+    message.wrench.force.x = message.wrench.force.z = 1.7e308
+    _, forces = forces_of([serialize_message(message)], (1.0, 0.0, 1.0))
+    assert forces.tolist() == [float('inf')]
