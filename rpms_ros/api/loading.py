@@ -1,6 +1,8 @@
-"""Recordings and tables as sessions."""
+"""Recordings and files of laboratories as sessions."""
 
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,22 +11,35 @@ from rpms_ros.api.session import Session
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import GateSettings
 from rpms_ros.recording import Recording
 from rpms_ros.recording import RecordingFacts
 from rpms_ros.recording import Topics
-from rpms_ros.recording import read_csv
 from rpms_ros.recording import read_recording
+from rpms_ros.recording.importing import Ambiguous
+from rpms_ros.recording.importing import ImportOptions
+from rpms_ros.recording.importing import import_file
+from rpms_ros.recording.importing import is_foreign
 
 _TABLES = ('.csv', '.tsv', '.txt')
+# Options of the command, as messages name them: keywords here.
+_OPTION = re.compile(r'--([a-z]+(?:-[a-z]+)*)(?: [A-Z][A-Z-]*)?')
 
 
 def load(
     path: str | Path,
     *,
     columns: tuple[str, str, str] | None = None,
+    time: str | None = None,
+    force: str | None = None,
+    pulse: str | None = None,
+    time_unit: str | None = None,
+    force_unit: str | None = None,
+    force_scale: float | None = None,
+    sampling_rate: float | None = None,
     threshold: float | None = None,
     intensity: float = 1.0,
+    block: int | None = None,
+    sheet: str | None = None,
     pulses_topic: str = 'pulses',
     force_topic: str = 'force',
     axis: str | Sequence[float] = 'z',
@@ -35,16 +50,30 @@ def load(
     Parameters
     ----------
     path : str or Path
-        Recording of rosbag2 (folder, mcap or sqlite3 file) or table (``.csv``, ``.tsv``,
-        ``.txt``).
+        Recording of rosbag2 (folder, mcap or sqlite3 file); a file of a laboratory, as
+        ``rpms import`` takes it (table of text, LabChart or Spike2 text, MATLAB, Excel, XDF); what
+        ``rpms export`` wrote.
     columns : tuple of str, optional
-        Names of the columns of a table: time [s], force [N], gate of the stimulator.
+        Short for the names of time [s], force [N] and gate of the stimulator.
+    time, force, pulse : str, optional
+        Names of the columns or signals of a file; of the pulses also a list of trigger times.
+        Guessed where they are not given; `Session.imported` has the guess.
+    time_unit, force_unit : str, optional
+        ``s``, ``ms``, ``us`` or ``min``; ``N``, ``mN``, ``kN``, ``g``, ``kg`` or ``lbf``.
+    force_scale : float, optional
+        Newtons of one unit of the force signal, as for a force in V.
+    sampling_rate : float, optional
+        Rate of the samples of a file without times [Hz].
     threshold : float, optional
         Level of the gate between rest and pulse, in its own unit; half of its range if it is not
-        given.  Tables only.
+        given.  Files only.
     intensity : float
-        Share of the stimulator's maximum of every pulse, 0 to 1: a gate does not tell it.  Tables
+        Share of the stimulator's maximum of every pulse, 0 to 1: a gate does not tell it.  Files
         only.
+    block : int, optional
+        Block of a LabChart file, from 1.
+    sheet : str, optional
+        Sheet of a workbook.
     pulses_topic, force_topic : str
         Names of the topics; without a leading slash also in a namespace.  Recordings only.
     axis : str or sequence of float
@@ -61,7 +90,9 @@ def load(
     Raises
     ------
     RecordingError
-        If there is nothing at the path, it cannot be read, or pulses or force are missing.
+        If there is nothing at the path, it cannot be read, pulses or force are missing, or it
+        cannot be guessed what is what: the message has what was guessed so far, and names the
+        keyword that decides.
 
     Examples
     --------
@@ -70,30 +101,94 @@ def load(
     >>> len(session.pulses), len(session.force)
     (600, 30000)
 
+    A MATLAB file:
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from scipy.io import savemat
+    >>> file = Path(tempfile.mkdtemp()) / 'leg.mat'
+    >>> gate = np.where(np.arange(1000) % 50 == 10, 5.0, 0.0)
+    >>> savemat(file, {'fs': 1000.0, 'force': np.zeros(1000), 'trigger': gate})
+    >>> session = rpms_ros.load(file, intensity=0.8)
+    >>> len(session.pulses), session.info()['imported'][1]
+    (20, 'time: 1000 samples a second')
+
     Several sessions:
 
-    >>> from pathlib import Path
     >>> sessions = [rpms_ros.load(path) for path in sorted(Path('bags').glob('*/'))]
     >>> [session.name for session in sessions]
     ['sample']
     """
     place = Path(path)
-    if place.suffix.lower() in _TABLES:
-        if columns is None:
-            raise RecordingError(
-                f'expected columns=(time, force, gate) for the table {place}, got none'
-            )
+    options = ImportOptions(
+        time=time,
+        force=force,
+        pulse=pulse,
+        time_unit=time_unit,
+        force_unit=force_unit,
+        force_scale=force_scale,
+        sampling_rate=sampling_rate,
+        threshold=threshold,
+        intensity=intensity,
+        block=block,
+        sheet=sheet,
+    )
+    if is_foreign(place):
         if sign not in (1, -1):
             raise RecordingError(f'expected sign 1 or -1, got {sign}')
-        pulses, forces = read_csv(place, *columns, GateSettings(threshold, intensity))
-        signed = ForceTrace(forces.stamp_ns, sign * forces.force, forces.frame_id)
-        return Session(name=place.stem, recording=as_recording(pulses, signed, place, 'table'))
-    if columns is not None:
-        raise RecordingError(f'expected columns with a table only, got them with {place}')
+        return _imported(place, _with_columns(options, columns), sign)
+    given = ['columns'] if columns is not None else options.given()
+    if given:
+        raise RecordingError(
+            f'expected {given[0]} with a table or another file of a laboratory, got it with '
+            f'{place}'
+        )
     topics = Topics(pulses_topic, force_topic)
     recording = read_recording(place, topics, axis, sign)
     name = (place.resolve() if place.is_dir() else place).stem
     return Session(name=name, recording=recording, topics=topics)
+
+
+def _with_columns(options: ImportOptions, columns: tuple[str, str, str] | None) -> ImportOptions:
+    """Return options with the names in `columns`, whose units are s and N."""
+    if columns is None:
+        return options
+    if set(options.given()) & {'time', 'force', 'pulse'}:
+        raise RecordingError('expected either columns or time, force and pulse, got both')
+    time, force, pulse = columns
+    unit = options.force_unit if options.force_unit or options.force_scale else 'N'
+    return replace(
+        options,
+        time=time,
+        force=force,
+        pulse=pulse,
+        time_unit=options.time_unit or 's',
+        force_unit=unit,
+    )
+
+
+def _imported(place: Path, options: ImportOptions, sign: int) -> Session:
+    try:
+        found = import_file(place, options)
+    except RecordingError as error:
+        text = _with_keywords(str(error))
+        if isinstance(error, Ambiguous) and error.decided:
+            guess = '; '.join(f'{label} {what}' for label, what in error.decided)
+            text += f' (so far: {guess})'
+        raise RecordingError(text) from error
+    forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force, found.forces.frame_id)
+    storage = 'table' if place.suffix.lower() in _TABLES else 'file'
+    return Session(
+        name=place.stem,
+        recording=as_recording(found.pulses, forces, place, storage),
+        imported=tuple((label, _with_keywords(text)) for label, text in found.facts),
+    )
+
+
+def _with_keywords(text: str) -> str:
+    """Return a text that names keywords where it named options of the command."""
+    return _OPTION.sub(lambda option: f'{option[1].replace("-", "_")}=', text)
 
 
 def as_recording(pulses: PulseTrain, forces: ForceTrace, path: Path, storage: str) -> Recording:

@@ -44,12 +44,15 @@ class Session:
         Names of the topics that were read.
     subject : Subject or None
         The true muscle, of a simulated session.
+    imported : tuple of (str, str)
+        How a file of a laboratory was read, and what was guessed with its reason.
     """
 
     name: str
     recording: Recording = field(repr=False)
     topics: Topics = field(default_factory=Topics, repr=False)
     subject: Subject | None = field(default=None, repr=False)
+    imported: tuple[tuple[str, str], ...] = field(default=(), repr=False)
 
     @property
     def pulses(self) -> PulseTrain:
@@ -76,7 +79,8 @@ class Session:
             ``name``, ``path``, ``storage``, ``samples``, ``pulses``, ``duration_s``,
             ``force_rate_hz`` and ``pulse_rate_hz`` (medians), ``lowest_force_n``,
             ``highest_force_n``, ``lowest_intensity``, ``highest_intensity``, ``faults`` of the
-            recording by kind, and ``remarks`` on them.  What cannot be told is None.
+            recording by kind, ``remarks`` on them, and how a file was ``imported``.  What cannot
+            be told is None.
         """
         forces = self.force.force[np.isfinite(self.force.force)]
         facts = self.recording.facts
@@ -95,6 +99,7 @@ class Session:
             'highest_intensity': _end(self.pulses.intensity, np.max),
             'faults': dict(facts.faults),
             'remarks': list(facts.remarks),
+            'imported': [f'{label}: {text}' for label, text in self.imported],
         }
 
     def verify(self, key: bytes | None = None) -> list[Finding]:

@@ -97,18 +97,14 @@ def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple
     from rpms_ros.pulses import ForceTrace
     from rpms_ros.recording import session_hash
     from rpms_ros.recording.exporting import SessionExport
-    from rpms_ros.recording.exporting import is_export
-    from rpms_ros.recording.files import READERS
+    from rpms_ros.recording.importing import is_foreign
     from rpms_ros.recording.reading import held_bytes
     from rpms_ros.report.estimate_table import estimate_table
     from rpms_ros.report.recorded import recorded_messages
 
     path = arguments.bag
     name = path.resolve().name
-    recorded = path.name.removesuffix('.zstd').endswith(tuple(READERS)) or (
-        path.is_dir() and not is_export(path)
-    )
-    if not recorded:
+    if is_foreign(path):
         for option, default in _OF_RECORDINGS.items():
             if getattr(arguments, option) != default:
                 raise RecordingError(

@@ -1,13 +1,17 @@
 """What is loaded is what was recorded, and can be written again."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import openpyxl
 import pytest
+from scipy.io import savemat
 
 import rpms_ros
 from rpms_ros import RpmsError
 from rpms_ros import Session
+from rpms_ros.cli import main
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import session_hash
 
@@ -94,7 +98,7 @@ def test_a_part_has_the_samples_and_pulses_of_its_time(simulated: Session) -> No
         ({'path': 'nowhere'}, 'expected .*nowhere'),
         ({'sign': 2}, 'expected sign 1 or -1, got 2'),
         ({'axis': 'w'}, 'expected .*axis.*w'),
-        ({'columns': COLUMNS}, 'expected columns with a table only'),
+        ({'columns': COLUMNS}, 'expected columns with a table or another file'),
         ({'force_topic': 'torque'}, 'expected .*torque'),
     ],
 )
@@ -104,11 +108,87 @@ def test_a_wrong_option_is_named(change: dict[str, object], message: str) -> Non
         rpms_ros.load(**options)  # type: ignore[arg-type]
 
 
-def test_a_table_needs_its_columns(tmp_path: Path) -> None:
-    with pytest.raises(RpmsError, match=r'expected columns=\(time, force, gate\) for the table'):
-        rpms_ros.load(table(tmp_path))
+def test_what_is_what_is_guessed_and_told(tmp_path: Path) -> None:
+    session = rpms_ros.load(table(tmp_path))
+    named = rpms_ros.load(table(tmp_path), columns=COLUMNS)
+    assert session_hash(session.recording) == session_hash(named.recording)
+    told = dict(session.imported)
+    assert told['time'] == "'t' in s, for 1000 samples a second then (time_unit= decides)"
+    assert "pulses: 'gate'" in session.info()['imported']  # type: ignore[operator]
     with pytest.raises(RpmsError, match='expected sign 1 or -1, got 0'):
         rpms_ros.load(table(tmp_path), columns=COLUMNS, sign=0)
+
+
+def test_what_cannot_be_guessed_names_the_keyword_and_the_guess(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_text('t;a [N];b [N];gate\n' + '\n'.join(f'{k};1;2;{k % 9 == 5}' for k in range(40)))
+    path.write_text(path.read_text().replace('True', '5').replace('False', '0'))
+    message = r"got 'a \[N\]', 'b \[N\]': force= decides \(so far: time 't' in ms.*pulses 'gate'\)"
+    with pytest.raises(RpmsError, match=message):
+        rpms_ros.load(path)
+    assert set(rpms_ros.load(path, force='b [N]').force.force) == {2.0}
+    assert set(rpms_ros.load(path, force='b [N]', force_scale=-3.0).force.force) == {-6.0}
+    assert rpms_ros.load(path, force='a [N]', time_unit='s').duration == 39.0
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'time_unit': 'hours'}, "expected a unit of time of s, ms, us, min, got 'hours'"),
+        ({'force_unit': 'oz'}, "expected a unit of force of N, .*, got 'oz'"),
+        ({'columns': COLUMNS, 'force': 'F'}, 'expected either columns or time, force and pulse'),
+        ({'force': 'x'}, "expected column 'x'"),
+        ({'sampling_rate': -1.0}, 'expected a sampling rate above 0 Hz'),
+        ({'intensity': 1.5}, 'expected an intensity from 0 to 1'),
+    ],
+)
+def test_a_wrong_option_of_a_file_is_named(
+    tmp_path: Path, change: dict[str, object], message: str
+) -> None:
+    with pytest.raises(RpmsError, match=message):
+        rpms_ros.load(table(tmp_path), **change)  # type: ignore[arg-type]
+
+
+def test_options_of_files_are_refused_with_a_recording() -> None:
+    with pytest.raises(RpmsError, match='expected sheet with a table or another file'):
+        rpms_ros.load(SAMPLE, sheet='a')
+
+
+def test_every_kind_of_file_is_loaded(tmp_path: Path) -> None:
+    expected = rpms_ros.load(table(tmp_path)).recording
+    time = np.arange(200) / 1000
+    force, gate = 0.5 * np.arange(200), (np.arange(200) % 50 < 2).astype(float)
+    savemat(tmp_path / 'a.mat', {'time': time, 'force': force, 'gate': gate})
+    book = openpyxl.Workbook()
+    book.create_sheet('leg').append(['time [s]', 'force [N]', 'gate'])
+    for row in zip(time.tolist(), force.tolist(), gate.tolist(), strict=True):
+        book['leg'].append(row)
+    book.save(tmp_path / 'a.xlsx')
+    lines = [f'{t}\t{f}\t{g}' for t, f, g in zip(time, force, gate, strict=True)]
+    head = 'Interval=\t0.001 s\nChannelTitle=\tForce\tGate\nUnitName=\tN\tV\n'
+    (tmp_path / 'a.txt').write_text(head + '\n'.join([*lines, head.rstrip('\n'), *lines]))
+    options: dict[str, dict[str, Any]] = {
+        'a.mat': {},
+        'a.xlsx': {'sheet': 'leg'},
+        'a.txt': {'block': 2},
+    }
+    for name, given in options.items():
+        session = rpms_ros.load(tmp_path / name, **given)
+        assert session_hash(session.recording) == session_hash(expected)
+    with pytest.raises(RpmsError, match='got 2: block= 1 to 2 decides'):
+        rpms_ros.load(tmp_path / 'a.txt')
+
+
+def test_exports_are_loaded(simulated: Session, tmp_path: Path) -> None:
+    simulated.save(tmp_path / 'kept')
+    for kind in ('csv', 'mat', 'bids'):
+        place = tmp_path / f'{kind}.mat'
+        main(['export', str(tmp_path / 'kept'), '--to', kind, '--out', str(place)])
+        session = rpms_ros.load(place)
+        assert session_hash(session.recording) == session_hash(simulated.recording)
+        assert session.info()['imported'] == ['file: export of rpms']
+        with pytest.raises(RpmsError, match='expected no options for an export'):
+            rpms_ros.load(place, intensity=0.5)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from rpms_ros.recording.importing.whole_file import Imported
 from rpms_ros.recording.importing.whole_file import ImportOptions
 from rpms_ros.recording.importing.whole_file import guess_by
 from rpms_ros.recording.importing.whole_file import import_file
+from rpms_ros.recording.importing.whole_file import is_foreign
 
 __all__ = [
     'Ambiguous',
@@ -27,5 +28,6 @@ __all__ = [
     'guess_by',
     'guessed',
     'import_file',
+    'is_foreign',
     'read_signals',
 ]

@@ -1,6 +1,7 @@
 """Which signal is time, force and gate, and in which units: guessed, shown, decided by options."""
 
 import re
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -40,12 +41,15 @@ class Ambiguous(RecordingError):
         The option that decides.
     candidates : tuple of str
         Names to choose from.
+    decided : tuple of (str, str)
+        What was guessed before it came to this, and why.
     """
 
     def __init__(self, message: str, option: str, candidates: Sequence[str]) -> None:
         super().__init__(message)
         self.option = option
         self.candidates = tuple(candidates)
+        self.decided: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -106,16 +110,42 @@ def guessed(
     RecordingError
         If a name or unit that is given does not exist.
     """
+    reasons: list[tuple[str, str]] = []
+    try:
+        return _guessed(
+            file,
+            reasons,
+            (time, force, pulse),
+            (time_unit, force_unit),
+            sampling_rate_hz,
+            force_scale,
+        )
+    except Ambiguous as error:
+        error.decided = tuple(reasons)
+        raise
+
+
+def _guessed(
+    file: SignalFile,
+    reasons: list[tuple[str, str]],
+    names: tuple[str | None, str | None, str | None],
+    units: tuple[str | None, str | None],
+    sampling_rate_hz: float | None,
+    force_scale: float | None,
+) -> Guess:
+    """Return the guess, with reasons as they are found; names of time, force and pulses."""
+    time, force, pulse = names
     signals = {signal.name: signal for signal in file.signals}
     _check_given(file, time, force, pulse)
-    reasons: list[tuple[str, str]] = []
+    _check_unit(units[0], 'time', TIME_UNITS)
+    _check_unit(units[1], 'force', FORCE_UNITS)
     own_times = all(signal.time is not None for signal in file.signals)
     if time is None and not own_times and not (sampling_rate_hz or file.sampling_rate_hz):
         time = _time(file)
     rest = [signal for signal in file.signals if signal.name != time]
     unit = 's'
     if time is not None:
-        unit, why = _time_unit(signals[time], time_unit)
+        unit, why = _time_unit(signals[time], units[0])
         reasons.append(('time', f'{time!r} in {unit}, {why}'))
     elif own_times:
         reasons.append(('time', 'of the file'))
@@ -124,10 +154,11 @@ def guessed(
         reasons.append(('time', f'{rate:g} samples a second'))
     if pulse is None:
         pulse = _pulse(file, [signal for signal in rest if signal.name != force])
+    reasons.append(('pulses', repr(pulse)))
     if force is None:
         force = _force(file, [signal for signal in rest if signal.name != pulse])
-    newton, why = _force_unit(signals[force], force_unit, force_scale)
-    reasons += [('force', f'{force!r} in {newton}, {why}'), ('pulses', repr(pulse))]
+    newton, why = _force_unit(signals[force], units[1], force_scale)
+    reasons.insert(1, ('force', f'{force!r} in {newton}, {why}'))
     return Guess(time, unit, force, newton, pulse, tuple(reasons))
 
 
@@ -137,6 +168,11 @@ def _check_given(file: SignalFile, *names: str | None) -> None:
         if name is not None and name not in known:
             columns = ', '.join(map(repr, known)) or 'no columns'
             raise RecordingError(f'expected column {name!r} in {file.path}, got {columns}')
+
+
+def _check_unit(given: str | None, what: str, known: Mapping[str, float]) -> None:
+    if given is not None and given not in known:
+        raise RecordingError(f'expected a unit of {what} of {", ".join(known)}, got {given!r}')
 
 
 def _time(file: SignalFile) -> str:

@@ -11,6 +11,7 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording.csv_import import GateSettings
 from rpms_ros.recording.exporting import is_export
 from rpms_ros.recording.exporting import read_export
+from rpms_ros.recording.files import READERS
 from rpms_ros.recording.importing.conversion import ImportChoices
 from rpms_ros.recording.importing.conversion import converted
 from rpms_ros.recording.importing.guess import Guess
@@ -78,6 +79,14 @@ class Imported:
     forces: ForceTrace
     facts: tuple[tuple[str, str], ...]
     guessed: bool
+
+
+def is_foreign(path: Path) -> bool:
+    """Return whether there is a file of a laboratory or an export, and no recording."""
+    if path.name.removesuffix('.zstd').endswith(tuple(READERS)):
+        return False
+    named = not path.exists() and path.suffix != ''
+    return named or path.is_file() or is_export(path)
 
 
 def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
