@@ -12,6 +12,8 @@ FORCE = 'force'
 TORQUE = 'torque'
 UNITS: dict[str, str] = {FORCE: 'N', TORQUE: 'N m'}
 """Unit of what is measured, by its name; both are fields of a wrench."""
+QUANTITIES: dict[str, str] = {unit: name for name, unit in UNITS.items()}
+"""What is measured, by its unit."""
 
 AXES: dict[str, Axis] = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
 AXES |= {f'-{name}': (-x, -y, -z) for name, (x, y, z) in list(AXES.items())}

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from rpms_ros.report.known_muscle import KnownMuscle
+
 NAN = float('nan')
 
 
@@ -139,7 +141,7 @@ class Identification:
         return Stated(at(curve.force), at(curve.lower), at(curve.upper))
 
     def plot(self, figure: 'Figure | None' = None) -> 'Figure':
-        """Draw parameters, force, recruitment curve and response; return the figure.
+        """Draw time courses, force, recruitment curve and response; return the figure.
 
         Parameters
         ----------
@@ -154,8 +156,20 @@ class Identification:
 
             figure = plt.figure(figsize=(12.0, 8.4), layout='constrained')
         one = self.session
-        fill_session_figure(figure, self.estimates, one.pulses, one.subject, one.name)
+        fill_session_figure(figure, self.estimates, one.pulses, self._truth(), one.name)
         return figure
+
+    def _truth(self) -> 'KnownMuscle | None':
+        """Return the muscle of a simulated session."""
+        from rpms_ros.report.known_muscle import of_subject
+        from rpms_ros.report.recorded import true_muscle
+
+        one, rate = self.session, self.result.rate_hz
+        if one.truth is not None:
+            return one.truth
+        if one.subject is not None:
+            return of_subject(one.subject, rate)
+        return true_muscle(one.recording, rate) if one.recording.facts.path.exists() else None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as ``rpms identify --json`` prints it: plain values, None for NaN."""

@@ -23,6 +23,7 @@ from rpms_ros.recording import Topics
 from rpms_ros.recording import write_recording
 from rpms_ros.recording.verifying import Finding
 from rpms_ros.recording.verifying import verify
+from rpms_ros.report.known_muscle import KnownMuscle
 
 if TYPE_CHECKING:
     from rpms_ros.api.identification import Identification
@@ -43,7 +44,9 @@ class Session:
     topics : Topics
         Names of the topics that were read.
     subject : Subject or None
-        The true muscle, of a simulated session.
+        The true muscle, of a simulated session; at rest, if it changes.
+    truth : KnownMuscle or None
+        The true muscle over a simulated session in which it changes.
     imported : tuple of (str, str)
         How a file of a laboratory was read, and what was guessed with its reason.
     """
@@ -52,6 +55,7 @@ class Session:
     recording: Recording = field(repr=False)
     topics: Topics = field(default_factory=Topics, repr=False)
     subject: Subject | None = field(default=None, repr=False)
+    truth: KnownMuscle | None = field(default=None, repr=False)
     imported: tuple[tuple[str, str], ...] = field(default=(), repr=False)
 
     @property

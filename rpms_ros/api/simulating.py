@@ -20,6 +20,7 @@ from rpms_ros.muscle.simulation import simulate_session
 from rpms_ros.muscle.surroundings import Surroundings
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import IntArray
+from rpms_ros.report.known_muscle import of_truths
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation import load_schedule
@@ -33,6 +34,8 @@ START_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
 """A fixed time, so that the same options make the same session in every bit [ns]."""
 _STAIRS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 _HIGHEST_RATE = 1e6
+# How often the truth of a muscle that changes is noted [Hz].
+_TRUTH_RATE = 10.0
 
 
 def simulate(
@@ -100,14 +103,19 @@ def simulate(
     given = {name: value for name, value in (('noise', noise), ('drift', drift)) if value}
     happens = replace(happens, disturbances=replace(happens.disturbances, **given))
     pulses = plan.pulses(START_NS)
-    forces, _ = simulate_session(
+    forces, truths = simulate_session(
         muscle_of(muscle, happens.living, pulse_rate_hz if named else None),
         Surroundings(happens, seed),
         pulses,
         sample_times(plan.length_s, force_rate_hz),
+        _TRUTH_RATE if scenario is not None else 0.0,
     )
-    recording = as_recording(pulses, forces, Path('simulated'), 'simulation')
-    return Session(name=f'simulated, {plan.name}', recording=recording, subject=muscle)
+    return Session(
+        name=f'simulated, {plan.name}',
+        recording=as_recording(pulses, forces, Path('simulated'), 'simulation'),
+        subject=muscle,
+        truth=of_truths(truths, muscle),
+    )
 
 
 def named_schedule(

@@ -193,6 +193,7 @@ def _report(
     from rpms_ros.report.agreement import compare
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import identified
+    from rpms_ros.report.known_muscle import of_subject
     from rpms_ros.report.session_figure import draw_session
     from rpms_ros.report.truth_table import truth_table
 
@@ -202,8 +203,9 @@ def _report(
     # what `rpms identify` does, on what the identifier heard
     session = identified(recording, IdentificationOptions(estimator, preset))
     print(truth_table(session, subject))
+    truth = of_subject(subject, session.last.repetition_rate)
     figure = launcher.folder / 'demo.png'
-    draw_session([figure], session, recording.pulses, subject, _title(settings))
+    draw_session([figure], session, recording.pulses, truth, _title(settings))
     print(f'  figure     {figure}')
     print(f'  recording  {path}')
     print(f'  off line   rpms identify {path} --estimator {estimator} --preset {preset}')

@@ -266,12 +266,14 @@ def _write(
     title: str,
 ) -> None:
     """Write the result and its figure, as pixels and as vectors."""
+    from rpms_ros.report.recorded import true_muscle
     from rpms_ros.report.session_figure import draw_session
 
+    truth = true_muscle(recording, session.last.repetition_rate)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / 'result.json').write_text(json.dumps(document, allow_nan=False, indent=1))
     except OSError as error:
         raise ReportError(f'expected to write into {folder}, got {error}') from error
     paths = (folder / 'session.png', folder / 'session.svg')
-    draw_session(paths, session, recording.pulses, title=title)
+    draw_session(paths, session, recording.pulses, truth, title)

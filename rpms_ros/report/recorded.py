@@ -1,8 +1,10 @@
-"""Messages of the nodes in a recording: estimates, and the totals of a stimulator driver."""
+"""Messages of the nodes in a recording: estimates, totals of a driver, truth of a simulator."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from dataclasses import field
 from pathlib import Path
+from typing import TYPE_CHECKING
 from typing import Any
 
 from rosbags.serde import SerdeError
@@ -11,14 +13,23 @@ from rpms_ros import messages
 from rpms_ros.errors import MessageError
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import Estimate
+from rpms_ros.muscle.truth import Truth
 from rpms_ros.recording.definitions import MUSCLE_ESTIMATE
 from rpms_ros.recording.definitions import types_of
+from rpms_ros.recording.reading import held_bytes
 from rpms_ros.recording.scan import Progress
 from rpms_ros.recording.scan import Scan
+from rpms_ros.report.known_muscle import KnownMuscle
+from rpms_ros.report.known_muscle import known_muscle
+
+if TYPE_CHECKING:
+    from rpms_ros.recording import Recording
 
 DRIVER_STATUS = 'rpms_msgs/msg/DriverStatus'
+_TYPES = (MUSCLE_ESTIMATE, DRIVER_STATUS, messages.MUSCLE_TRUTH)
 # What an estimate takes besides its arrays [bytes]: objects of Python, and heads of arrays.
 _PER_ESTIMATE = 8000
+_PER_TRUTH = 2000
 # What a message raises that lacks a field, or whose fields are not what they should be.
 _NOT_THERE = (MessageError, AttributeError, OverflowError, TypeError, ValueError)
 
@@ -64,11 +75,14 @@ class RecordedMessages:
         None if no status was recorded.
     unreadable : int
         Messages that could not be decoded.
+    truths : list of Truth
+        What a simulator said of its muscle.
     """
 
     estimates: list[Estimate]
     driver: DriverTotals | None
     unreadable: int
+    truths: list[Truth] = field(default_factory=list)
 
 
 def recorded_messages(
@@ -76,6 +90,7 @@ def recorded_messages(
     progress: Progress | None = None,
     memory: int | None = None,
     held: int = 0,
+    only: tuple[str, ...] = _TYPES,
 ) -> RecordedMessages:
     """Return the messages of an identifier and a driver in a recording.
 
@@ -89,6 +104,8 @@ def recorded_messages(
         What reading may take, as of `read_recording` [bytes].
     held : int
         How much of it is in use already [bytes].
+    only : tuple of str
+        Types that are read; all of them if not given.
 
     Raises
     ------
@@ -96,15 +113,20 @@ def recorded_messages(
         If the recording cannot be read, or several nodes published estimates.
     """
     estimates: list[Estimate] = []
+    truths: list[Truth] = []
     totals = _Totals()
     topics: set[str] = set()
     unreadable = 0
     scan = Scan(Path(path), memory)
     scan.budget.hold(held)
-    for topic, type_name, size, message in _decoded(scan, progress):
+    for topic, type_name, size, message in _decoded(scan, progress, only):
         try:
             if type_name == DRIVER_STATUS:
                 totals.take(message)
+                continue
+            if type_name == messages.MUSCLE_TRUTH:
+                truths.append(messages.truth_of(message))
+                scan.budget.hold(_PER_TRUTH + size)
                 continue
             estimate = messages.estimate_of(message)
         except _NOT_THERE:
@@ -117,13 +139,43 @@ def recorded_messages(
         raise RecordingError(
             f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
         )
-    return RecordedMessages(estimates, totals.found, unreadable)
+    return RecordedMessages(estimates, totals.found, unreadable, truths)
 
 
-def _decoded(scan: Scan, progress: Progress | None) -> Iterator[tuple[str, str, int, Any]]:
+def true_muscle(
+    recording: 'Recording', rate_hz: float, memory: int | None = None
+) -> KnownMuscle | None:
+    """Return the muscle of a simulated recording, None if nothing in it tells one.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a simulator, or not.
+    rate_hz : float
+        Rate for which the curve is stated, where only the notes tell the muscle [Hz].
+    memory : int, optional
+        What reading may take, as of `read_recording` [bytes].
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read.
+    """
+    facts = recording.facts
+    truths: list[Truth] = []
+    if any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
+        truths = recorded_messages(
+            facts.path, memory=memory, held=held_bytes(recording), only=(messages.MUSCLE_TRUTH,)
+        ).truths
+    return known_muscle(truths, facts.custom, rate_hz)
+
+
+def _decoded(
+    scan: Scan, progress: Progress | None, only: tuple[str, ...]
+) -> Iterator[tuple[str, str, int, Any]]:
     """Yield topic, type, size [bytes] and message, None in place of one that cannot be decoded."""
     for channel, records in scan.blocks(progress):
-        if channel.type_name not in (MUSCLE_ESTIMATE, DRIVER_STATUS):
+        if channel.type_name not in only:
             continue
         try:
             types = types_of(channel.type_name, channel.definition, channel.definition_encoding)

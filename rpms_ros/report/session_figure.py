@@ -1,19 +1,25 @@
-"""One figure of a session: parameter paths, force, recruitment curve, impulse response.
+"""One figure of a session: time courses, force, recruitment curve, impulse response.
 
-The panels are those of the paper's Figs. 13 (and 15), 14, 16 and 17.
+The panels are those of the paper's Figs. 13 (and 15), 14, 16 and 17, and the force over time.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
-from rpms_ros.muscle import Subject
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.report.course import course_of
+from rpms_ros.report.known_muscle import KnownMuscle
 from rpms_ros.report.result import impulse_response
 from rpms_ros.report.session import panels
+from rpms_ros.report.session.course_panels import course_panels
+from rpms_ros.report.session.course_panels import draw_course
+from rpms_ros.report.session.course_panels import draw_stated
 from rpms_ros.report.session.dose import dose_of
 from rpms_ros.report.session.figures import label
 from rpms_ros.report.session.figures import style
@@ -23,7 +29,7 @@ def draw_session(
     paths: Sequence[Path],
     session: IdentifiedSession,
     pulses: PulseTrain,
-    subject: Subject | None = None,
+    truth: KnownMuscle | None = None,
     title: str = '',
 ) -> None:
     """Write the figure of a session; the ending of each path names a format.
@@ -36,8 +42,8 @@ def draw_session(
         Estimates and traces.
     pulses : PulseTrain
         Pulses of the session.
-    subject : Subject or None
-        The true muscle, where it is known.
+    truth : KnownMuscle or None
+        The true muscle, where it is known; dashed.
     title : str
         Line above the panels.
 
@@ -47,7 +53,7 @@ def draw_session(
         If a file cannot be written.
     """
     figure = Figure(figsize=(12.0, 8.4), layout='constrained', dpi=130)
-    fill_session_figure(figure, session, pulses, subject, title)
+    fill_session_figure(figure, session, pulses, truth, title)
     with style():
         for path in paths:
             try:
@@ -60,25 +66,37 @@ def fill_session_figure(
     figure: Figure,
     session: IdentifiedSession,
     pulses: PulseTrain,
-    subject: Subject | None = None,
+    truth: KnownMuscle | None = None,
     title: str = '',
 ) -> None:
     """Draw a session into an empty figure; parameters as of `draw_session`."""
     dose = dose_of(pulses, int(session.stamp_ns[0]))
+    course = course_of(session)
+    rows = len(course_panels(course)) or 2
+    figure.set_size_inches(12.0, 6.2 + 1.1 * rows)
     with style():
-        grid = figure.add_gridspec(4, 2, height_ratios=(1.0, 1.0, 1.4, 0.6))
-        columns = []
-        for column in (0, 1):
-            upper = figure.add_subplot(grid[0, column])
-            # One estimate has no path: its panels are parameters of different units.
-            paths = column == 1 or len(session.estimates) > 1
-            lower = figure.add_subplot(grid[1, column], sharex=upper if paths else None)
-            columns.append([upper, lower])
-            upper.tick_params(labelbottom=not paths)
-        panels.draw_parameters(columns[0], session, subject)
-        panels.draw_force(columns[1], session, dose)
-        panels.draw_recruitment(figure.add_subplot(grid[2:, 0]), session, dose, subject)
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.1 * rows, 4.4))
+        left = _column(figure, grid[0, 0], [1.0] * rows, shared=course.has_course)
+        if course.has_course:
+            draw_course(left, course, truth)
+        else:
+            draw_stated(left, session.last, truth)
+        panels.draw_force(_column(figure, grid[0, 1], [1.4, 1.0], shared=True), session, dose)
+        panels.draw_recruitment(figure.add_subplot(grid[1, 0]), session, dose, truth)
         force = impulse_response(pulses, session.last)
-        panels.draw_response(figure.add_subplot(grid[2:, 1]), session, force, subject)
+        panels.draw_response(figure.add_subplot(grid[1, 1]), session, force, truth)
         label(figure)
         figure.suptitle(title, fontsize=12)
+
+
+def _column(
+    figure: Figure, place: SubplotSpec, heights: list[float], *, shared: bool
+) -> list[Axes]:
+    """Return axes one below the other, from above, that may share their axis of time."""
+    rows = place.subgridspec(len(heights), 1, height_ratios=heights)
+    axes: list[Axes] = []
+    for index in range(len(heights)):
+        top = axes[0] if axes and shared else None
+        axes.append(figure.add_subplot(rows[index], sharex=top))
+        axes[-1].tick_params(labelbottom=not shared or index == len(heights) - 1)
+    return axes

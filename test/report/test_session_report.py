@@ -20,6 +20,7 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.agreement import compare
 from rpms_ros.report.agreement import curve_error
 from rpms_ros.report.agreement import differences
+from rpms_ros.report.known_muscle import of_subject
 from rpms_ros.report.session_figure import draw_session
 from rpms_ros.report.truth_table import truth_table
 
@@ -40,7 +41,8 @@ def session(low: float = 0.0) -> tuple[IdentifiedSession, PulseTrain]:
 @pytest.mark.parametrize('known', [True, False])
 def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:
     path = tmp_path / 'session.png'
-    draw_session([path], *session(low), simulation_subject() if known else None, 'A title')
+    truth = of_subject(simulation_subject(), 20.0) if known else None
+    draw_session([path], *session(low), truth, 'A title')
     picture = imread(path)[..., :3]
     # four panels with lines: far from blank
     assert picture.shape[0] > 800

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,10 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import identify
 from rpms_ros.pulses import BoolArray
 from rpms_ros.recording import Recording
+from rpms_ros.report.course import Course
+from rpms_ros.report.course import course_of
+from rpms_ros.report.known_muscle import KnownMuscle
+from rpms_ros.report.known_muscle import known_muscle
 from rpms_ros.report.recorded import RecordedMessages
 from rpms_ros.report.result import IdentificationResult
 from rpms_ros.report.session.checklist import ChecklistItem
@@ -93,6 +98,8 @@ class SessionAnalysis:
         Why something is missing.
     headline : Headline
         What the first screen says.
+    truth : KnownMuscle or None
+        The true muscle, where the recording was simulated.
     """
 
     title: str
@@ -108,6 +115,12 @@ class SessionAnalysis:
     settings: ReportSettings
     remarks: tuple[str, ...]
     headline: Headline
+    truth: KnownMuscle | None = None
+
+    @cached_property
+    def course(self) -> Course:
+        """What the estimates say over time."""
+        return course_of(self.session)
 
 
 def analyse(
@@ -171,6 +184,7 @@ def analyse(
         settings,
         tuple(remarks),
         headline_of(result, session, settings.previous),
+        known_muscle(recorded.truths, recording.facts.custom, session.last.repetition_rate),
     )
 
 

@@ -6,11 +6,12 @@ import numpy as np
 
 from rpms_ros.identification.faults import MEANING
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.report.course import Course
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.checklist import ITEMS_OF_THE_CONSENSUS
 from rpms_ros.report.session.checklist import SOURCE
 from rpms_ros.report.session.methods import methods_of
-from rpms_ros.report.session.traces import thinned
 from rpms_ros.schema import plain
 
 
@@ -28,7 +29,9 @@ def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
             'headline': analysis.headline,
             'result': analysis.result,
             'twitch': twitch_figures(analysis),
-            'parameter_paths': _paths(analysis),
+            'time_courses': _courses(analysis.course),
+            'flags': analysis.course.flags,
+            'truth': _truth(analysis),
             'residuals': residuals,
             'held_out': analysis.held_out,
             'faults': [
@@ -54,6 +57,14 @@ def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
     return document
 
 
+def _truth(analysis: SessionAnalysis) -> dict[str, Any] | None:
+    """Return how far the result is from the muscle that was simulated, None if none was."""
+    judgement = analysis.truth and analysis.truth.judged(analysis.course)
+    if not judgement:
+        return None
+    return {'sentence': judgement.sentence, **plain(judgement)}
+
+
 def twitch_figures(analysis: SessionAnalysis) -> dict[str, float | None]:
     """Return what is read off the response to one pulse: peak [N], and two times [s].
 
@@ -69,15 +80,37 @@ def twitch_figures(analysis: SessionAnalysis) -> dict[str, float | None]:
     }
 
 
-def _paths(analysis: SessionAnalysis) -> dict[str, Any]:
-    """Return the parameters over time, evenly thinned if there are very many estimates."""
-    estimates = thinned(analysis.session.estimates)
-    stamps = np.array([estimate.stamp_ns for estimate in estimates], dtype=np.int64)
-    values = np.array([estimate.nonlinear for estimate in estimates])
-    return {
-        'time_s': (stamps - analysis.session.stamp_ns[0]) / NANOSECONDS_PER_SECOND,
-        **dict(zip(estimates[-1].nonlinear_names, values.T, strict=True)),
+def _courses(course: Course) -> dict[str, Any]:
+    """Return what the estimates say over time, evenly thinned if there are very many.
+
+    Each quantity has lists of values and, where there are intervals, of their ends.
+    """
+    names = course.estimates[-1].nonlinear_names
+    paths = {
+        'steady_force': course.force,
+        **{name: course.parameter(name) for name in names},
+        'twitch_time_constant_s': course.physiology('twitch_time_constant_s'),
+        'latency_s': course.physiology('latency_s'),
+        'disturbance': course.disturbance,
     }
+    shown = course.shown
+    return {
+        'time_s': _short(course.time_s[shown]),
+        **{
+            name: {
+                'value': _short(path.value[shown]),
+                'lower': _short(path.lower[shown]) if path.has_interval else None,
+                'upper': _short(path.upper[shown]) if path.has_interval else None,
+            }
+            for name, path in paths.items()
+            if path.known.any()
+        },
+    }
+
+
+def _short(values: FloatArray) -> list[float]:
+    """Return numbers with six digits: a course is looked at, not computed with."""
+    return [float(f'{value:.6g}') for value in values]
 
 
 def _facts(analysis: SessionAnalysis) -> dict[str, Any]:

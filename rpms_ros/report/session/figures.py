@@ -14,24 +14,27 @@ from matplotlib.figure import Figure
 from rpms_ros.errors import ReportError
 from rpms_ros.report.session import panels
 from rpms_ros.report.session.analysis import SessionAnalysis
+from rpms_ros.report.session.course_panels import course_panels
+from rpms_ros.report.session.course_panels import draw_course
+from rpms_ros.report.session.course_panels import draw_stated
 
 Draw = Callable[[list[Axes], SessionAnalysis], None]
 
 _HALF, _FULL = (5.4, 3.5), (11.0, 4.4)
 FIGURES: dict[str, tuple[Draw, tuple[float, float], tuple[int, int]]] = {
     'recruitment': (
-        lambda axes, one: panels.draw_recruitment(axes[0], one.session, one.dose),
+        lambda axes, one: panels.draw_recruitment(axes[0], one.session, one.dose, one.truth),
         _HALF,
         (1, 1),
     ),
     'response': (
         lambda axes, one: panels.draw_response(
-            axes[0], one.session, one.result.impulse_response.force
+            axes[0], one.session, one.result.impulse_response.force, one.truth
         ),
         _HALF,
         (1, 1),
     ),
-    'parameters': (lambda axes, one: panels.draw_parameters(axes, one.session), _FULL, (2, 1)),
+    'parameters': (lambda axes, one: _draw_parameters(axes, one), _FULL, (2, 1)),
     'force': (lambda axes, one: panels.draw_force(axes, one.session, one.dose), _FULL, (2, 1)),
     'residuals': (
         lambda axes, one: panels.draw_residuals(axes, one.residuals),
@@ -74,13 +77,24 @@ _STYLE: dict[Any, Any] = {
 def draw(name: str, analysis: SessionAnalysis) -> Figure:
     """Return one of `FIGURES`, drawn."""
     painter, size, (rows, columns) = FIGURES[name]
+    # One estimate has no course: its panels are parameters of different units.
+    shared = rows > 1
+    if name == 'parameters':
+        shared = analysis.course.has_course
+        rows = len(course_panels(analysis.course)) or rows
+        size = (size[0], 0.5 + 1.6 * rows if shared else size[1])
     figure = Figure(figsize=size, layout='constrained', dpi=150)
-    # One estimate has no path: its panels are parameters of different units.
-    paths = name != 'parameters' or len(analysis.session.estimates) > 1
-    axes = figure.subplots(rows, columns, sharex=rows > 1 and paths, squeeze=False)
+    axes = figure.subplots(rows, columns, sharex=shared, squeeze=False)
     painter(list(axes.flat), analysis)
     label(figure)
     return figure
+
+
+def _draw_parameters(axes: list[Axes], analysis: SessionAnalysis) -> None:
+    if analysis.course.has_course:
+        draw_course(axes, analysis.course, analysis.truth)
+    else:
+        draw_stated(axes, analysis.session.last, analysis.truth)
 
 
 def label(figure: Figure) -> None:

@@ -9,13 +9,24 @@ import numpy as np
 
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
+from rpms_ros.report.course import Change
+from rpms_ros.report.course import Course
+from rpms_ros.report.course import course_of
 from rpms_ros.report.result import IdentificationResult
+from rpms_ros.report.steadiness import steadiness
 
 _SHOWN = (0.5, 1.0)
 # What a force may differ by from session to session without a word, if no interval is known.
 _SMALL = 0.1
+# Force of something else counts above this share of the range of the force.
+_EFFORT = 0.05
+_RATES = {
+    'force_percent': 'steady force, % a minute',
+    'time_constant_percent': 'T_a of the twitch, % a minute',
+    'u_thr': 'threshold, share of the maximum a minute',
+    'u_sat': 'saturation, share of the maximum a minute',
+}
 _ADVICE = (
     ('sign or axis', 'Record or read the force along another axis, or with the other --sign.'),
     ('another topic', 'Look whether the sensor was on and which topic and axis it published.'),
@@ -47,11 +58,14 @@ class StatedForce:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Change:
-    """One sudden change that was found."""
+class Rate:
+    """How fast something changed at the end of the session, a minute."""
 
-    time_s: float
-    kind: str
+    name: str
+    label: str
+    rate: float
+    lower: float
+    upper: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +78,8 @@ class Headline:
     threshold: float | None
     threshold_deviation: float | None
     changes: list[Change] = field(default_factory=list)
+    rates: list[Rate] = field(default_factory=list)
+    effort: str | None = None
     previous: list[str] = field(default_factory=list)
 
 
@@ -86,15 +102,17 @@ def headline_of(
     ReportError
         If `previous` is no such document.
     """
-    changes = changes_of(session)
+    course = course_of(session)
     forces = stated_forces(result)
     return Headline(
-        steadiness=_steadiness(session, changes),
-        next_steps=_next_steps(result),
+        steadiness=steadiness(course),
+        next_steps=_next_steps(result, course.changes),
         forces=forces,
         threshold=(result.recruitment or {}).get('u_thr'),
         threshold_deviation=(result.deviation or {}).get('u_thr') if result.recruitment else None,
-        changes=changes,
+        changes=course.changes,
+        rates=rates_of(session),
+        effort=_effort(course, session.force[session.usable], session.last.unit),
         previous=[] if previous is None else _compared(forces, result, previous),
     )
 
@@ -124,45 +142,45 @@ def at_intensity(share: float, intensity: FloatArray, values: FloatArray) -> flo
     return float(np.interp(share, intensity, values))
 
 
-def changes_of(session: IdentifiedSession) -> list[Change]:
-    """Return the sudden changes that the estimates tell of, each once, in their order."""
-    start = int(session.stamp_ns[0])
-    found: dict[int, Change] = {}
-    for estimate in session.estimates:
-        first = estimate.changes - len(estimate.change_kinds)
-        for index, (kind, ago) in enumerate(
-            zip(estimate.change_kinds, estimate.change_ago.tolist(), strict=True)
-        ):
-            time = (estimate.stamp_ns - start) / NANOSECONDS_PER_SECOND - ago
-            found[first + index] = Change(time_s=time, kind=kind)
-    return [found[index] for index in sorted(found)]
-
-
-def _steadiness(session: IdentifiedSession, changes: list[Change]) -> str:
-    """Return one sentence on whether the muscle stayed the same."""
+def rates_of(session: IdentifiedSession) -> list[Rate]:
+    """Return how fast force, twitch and thresholds change at the end; none if it is not told."""
     last = session.last
-    if changes:
-        what = ', '.join(f'{change.kind} at {change.time_s:.1f} s' for change in changes)
-        return f'The muscle changed during the session: {what}.'
-    if not last.rate_names:
-        return f'The estimator {last.estimator} does not tell whether the muscle changed.'
-    moved = [
-        f'{name} {rate:+.3g} a minute'
-        for name, rate, low, high in zip(
-            last.rate_names, last.rate, last.rate_lower, last.rate_upper, strict=True
+    rows = zip(last.rate_names, last.rate, last.rate_lower, last.rate_upper, strict=True)
+    return [
+        Rate(
+            name=name,
+            label=_RATES.get(name, f'{name} a minute'),
+            rate=float(rate),
+            lower=float(lower),
+            upper=float(upper),
         )
-        if low > 0.0 or high < 0.0
+        for name, rate, lower, upper in rows
     ]
-    if moved:
-        return f'The muscle changed slowly: {", ".join(moved)}.'
-    return 'The muscle stayed the same: no rate of change differs from nothing.'
 
 
-def _next_steps(result: IdentificationResult) -> list[str]:
+def _effort(course: Course, force: FloatArray, unit: str) -> str | None:
+    """Return a sentence on force that the stimulation did not cause, None if there was none."""
+    path = course.disturbance
+    with np.errstate(invalid='ignore'):
+        sure = course.settled & path.known & (path.lower > _EFFORT * float(np.ptp(force)))
+    if not sure.any():
+        return None
+    largest = int(np.argmax(np.where(sure, path.value, -np.inf)))
+    return (
+        f'Up to {path.value[largest]:.3g} {unit} came from something else than the stimulation '
+        f'(voluntary effort, spasm or a knock), most at {course.time_s[largest]:.0f} s.'
+    )
+
+
+def _next_steps(result: IdentificationResult, changes: list[Change]) -> list[str]:
     verdict = result.verdict
+    moved = [change.time_s for change in changes if change.kind == 'thresholds']
+    steps = [
+        f'The curve is that of the coil after {at:.0f} s: fix it better.' for at in moved[-1:]
+    ]
     if verdict.grade == 'good':
-        return [_USE]
-    steps = [step for reason in verdict.reasons for sign, step in _ADVICE if sign in reason]
+        return steps or [_USE]
+    steps += [step for reason in verdict.reasons for sign, step in _ADVICE if sign in reason]
     return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
 
 

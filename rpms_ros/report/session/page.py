@@ -25,7 +25,8 @@ CAPTIONS = {
     'recruitment': 'Steady force over intensity with its band; the bars below show which '
     'intensities were used.',
     'response': 'Force after one pulse, from the pulse on.',
-    'parameters': 'How the parameters of the curve were found; dotted lines are sudden changes.',
+    'parameters': 'What was known at each time, with 95 % bands; dotted lines are sudden changes, '
+    'hatched spans are doubtful, dashed is the truth where the muscle was simulated.',
     'force': 'Measured and modelled force at the end of the stimulation, and their difference.',
     'residuals': 'What is left of the force: within the dashed lines it is noise.',
     'held_out': 'Force that was not learnt from, and what was foretold of it.',
@@ -37,7 +38,7 @@ SECTIONS = {
     'summary': 'Verdict',
     'recruitment': 'Recruitment',
     'response': 'Impulse response and physiology',
-    'parameters': 'Parameter paths',
+    'parameters': 'Time courses',
     'force': 'Force, measured and modelled',
     'residuals': 'Residuals',
     'held-out': 'Held-out fit',

@@ -1,49 +1,42 @@
 """What is drawn into the axes of each figure of a report.
 
-Measured and true are thick and grey, modelled thin and black, limits are dashed, bands light with
-an edge: told apart by shade, width and style, never by hue.
+Measured is thick and grey, true thick, grey and dashed, modelled thin and black, limits are
+dashed, bands light with an edge: told apart by shade, width and style, never by hue.
 """
-
-from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification.narrowed import informed_parameters
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import twitch
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
-from rpms_ros.report.agreement import true_parameters
+from rpms_ros.report.known_muscle import KnownMuscle
 from rpms_ros.report.session.dose import Dose
-from rpms_ros.report.session.headline import changes_of
 from rpms_ros.report.session.held_out import HeldOutFit
-from rpms_ros.report.session.residuals import BAND_95
 from rpms_ros.report.session.residuals import ResidualAnalysis
-from rpms_ros.report.session.traces import ENVELOPE_BINS
-from rpms_ros.report.session.traces import thinned
 
 MEASURED, MODELLED, BAND, FAINT = '#a0a0a0', '#000000', '#dcdcdc', '#6e6e6e'
-LINE_STYLES = ('-', '--', ':', '-.')
 _SHOWN = 4.0
 # More bars than this cannot be told apart in print.
 _MOST_BARS = 1000
+# More points than this in a line cannot be told apart either.
+_MOST_POINTS = 2000
 
 
 def draw_recruitment(
-    place: Axes, session: IdentifiedSession, dose: Dose, subject: Subject | None = None
+    place: Axes, session: IdentifiedSession, dose: Dose, truth: KnownMuscle | None = None
 ) -> None:
     """Draw the recruitment curve with its band, the true one and the intensities used."""
     last = session.last
     place.set_title(f'Recruitment at {last.repetition_rate:g} Hz')
     place.set_xlabel('intensity / share of maximum')
-    place.set_ylabel('steady mean force / N')
+    place.set_ylabel(f'steady mean {quantity(last.unit)}')
     place.set_xlim(0.0, 1.0)
     intensity = last.curve_intensity
-    if subject is not None:
-        _true(place, intensity, subject.steady_force(intensity, last.repetition_rate))
+    if truth is not None and truth.comparable(last):
+        draw_true(place, truth.intensity, truth.curve_at(last.stamp_ns))
     if last.curve_known:
         _band(place, intensity, last.curve_lower, last.curve_upper, last.confidence)
         place.plot(intensity, last.curve_force, color=MODELLED, label='identified')
@@ -60,7 +53,7 @@ def draw_recruitment(
 
 
 def draw_response(
-    place: Axes, session: IdentifiedSession, force: FloatArray, subject: Subject | None = None
+    place: Axes, session: IdentifiedSession, force: FloatArray, truth: KnownMuscle | None = None
 ) -> None:
     """Draw the response to one pulse, `force` (times,) [N], with its band and the true one."""
     last = session.last
@@ -68,93 +61,16 @@ def draw_response(
     full = 'at full intensity' if last.curve_known else 'of the intensity used'
     place.set_title(f'Response to one pulse {full}')
     place.set_xlabel('time after the pulse / ms')
-    place.set_ylabel('force / N')
+    place.set_ylabel(quantity(last.unit))
     place.set_xlim(0.0, float(time[-1]))
-    if subject is not None and last.curve_known:
+    if truth is not None and truth.comparable(last):
         fine = np.linspace(0.0, float(time[-1]), 500)
-        weight = float(subject.pulse_weight(1.0, last.repetition_rate))
-        shape = twitch(1e-3 * fine - subject.latency, subject.time_constant, subject.order)
-        _true(place, fine, weight * shape)
+        shape = truth.response(1e-3 * fine, last.stamp_ns)
+        if shape is not None:
+            draw_true(place, fine, shape)
     if last.curve_known:
         _band(place, time, last.response_lower, last.response_upper, last.confidence)
     place.plot(time, force, color=MODELLED, label='identified')
-
-
-def draw_parameters(
-    axes: list[Axes], session: IdentifiedSession, subject: Subject | None = None
-) -> None:
-    """Draw the paths of the parameters: intensities above, slopes below; true ones are grey."""
-    if len(session.estimates) == 1:
-        _draw_stated(axes, session, true_parameters(subject))
-        return
-    estimates = thinned(session.estimates)
-    time = _elapsed(np.array([estimate.stamp_ns for estimate in estimates]), session)
-    values = np.array([estimate.nonlinear for estimate in estimates])
-    last = session.last
-    deviation = np.sqrt(np.maximum(np.diag(last.nonlinear_covariance), 0.0))
-    truth = true_parameters(subject)
-    axes[0].set_title('Parameters while the session went on')
-    for place, prefix, quantity in zip(
-        axes, ('u_', 'alpha_'), ('share of maximum', 'slope'), strict=True
-    ):
-        names = [name for name in last.nonlinear_names if name.startswith(prefix)]
-        for name, line in zip(names, LINE_STYLES, strict=False):
-            index = last.nonlinear_names.index(name)
-            path = values[:, index]
-            place.plot(time, path, color=MODELLED, ls=line, lw=1.2, label=name)
-            if len(deviation):
-                place.errorbar(
-                    time[-1], path[-1], deviation[index], color=FAINT, capsize=3, lw=1.0
-                )
-            if name in truth:
-                place.axhline(truth[name], color=MEASURED, ls=line, lw=2.5, zorder=1)
-        place.set_ylabel(quantity)
-        _mark_changes(place, session)
-    axes[-1].set_xlabel('time / s')
-
-
-def _mark_changes(place: Axes, session: IdentifiedSession) -> None:
-    """Mark the sudden changes, each with what changed."""
-    for change in changes_of(session):
-        place.axvline(change.time_s, color=FAINT, ls=':', lw=1.2)
-        place.annotate(
-            change.kind,
-            (change.time_s, 1.0),
-            xycoords=('data', 'axes fraction'),
-            xytext=(3, -10),
-            textcoords='offset points',
-            fontsize=8,
-            color=FAINT,
-        )
-
-
-def _draw_stated(axes: list[Axes], session: IdentifiedSession, truth: Mapping[str, float]) -> None:
-    """Draw the parameters of the only estimate, each as a point with its 95 % interval."""
-    last = session.last
-    deviation = np.sqrt(np.maximum(np.diag(last.nonlinear_covariance), 0.0))
-    informed = informed_parameters(last)
-    axes[0].set_title('Parameters of the whole session')
-    for place, prefix, quantity in zip(
-        axes, ('u_', 'alpha_'), ('share of maximum', 'slope'), strict=True
-    ):
-        names = [name for name in last.nonlinear_names if name.startswith(prefix)]
-        for row, name in enumerate(names):
-            index = last.nonlinear_names.index(name)
-            if name in truth:
-                place.plot(truth[name], row, '|', color=MEASURED, ms=18, mew=3.0)
-            if informed[index]:
-                half = BAND_95 * deviation[index] if len(deviation) else 0.0
-                place.errorbar(
-                    last.nonlinear[index], row, xerr=half, color=MODELLED, fmt='o', ms=4, capsize=4
-                )
-            else:
-                place.annotate(
-                    'not determined by the data', (0.5, row), xycoords=('axes fraction', 'data'),
-                    ha='center', va='center',
-                )  # fmt: skip
-        place.set_yticks(range(len(names)), names)
-        place.set_ylim(-0.7, len(names) - 0.3)
-        place.set_xlabel(quantity)
 
 
 def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None:
@@ -163,8 +79,11 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
     end = min(float(time[-1]), float(dose.onset_s[-1]) + 0.1) if dose.pulses else float(time[-1])
     kept = (time >= end - _SHOWN) & (time <= end)
     shown = float(time[kept][-1] - time[kept][0]) if kept.any() else 0.0
-    axes[0].set_title(f'Force, last {min(_SHOWN, shown):.3g} s of stimulation')
-    _force_and_residual(axes, time[kept], session.force[kept], session.prediction[kept])
+    what = QUANTITIES[session.last.unit].capitalize()
+    axes[0].set_title(f'{what}, last {min(_SHOWN, shown):.3g} s of stimulation')
+    _force_and_residual(
+        axes, time[kept], session.force[kept], session.prediction[kept], session.last.unit
+    )
 
 
 def draw_held_out(axes: list[Axes], session: IdentifiedSession, fit: HeldOutFit | None) -> None:
@@ -176,7 +95,7 @@ def draw_held_out(axes: list[Axes], session: IdentifiedSession, fit: HeldOutFit 
     kept = time <= time[0] + _SHOWN
     shown = float(time[kept][-1] - time[0])
     axes[0].set_title(f'Held out: the first {shown:.3g} s after learning stopped')
-    _force_and_residual(axes, time[kept], fit.force[kept], fit.prediction[kept])
+    _force_and_residual(axes, time[kept], fit.force[kept], fit.prediction[kept], session.last.unit)
 
 
 def draw_residuals(axes: list[Axes], found: ResidualAnalysis | None) -> None:
@@ -225,17 +144,17 @@ def draw_schedule(axes: list[Axes], dose: Dose) -> None:
 
 
 def _force_and_residual(
-    axes: list[Axes], time: FloatArray, force: FloatArray, prediction: FloatArray
+    axes: list[Axes], time: FloatArray, force: FloatArray, prediction: FloatArray, unit: str
 ) -> None:
     upper, lower = axes
-    step = max(1, len(time) // (4 * ENVELOPE_BINS))
+    step = max(1, len(time) // _MOST_POINTS)
     time, force, prediction = time[::step], force[::step], prediction[::step]
     upper.plot(time, force, color=MEASURED, lw=3.0, label='measured')
     upper.plot(time, prediction, color=MODELLED, lw=0.9, label='modelled, predicted')
-    upper.set_ylabel('force / N')
+    upper.set_ylabel(quantity(unit))
     lower.plot(time, force - prediction, color=MODELLED, lw=0.7)
     lower.axhline(0.0, color=FAINT, lw=0.6)
-    lower.set_ylabel('residual / N')
+    lower.set_ylabel(f'residual / {unit}')
     lower.set_xlabel('time / s')
 
 
@@ -244,8 +163,14 @@ def _elapsed(stamp_ns: IntArray, session: IdentifiedSession) -> FloatArray:
     return elapsed
 
 
-def _true(axes: Axes, x: FloatArray, y: FloatArray) -> None:
-    axes.plot(x, y, color=MEASURED, lw=3.0, label='true')
+def quantity(unit: str) -> str:
+    """Return the label of an axis of force or torque by its unit."""
+    return f'{QUANTITIES[unit]} / {unit}'
+
+
+def draw_true(axes: Axes, x: FloatArray, y: FloatArray, name: str | None = 'true') -> None:
+    """Draw what is true of a simulated muscle: dashed, behind what was identified."""
+    axes.plot(x, y, color=MEASURED, ls='--', lw=2.4, label=name, zorder=1.5)
 
 
 def _band(

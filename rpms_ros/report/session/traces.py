@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.output_error import settled
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -19,12 +18,10 @@ from rpms_ros.pulses import FloatArray
 
 MOST_SAMPLES = 50_000
 """Up to so many samples are kept one by one."""
-ENVELOPE_BINS = 6000
+ENVELOPE_BINS = 4000
 WINDOW = 10.0
 """Length of a window that is kept sample by sample [s]."""
 _MOST_IN_WINDOW = 10_000
-MOST_ESTIMATES = 4000
-"""Of more, parameter paths show evenly spaced ones: a path has more points than a page pixels."""
 
 
 @dataclass(frozen=True)
@@ -126,14 +123,6 @@ def _envelope(session: IdentifiedSession, elapsed: FloatArray) -> dict[str, Any]
     }
     columns = {'time': [elapsed[starts], elapsed[middles]], **extremes}
     return {name: encoded(np.stack(pair, axis=1).ravel()) for name, pair in columns.items()}
-
-
-def thinned(estimates: list[Estimate]) -> list[Estimate]:
-    """Return at most `MOST_ESTIMATES` of the estimates, evenly spaced, first and last included."""
-    if len(estimates) <= MOST_ESTIMATES:
-        return estimates
-    chosen = np.linspace(0, len(estimates) - 1, MOST_ESTIMATES).round().astype(int)
-    return [estimates[index] for index in chosen]
 
 
 def encoded(values: npt.NDArray[Any]) -> str:

@@ -18,6 +18,7 @@ from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
+from rpms_ros.report import course
 from rpms_ros.report.session import SessionAnalysis
 from rpms_ros.report.session import as_document
 from rpms_ros.report.session import traces
@@ -188,16 +189,16 @@ def test_traces_leave_room_for_the_rest_of_a_page(analysis: SessionAnalysis, cou
     assert len(json.dumps(traces.force_traces(session))) < 850_000
 
 
-def test_of_many_estimates_first_and_last_are_kept(
+def test_of_many_estimates_first_and_last_are_shown(
     analysis: SessionAnalysis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    estimates = analysis.session.estimates
-    assert traces.thinned(estimates) is estimates
-    monkeypatch.setattr(traces, 'MOST_ESTIMATES', 10)
-    kept = traces.thinned(estimates)
-    assert len({id(one) for one in kept}) == 10
-    assert (kept[0], kept[-1]) == (estimates[0], estimates[-1])
-    assert as_document(analysis)['parameter_paths']['time_s'][-1] == pytest.approx(9.999)
+    count = len(analysis.course.estimates)
+    assert analysis.course.shown.tolist() == list(range(count))
+    monkeypatch.setattr(course, 'MOST_SHOWN', 10)
+    shown = course.course_of(analysis.session).shown
+    assert len(set(shown.tolist())) == 10
+    assert (shown[0], shown[-1]) == (0, count - 1)
+    assert as_document(analysis)['time_courses']['time_s'][-1] == pytest.approx(9.999)
 
 
 def test_a_dead_force_still_gives_a_report(

@@ -15,7 +15,6 @@ from rpms_ros.report.session import SessionAnalysis
 from rpms_ros.report.session import as_document
 from rpms_ros.report.session import as_page
 from rpms_ros.report.session.figures import draw
-from rpms_ros.report.session.headline import changes_of
 from rpms_ros.report.session.headline import headline_of
 from rpms_ros.report.session.page import CAPTIONS
 
@@ -51,22 +50,14 @@ def test_the_methods_can_be_copied_and_done_again(document: dict[str, Any], page
     assert sentence in page
 
 
-def test_rates_that_differ_from_nothing_are_told(analysis: SessionAnalysis) -> None:
-    names = ('force_percent_per_minute', 'time_constant_percent_per_minute')
+def test_rates_are_told_with_their_intervals(analysis: SessionAnalysis) -> None:
+    assert analysis.headline.rates == []
     bands = {'rate_lower': np.array([-32.0, -1.0]), 'rate_upper': np.array([-28.0, 1.0])}
-    changed = with_last(analysis, rate_names=names, rate=np.array([-30.0, 0.0]), **bands)
-    assert changed.headline.steadiness == (
-        'The muscle changed slowly: force_percent_per_minute -30 a minute.'
-    )
-    same = with_last(
-        analysis,
-        rate_names=names,
-        rate=np.zeros(2),
-        rate_lower=-np.ones(2),
-        rate_upper=np.ones(2),
-    )
-    assert same.headline.steadiness.startswith('The muscle stayed the same')
-    assert 'does not tell' in analysis.headline.steadiness
+    names = ('force_percent', 'time_constant_percent')
+    changed = with_last(analysis, rate_names=names, rate=np.array([-30.0, 0.25]), **bands)
+    page = as_page(changed, as_document(changed))
+    assert 'steady force, % a minute</th><td>-30</td><td>-32 to -28</td>' in page
+    assert 'T_a of the twitch, % a minute</th><td>+0.25</td><td>-1 to +1</td>' in page
 
 
 def test_sudden_changes_are_told_once_and_marked(analysis: SessionAnalysis) -> None:
@@ -76,16 +67,25 @@ def test_sudden_changes_are_told_once_and_marked(analysis: SessionAnalysis) -> N
         for index, one in enumerate(analysis.session.estimates[-5:])
     ]
     session = replace(analysis.session, estimates=[*analysis.session.estimates[:-5], *estimates])
-    (change,) = changes_of(session)
+    headline = headline_of(analysis.result, session)
+    (change,) = headline.changes
     assert change.kind == 'thresholds'
     # the fifth to last estimate of ten seconds; the last one comes at the last sample
     assert change.time_s == pytest.approx(9.6, abs=0.11)
-    headline = headline_of(analysis.result, session)
-    assert headline.steadiness.startswith(
-        'The muscle changed during the session: thresholds at 9.'
-    )
-    figure = draw('parameters', replace(analysis, session=session))
+    assert headline.steadiness.startswith('The coil probably moved at 9.')
+    assert 'the coil after 10 s' in headline.next_steps[0]
+    marked = replace(analysis, session=session, headline=headline)
+    figure = draw('parameters', marked)
     assert 'thresholds' in [text.get_text() for text in figure.axes[0].texts]
+    assert change.reason in as_page(marked, as_document(marked))
+
+
+def test_effort_is_told_where_it_is_sure(analysis: SessionAnalysis) -> None:
+    assert analysis.headline.effort is None
+    pushed = with_last(analysis, disturbance=2.5, disturbance_deviation=0.1).headline.effort
+    assert pushed is not None
+    assert pushed.startswith('Up to 2.5 N came from something else than the stimulation')
+    assert with_last(analysis, disturbance=2.5, disturbance_deviation=2.0).headline.effort is None
 
 
 def test_the_difference_from_the_last_session_is_told(analysis: SessionAnalysis) -> None:

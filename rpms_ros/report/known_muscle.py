@@ -1,0 +1,270 @@
+"""What is true of a simulated muscle over a session, to draw beside what was identified.
+
+It comes from the topic of `rpms_msgs/MuscleTruth` in a recording, from the subject in the notes of
+one, or from the simulation itself.  It is never part of a result.
+"""
+
+import json
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import replace
+
+import numpy as np
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.identification import Estimate
+from rpms_ros.muscle import Subject
+from rpms_ros.muscle import twitch
+from rpms_ros.muscle.recruitment import IntensityRecruitment
+from rpms_ros.muscle.recruitment import RateRecruitment
+from rpms_ros.muscle.truth import CURVE_POINTS
+from rpms_ros.muscle.truth import Truth
+from rpms_ros.muscle.twitch import twitch_area
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+from rpms_ros.report.course import Course
+from rpms_ros.schema import documented
+
+SETTLED_S = 15.0
+"""The worst error over a session counts from here on [s]; of a shorter one from its middle."""
+_AFTER_CHANGE = 5.0
+_NOTE = 'subject'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """How far the identified curve was from the true one; shares of the true maximum."""
+
+    error_at_the_end: float = documented('worst error of the curve of the last estimate')
+    worst_error: float = documented('worst error of any estimate after `since_s`')
+    worst_at_s: float = documented('time of that estimate [s]')
+    worst_apart: float | None = documented(
+        'the same without five seconds after each sudden change', default=None
+    )
+    since_s: float = documented('from when on estimates count [s]')
+    inside_band: float | None = documented(
+        'share of the curve, over these estimates, that lies inside its band', default=None
+    )
+
+    @property
+    def sentence(self) -> str:
+        """The judgement in words."""
+        text = (
+            f'The muscle was simulated: the identified curve is at most '
+            f'{100 * self.error_at_the_end:.2g} % of its maximum from the true one at the end'
+        )
+        if self.worst_at_s > 0.0:
+            text += (
+                f', and at most {100 * self.worst_error:.2g} % at any time from '
+                f'{self.since_s:.0f} s on (at {self.worst_at_s:.0f} s)'
+            )
+        if self.worst_apart is not None:
+            text += f'; {100 * self.worst_apart:.2g} % but for the 5 s after a sudden change'
+        if self.inside_band is not None:
+            text += f'; {100 * self.inside_band:.0f} % of it lies inside its band'
+        return f'{text}.'
+
+
+@dataclass(frozen=True)
+class KnownMuscle:
+    """A simulated muscle over a session; between its times values are interpolated.
+
+    Attributes
+    ----------
+    stamp_ns : ndarray of int64 (times,)
+        Ascending [ns].
+    rate_hz : float
+        Repetition rate for which the curve is stated [Hz].
+    intensity : ndarray (points,)
+        Shares of the maximum.
+    curve : ndarray (times, points)
+        Steady force.
+    threshold, saturation, time_constant, latency, effort : ndarray (times,)
+        u_thr, u_sat [1], T_a, latency [s], and force that the stimulation does not cause.
+    subject : Subject or None
+        The muscle at rest, where it is known: order of the twitch and slopes of the curve.
+    """
+
+    stamp_ns: IntArray
+    rate_hz: float
+    intensity: FloatArray
+    curve: FloatArray
+    threshold: FloatArray
+    saturation: FloatArray
+    time_constant: FloatArray
+    latency: FloatArray
+    effort: FloatArray
+    subject: Subject | None = None
+
+    def at(self, name: str, stamp_ns: IntArray | int) -> FloatArray:
+        """Return one of the attributes over time at stamps (stamps,) [ns]."""
+        return _between(self.stamp_ns, getattr(self, name), stamp_ns)
+
+    def curve_at(self, stamp_ns: int) -> FloatArray:
+        """Return the steady force (points,) at a time [ns]."""
+        return np.array([_between(self.stamp_ns, one, stamp_ns) for one in self.curve.T])
+
+    def full_force(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the steady force at full intensity at stamps (stamps,) [ns]."""
+        return _between(self.stamp_ns, self.curve[:, -1], stamp_ns)
+
+    def parameter(self, name: str, stamp_ns: IntArray) -> FloatArray | None:
+        """Return a parameter of the curve at stamps (stamps,), None if it is not known."""
+        if name in ('u_thr', 'u_sat'):
+            return self.at({'u_thr': 'threshold', 'u_sat': 'saturation'}[name], stamp_ns)
+        slopes = {'alpha_sat': 'saturation_slope', 'alpha_thr': 'threshold_slope'}
+        if self.subject is None or name not in slopes:
+            return None
+        return np.full(np.shape(stamp_ns), getattr(self.subject.recruitment, slopes[name]))
+
+    def response(self, time_s: FloatArray, stamp_ns: int) -> FloatArray | None:
+        """Return the force (times,) after one pulse of full intensity, None if not known.
+
+        Its mean at the rate of the curve is the steady force.
+        """
+        if self.subject is None:
+            return None
+        constant, order = float(self.at('time_constant', stamp_ns)), self.subject.order
+        peak = self.curve_at(stamp_ns)[-1] / (self.rate_hz * twitch_area(constant, order))
+        force: FloatArray = peak * twitch(
+            time_s - float(self.at('latency', stamp_ns)), constant, order
+        )
+        return force
+
+    def comparable(self, estimate: Estimate) -> bool:
+        """Whether an estimate states a curve for the same repetition rate."""
+        return estimate.curve_known and estimate.repetition_rate == self.rate_hz
+
+    def error(self, estimate: Estimate) -> float:
+        """Return the worst error of a curve relative to the true maximum, NaN if not known."""
+        if not self.comparable(estimate):
+            return float('nan')
+        true = self.curve_at(estimate.stamp_ns)
+        found = np.interp(self.intensity, estimate.curve_intensity, estimate.curve_force)
+        return float(np.abs(found - true).max() / true.max())
+
+    def inside(self, estimate: Estimate) -> float:
+        """Return the share of the true curve that lies inside the band, NaN without one."""
+        if not self.comparable(estimate) or not len(estimate.curve_upper):
+            return float('nan')
+        true = self.curve_at(estimate.stamp_ns)
+        lower, upper = (
+            np.interp(self.intensity, estimate.curve_intensity, values)
+            for values in (estimate.curve_lower, estimate.curve_upper)
+        )
+        return float(np.mean((lower <= true) & (true <= upper)))
+
+    def judged(self, course: Course) -> Judgement | None:
+        """Return how far a session's curves were from the true ones, None if nothing tells."""
+        since = min(SETTLED_S, 0.5 * course.end_s)
+        late = [one for one in course.estimates if one.stamp_ns >= course.start_ns + 1e9 * since]
+        errors = np.array([self.error(one) for one in late])
+        if not len(late) or np.isnan(errors[-1]):
+            return None
+        worst = int(np.nanargmax(errors))
+        time = np.array([one.stamp_ns - course.start_ns for one in late]) / NANOSECONDS_PER_SECOND
+        known = ~np.isnan(errors)
+        for change in course.changes:
+            known &= (time < change.time_s) | (time > change.time_s + _AFTER_CHANGE)
+        apart = float(errors[known].max()) if course.changes and known.any() else None
+        inside = np.array([self.inside(one) for one in late])
+        return Judgement(
+            error_at_the_end=float(errors[-1]),
+            worst_error=float(errors[worst]),
+            worst_at_s=float(time[worst]) if len(late) > 1 else 0.0,
+            worst_apart=apart,
+            since_s=since,
+            inside_band=float(np.nanmean(inside)) if np.isfinite(inside).any() else None,
+        )
+
+
+def known_muscle(
+    truths: Sequence[Truth], notes: Mapping[str, str], rate_hz: float
+) -> KnownMuscle | None:
+    """Return the muscle of a simulated recording, None if nothing tells it.
+
+    Parameters
+    ----------
+    truths : sequence of Truth
+        Messages of the simulation.
+    notes : mapping of str to str
+        Notes of the recording.
+    rate_hz : float
+        Rate for which the curve is stated, where the notes tell the muscle [Hz].
+    """
+    subject = _noted_subject(notes)
+    found = of_truths(truths, subject)
+    if found is None and subject is not None:
+        found = of_subject(subject, rate_hz)
+    # what a recording says of a muscle need not be one
+    if found is None or not np.isfinite(found.curve).all() or not (found.curve.max(1) > 0).all():
+        return None
+    return found
+
+
+def of_truths(truths: Sequence[Truth], subject: Subject | None = None) -> KnownMuscle | None:
+    """Return the muscle that messages of a simulation tell, None if there are none.
+
+    Of a simulator that has started anew only what is stamped later than all before counts.
+    """
+    kept: list[Truth] = []
+    for one in truths:
+        alike = not kept or np.array_equal(one.curve_intensity, kept[0].curve_intensity)
+        later = not kept or one.stamp_ns > kept[-1].stamp_ns
+        if alike and later and len(one.curve_intensity) > 1:
+            kept.append(one)
+    if not kept:
+        return None
+    states = [one.state for one in kept]
+    return KnownMuscle(
+        stamp_ns=np.array([one.stamp_ns for one in kept], dtype=np.int64),
+        rate_hz=kept[0].repetition_rate,
+        intensity=kept[0].curve_intensity,
+        curve=np.array([one.curve_force for one in kept]),
+        threshold=np.array([one.threshold for one in states]),
+        saturation=np.array([one.saturation for one in states]),
+        time_constant=np.array([one.time_constant for one in states]),
+        latency=np.array([one.latency for one in states]),
+        effort=np.array([one.effort for one in kept]),
+        subject=subject,
+    )
+
+
+def of_subject(subject: Subject, rate_hz: float) -> KnownMuscle:
+    """Return a muscle that does not change; its curve is stated for a repetition rate [Hz]."""
+    intensity = np.linspace(0.0, 1.0, CURVE_POINTS)
+    return KnownMuscle(
+        stamp_ns=np.zeros(1, dtype=np.int64),
+        rate_hz=rate_hz,
+        intensity=intensity,
+        curve=subject.steady_force(intensity, rate_hz)[np.newaxis],
+        threshold=np.array([subject.recruitment.threshold]),
+        saturation=np.array([subject.recruitment.saturation]),
+        time_constant=np.array([subject.time_constant]),
+        latency=np.array([subject.latency]),
+        effort=np.zeros(1),
+        subject=subject,
+    )
+
+
+def _noted_subject(notes: Mapping[str, str]) -> Subject | None:
+    """Return the subject that `rpms simulate` noted in a recording, None if there is none."""
+    try:
+        values = json.loads(notes[_NOTE])
+        recruitment = IntensityRecruitment(**values.pop('recruitment'))
+        rates = RateRecruitment(**values.pop('rate_recruitment'))
+        return replace(Subject(**values), recruitment=recruitment, rate_recruitment=rates)
+    except (KeyError, TypeError, ValueError, AttributeError, MuscleError):
+        return None
+
+
+def _between(stamp_ns: IntArray, values: FloatArray, wanted: IntArray | int) -> FloatArray:
+    # relative to the first: nanoseconds since 1970 have no room in a double
+    found: FloatArray = np.interp(
+        (np.asarray(wanted) - stamp_ns[0]).astype(np.float64),
+        (stamp_ns - stamp_ns[0]).astype(np.float64),
+        values,
+    )
+    return found

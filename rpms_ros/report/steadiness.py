@@ -1,0 +1,177 @@
+"""Whether the muscle stayed the same over a session, in one or two sentences."""
+
+import math
+
+import numpy as np
+
+from rpms_ros.report.course import Change
+from rpms_ros.report.course import Course
+from rpms_ros.report.course import Path
+
+# Half an interval wider than this share of the value does not tell whether it has changed.
+_NARROW = 0.05
+# A change that is smaller than this share is not worth a word, however sure it is.
+_WORTH = 0.02
+# Larger bounds are not called the same.
+_SAME = 0.1
+# After a sudden change the muscle is learnt anew [s].
+_AFTER = 5.0
+_MUSCLE = ('gain', 'thresholds', 'dynamics', 'unknown')
+_TIME_CONSTANT = 'twitch_time_constant_s'
+
+
+def steadiness(course: Course) -> str:
+    """Return whether the muscle stayed the same, as far as the estimates tell."""
+    sudden = [_told(change, course) for change in course.changes]
+    if not course.follows and not sudden:
+        return _not_told(course)
+    slow = [text for span in _spans(course) if (text := _slow(course, *span))]
+    if sudden or slow:
+        return ' '.join([*sudden, *slow])
+    return _same(course)
+
+
+def _not_told(course: Course) -> str:
+    name = course.estimates[-1].estimator
+    return (
+        f'The estimator {name} takes the muscle for one that does not change; the estimator '
+        'tracking tells whether it did.'
+    )
+
+
+def _same(course: Course) -> str:
+    places = _narrow(course.force, course.settled)
+    if not len(places):
+        return 'The intervals are too wide to tell whether the muscle stayed the same.'
+    force = course.force
+    deviation = np.abs(force.value[places] / force.value[places[0]] - 1.0)
+    change, half = _ratio(force, int(places[0]), int(places[-1]))
+    bound = max(float(deviation.max()), abs(change) + half)
+    percent = max(math.ceil(100.0 * bound), 1)
+    if bound > _SAME:
+        return f'No lasting change was found; one of less than {percent} % would not be seen.'
+    since = f'from {course.time_s[places[0]]:.0f} s on' if places[0] else 'over the session'
+    return f'The muscle stayed the same within {percent} % {since}.'
+
+
+def _spans(course: Course) -> list[tuple[float, float]]:
+    """Return the parts between sudden changes of the muscle, each without its first seconds."""
+    edges = [change.time_s for change in course.changes if change.kind in _MUSCLE]
+    starts = [0.0, *(edge + _AFTER for edge in edges)]
+    return list(zip(starts, [*edges, math.inf], strict=True))
+
+
+def _slow(course: Course, start: float, end: float) -> str:
+    """Return how force and twitch changed slowly in a part of the session, empty if not."""
+    inside = course.settled & (course.time_s >= start) & (course.time_s <= end)
+    force = _difference(course.force, inside, 'fell', 'rose')
+    slower = _difference(
+        course.physiology(_TIME_CONSTANT), inside, 'became faster', 'became slower'
+    )
+    if not force and not slower:
+        return ''
+    when = _between(course, inside)
+    told = [f'the force at full intensity {force}'] if force else []
+    told += [f'the twitch {slower}'] if slower else []
+    text = ' and '.join(told)
+    return f'{text[0].upper()}{text[1:]} {when}.'
+
+
+def _difference(path: Path, inside: np.ndarray, down: str, up: str) -> str:
+    """Return the change of a quantity between two ends, empty if it is not sure or too small."""
+    places = _narrow(path, inside)
+    if len(places) < 2:
+        return ''
+    change, half = _ratio(path, int(places[0]), int(places[-1]))
+    if abs(change) <= half or abs(change) < _WORTH:
+        return ''
+    return f'{down if change < 0.0 else up} by {_percent(abs(change), half)}'
+
+
+def _between(course: Course, inside: np.ndarray) -> str:
+    places = _narrow(course.force, inside)
+    if not len(places):
+        places = np.flatnonzero(inside)
+    first, last = course.time_s[places[0]], course.time_s[places[-1]]
+    return f'between {first:.0f} and {last:.0f} s'
+
+
+def _narrow(path: Path, inside: np.ndarray) -> np.ndarray:
+    """Return where a quantity is known well enough to be compared, in order."""
+    half = 0.5 * (path.upper - path.lower)
+    with np.errstate(invalid='ignore'):
+        chosen = inside & path.known & (half <= _NARROW * np.abs(path.value))
+    return np.flatnonzero(chosen)
+
+
+def _ratio(path: Path, first: int, last: int) -> tuple[float, float]:
+    """Return relative change between two estimates, and half of its interval.
+
+    The two are taken for independent, which makes the interval rather too wide.
+    """
+    half = 0.5 * (path.upper - path.lower) / np.abs(path.value)
+    ratio = float(path.value[last] / path.value[first])
+    return ratio - 1.0, abs(ratio) * math.hypot(float(half[first]), float(half[last]))
+
+
+def _told(change: Change, course: Course) -> str:
+    """Return a sentence on a sudden change."""
+    at = f'at {change.time_s:.1f} s'
+    force = _step(course.force, course, change)
+    if change.kind == 'baseline':
+        return f'The force at rest jumped {at}, which is not the muscle.'
+    begin = {
+        'thresholds': f'The coil probably moved {at}',
+        'gain': f'The force of all intensities changed {at}',
+        'dynamics': f'The response to a pulse changed its shape {at}',
+    }.get(change.kind, f'Something changed {at}')
+    parts = []
+    if change.kind == 'thresholds' and (moved := _moved(course, change)):
+        parts.append(moved)
+    if force:
+        parts.append(f'the force at full intensity {force}')
+    return f'{begin}: {", ".join(parts)}.' if parts else f'{begin}.'
+
+
+def _step(path: Path, course: Course, change: Change) -> str:
+    """Return how a quantity differs before and after a sudden change, empty if it is not told."""
+    pair = _around(path, course, change)
+    if pair is None:
+        return ''
+    step, half = _ratio(path, *pair)
+    if not math.isfinite(half):
+        return ''
+    if abs(step) <= max(half, _WORTH):
+        return f'stayed within {max(math.ceil(100 * (abs(step) + half)), 1)} %'
+    return f'{"fell" if step < 0.0 else "rose"} by {_percent(abs(step), half)}'
+
+
+def _moved(course: Course, change: Change) -> str:
+    path = course.parameter('u_thr')
+    pair = _around(path, course, change)
+    if pair is None:
+        return ''
+    before, after = (float(path.value[place]) for place in pair)
+    return f'the threshold went from {before:.2f} to {after:.2f}'
+
+
+def _around(path: Path, course: Course, change: Change) -> tuple[int, int] | None:
+    """Return the last estimate before a change, and one some seconds after it."""
+    edges = [one.time_s for one in course.changes if one.kind in _MUSCLE]
+    later = min((edge for edge in edges if edge > change.time_s), default=math.inf)
+    known, time = path.known, course.time_s
+    before = np.flatnonzero(known & (time <= change.time_s))
+    after = np.flatnonzero(known & (time > change.time_s) & (time <= later))
+    if not len(before) or not len(after):
+        return None
+    learnt = after[time[after] >= change.time_s + _AFTER]
+    return int(before[-1]), int(learnt[0] if len(learnt) else after[-1])
+
+
+def _percent(value: float, half: float) -> str:
+    """Return a share with its interval in per cent, with as many digits as the interval needs."""
+    digits = 0 if half >= 0.005 else 1
+    middle, low, high = (
+        f'{100 * one:.{digits}f}' for one in (value, max(value - half, 0.0), value + half)
+    )
+    return f'{middle} % ({low} to {high} %)'

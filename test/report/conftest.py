@@ -1,0 +1,12 @@
+"""What tests of reports share."""
+
+from collections.abc import Callable
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture(scope='session')
+def made_up(beside: Callable[[str], ModuleType]) -> ModuleType:
+    """The module of made-up estimates: `estimate`, `session_of`."""
+    return beside('made_up_estimates')

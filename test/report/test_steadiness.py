@@ -1,0 +1,105 @@
+"""Whether the muscle stayed the same, in sentences, for sessions of which the answer is known."""
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpms_ros.report.course import course_of
+from rpms_ros.report.steadiness import steadiness
+
+COUNT = 80
+
+
+def told(made_up: ModuleType, forces: np.ndarray, half: float = 0.1, **fields: Any) -> str:
+    estimates = [
+        made_up.estimate(index + 1, float(force), half, **fields)
+        for index, force in enumerate(forces)
+    ]
+    return steadiness(course_of(made_up.session_of(estimates)))
+
+
+def test_a_steady_muscle_stayed_the_same_within_what_the_intervals_allow(
+    made_up: ModuleType,
+) -> None:
+    # twice 0.5 % of half an interval: 0.7 %
+    assert told(made_up, np.full(COUNT, 10.0), 0.05) == (
+        'The muscle stayed the same within 1 % from 8 s on.'
+    )
+    wandering = np.full(COUNT, 10.0)
+    wandering[15:-1] += 0.3 * np.sin(np.linspace(0.0, 9.4, COUNT - 16))
+    assert 'within 3 %' in told(made_up, wandering, 0.05)
+
+
+def test_a_change_that_intervals_hide_is_not_called_the_same(made_up: ModuleType) -> None:
+    assert told(made_up, np.full(COUNT, 10.0), 2.0).startswith('The intervals are too wide')
+    wandering = 10.0 + 1.5 * np.sin(np.linspace(0.0, 9.4, COUNT)) ** 2
+    wandering[-1] = wandering[15]
+    assert told(made_up, wandering, 0.2).startswith(
+        'No lasting change was found; one of less than 1'
+    )
+
+
+def test_a_force_that_falls_is_told_with_its_interval(made_up: ModuleType) -> None:
+    forces = np.full(COUNT, 10.0)
+    forces[15:] = np.linspace(10.0, 7.7, COUNT - 15)
+    # intervals of 1 % and 1.3 %: together 1.6 % of the start, times 0.77
+    assert told(made_up, forces) == (
+        'The force at full intensity fell by 23 % (22 to 24 %) between 8 and 40 s.'
+    )
+    assert 'rose by' in told(made_up, forces[::-1].copy())
+
+
+def test_a_slower_twitch_is_told_beside_a_force_that_stays(made_up: ModuleType) -> None:
+    def reading(index: int) -> dict[str, Any]:
+        constant = 0.038 * (1.0 + 0.003 * index)
+        return {
+            'physiology_names': ('twitch_time_constant_s', 'twitch_peak_n'),
+            'physiology': np.array([constant, 1.0]),
+            'physiology_lower': np.array([0.99 * constant, 0.99]),
+            'physiology_upper': np.array([1.01 * constant, 1.01]),
+        }
+
+    estimates = [made_up.estimate(index, **reading(index)) for index in range(1, COUNT + 1)]
+    text = steadiness(course_of(made_up.session_of(estimates)))
+    assert text.startswith('The twitch became slower by 18 % (17 to 20 %)')
+
+
+@pytest.mark.parametrize(
+    ('kind', 'words'),
+    [
+        ('thresholds', 'The coil probably moved at 20.0 s: the threshold went from 0.48 to 0.56,'),
+        ('gain', 'The force of all intensities changed at 20.0 s: the force at full intensity'),
+        ('dynamics', 'The response to a pulse changed its shape at 20.0 s'),
+        ('unknown', 'Something changed at 20.0 s'),
+    ],
+)
+def test_a_sudden_change_is_told_with_what_it_did(
+    made_up: ModuleType, kind: str, words: str
+) -> None:
+    def at(index: int) -> Any:
+        late = index > 40
+        fields = {
+            'changes': 1, 'change_kinds': (kind,), 'change_ago': np.array([0.5 * index - 20.0]),
+            'nonlinear': np.array([0.56, 1.06, 4.0, 6.0]),
+        } if late else {}  # fmt: skip
+        return made_up.estimate(index, 8.0 if late else 10.0, **fields)
+
+    text = steadiness(course_of(made_up.session_of([at(index) for index in range(1, COUNT + 1)])))
+    assert text.startswith(words)
+    # two intervals of 1 % and 1.25 %, times 0.8
+    assert text.endswith('the force at full intensity fell by 20 % (19 to 21 %).')
+    assert text.count('fell by') == 1
+
+
+def test_a_jump_of_the_baseline_is_not_the_muscle(made_up: ModuleType) -> None:
+    jump = {'changes': 1, 'change_kinds': ('baseline',), 'change_ago': np.array([1.0])}
+    assert 'which is not the muscle' in told(made_up, np.full(COUNT, 10.0), **jump)
+
+
+def test_an_estimator_that_takes_the_muscle_for_constant_does_not_tell(
+    made_up: ModuleType,
+) -> None:
+    text = told(made_up, np.full(COUNT, 10.0), rate_names=(), rate=np.empty(0))
+    assert 'takes the muscle for one that does not change' in text
