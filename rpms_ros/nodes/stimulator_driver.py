@@ -1,4 +1,4 @@
-"""Node that drives a stimulator: silent until told to run, bounded in everything, stopped by all.
+"""Node that drives a stimulator: no pulse until it is told to, and none beyond its limits.
 
 The life cycle: configure opens the device, activate arms it, deactivate disarms, clean-up lets go.
 What decides is `rpms_ros.stimulation.controller`; here it meets topics, services and the executor.
@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
@@ -19,18 +18,15 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import DriverStatus
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.errors import RpmsError
 from rpms_ros.errors import StimulationError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
 from rpms_ros.nodes.discovery import stay_on_this_machine
 from rpms_ros.nodes.driver_action import ScheduleAction
 from rpms_ros.nodes.driver_action import text_of
 from rpms_ros.nodes.driver_audit import DriverAudit
-from rpms_ros.nodes.driver_diagnostics import DriverDiagnostics
+from rpms_ros.nodes.driver_clock import refuse_simulated_time
 from rpms_ros.nodes.driver_interlocks import InterlockInputs
 from rpms_ros.nodes.driver_lifecycle import GuardedLifecycleNode
 from rpms_ros.nodes.driver_operator import OperatorServices
@@ -43,6 +39,7 @@ from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.driver_pulses import PulsePublisher
 from rpms_ros.nodes.driver_refusal import AUDIT
+from rpms_ros.nodes.driver_reports import DriverReports
 from rpms_ros.nodes.driver_schedule import SchedulePublisher
 from rpms_ros.nodes.driver_status import DriverView
 from rpms_ros.nodes.driver_watch import DriverWatch
@@ -52,7 +49,6 @@ from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.nodes.runner import run
-from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
@@ -67,11 +63,6 @@ from rpms_ros.stimulation.threads import ControllerThreads
 
 _TICK_S = 0.05
 _SIGN_S = 0.01
-_DIAGNOSTICS_PERIOD_S = 1.0
-_REFUSED = 'refused: '
-_NOTE_NS = 10_000_000_000
-# a heartbeat that is refused comes fifty times a second
-_REPEATED_NS = 1_000_000_000
 
 
 class StimulatorDriver(GuardedLifecycleNode):
@@ -90,7 +81,7 @@ class StimulatorDriver(GuardedLifecycleNode):
 
     def _build(self) -> None:
         """Make what the node consists of, in the order in which it depends on each other."""
-        self._refuse_simulated_time()
+        refuse_simulated_time(self)
         self.settings = declare_parameters(self, DriverParameters)
         settings = self.settings
         specification = device_specification_of(settings)
@@ -105,30 +96,24 @@ class StimulatorDriver(GuardedLifecycleNode):
         self.buttons = StopButtons(settings.stop_button_timeout, settings.require_stop_button)
         device = settings.hardware
         self._lock_of_device = None if settings.simulated else DeviceLock(settings.port)
-        self._note, self._noted_ns = '', 0
         self._active = False
         self._autostart = settings.autostart
         self._schedule = schedule_of(settings) if self._autostart else None
         self._threads = ControllerThreads(self.controller)
-        self._next_status_ns = self._next_diagnostics_ns = 0
-        self._said: tuple[Any, ...] = ()
         self._audit = DriverAudit(settings.audit_log, self._on_audit_failed)
         name = self.get_fully_qualified_name()
         self._audit.require('session', driver=name, device=device, process=os.getpid())
         self._pulses = PulsePublisher(self, settings.frame_id)
         self.controller.on_fired = self._pulses.publish
         self._accepted = SchedulePublisher(self, settings.frame_id)
-        self._status = self.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.STOP)
-        self._view = DriverView(
-            self.controller, self.buttons, self.authority, self._ledger, device
-        )
-        self._health = DriverDiagnostics(self.controller, name, device)
+        view = DriverView(self.controller, self.buttons, self.authority, self._ledger, device)
+        self._reports = DriverReports(self, self._audit, view, device)
+        refuse = self._reports.refuse
         self._operator = OperatorServices(
-            self, self.authority, settings.require_operator, self._arm, self._on_refused
+            self, self.authority, settings.require_operator, self._arm, refuse
         )
         self._action = ScheduleAction(
-            self, self.controller, self._operator.require_goal, self._on_start, self._on_refused
+            self, self.controller, self._operator.require_goal, self._on_start, refuse
         )
         self._watch = DriverWatch(
             self,
@@ -136,10 +121,10 @@ class StimulatorDriver(GuardedLifecycleNode):
             self.buttons,
             self.authority,
             settings.watch_timeout,
-            self._on_refused,
+            refuse,
         )
         self._inputs = InterlockInputs(
-            self, self.controller, self._watch, settings, self._on_refused, self._on_reset
+            self, self.controller, self._watch, settings, refuse, self._on_reset
         )
         follow_parameters(self, settings, self._follow)
         self.add_on_set_parameters_callback(self._check_bound)
@@ -158,7 +143,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             denied = ask_for_realtime(self.settings.realtime_priority)
             if denied:
                 logger_of(self).warning(denied)
-        self._say('configured: device open, disarmed')
+        self._reports.say('configured: device open, disarmed')
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -168,7 +153,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             return done
         self._active = True
         who = self.authority.operator or 'nobody in particular'
-        self._say(f'armed by {who}')
+        self._reports.say(f'armed by {who}')
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -212,7 +197,7 @@ class StimulatorDriver(GuardedLifecycleNode):
 
     def transition_refused(self, reason: str) -> None:
         """Say why a transition was refused."""
-        self._on_refused(reason)
+        self._reports.refuse(reason)
 
     def _configure(self) -> None:
         if self._lock_of_device is not None:
@@ -240,7 +225,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         except NodeError as error:
             raise StimulationError(str(error)) from error
         if self.controller.state not in POSSIBLE:
-            reason = self._note.removeprefix(_REFUSED)
+            reason = self._reports.refusal
             raise StimulationError(reason or 'expected an armed driver, got a disarmed one')
 
     def _let_go(self, reason: str) -> None:
@@ -256,7 +241,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         """Tell, and let go of the operator: who arms again begins with the first step."""
         if self._active:
             _, latched, reason = self.controller.status()
-            self._say(f'{"stopped" if latched else "disarmed"}: {reason}')
+            self._reports.say(f'{"stopped" if latched else "disarmed"}: {reason}')
             self._audit.note(
                 'stop' if latched else 'disarm', reason=reason, **self._pulses.for_the_log()
             )
@@ -267,13 +252,13 @@ class StimulatorDriver(GuardedLifecycleNode):
         try:
             command()
         except RpmsError as error:
-            self._on_refused(str(error))
+            self._reports.refuse(str(error))
             return TransitionCallbackReturn.FAILURE
         except Exception as error:
             # rclpy goes to on_error without a word
-            self._on_refused(f'expected a transition without an error, got {error!r}')
+            self._reports.refuse(f'expected a transition without an error, got {error!r}')
             raise
-        self._note = ''
+        self._reports.forget_refusal()
         return TransitionCallbackReturn.SUCCESS
 
     def _on_start(self, goal: RunSchedule.Goal, schedule: Schedule) -> None:
@@ -290,18 +275,10 @@ class StimulatorDriver(GuardedLifecycleNode):
             text_sha256=text_hash(text),
         )
         self._accepted.publish(schedule, text, operator)
-        self._say(f'running {plain_text(schedule.name)}, {schedule.pulse_count} pulses')
-
-    def _on_refused(self, reason: str) -> None:
-        said, now_ns = plain_text(reason), time.monotonic_ns()
-        repeated = self._note == _REFUSED + said and now_ns - self._noted_ns < _REPEATED_NS
-        self._note, self._noted_ns = _REFUSED + said, now_ns
-        if not repeated:
-            logger_of(self).warning(self._note)
-            self._audit.note('refusal', reason=said)
+        self._reports.say(f'running {plain_text(schedule.name)}, {schedule.pulse_count} pulses')
 
     def _on_reset(self) -> None:
-        self._say('stop was reset')
+        self._reports.say('stop was reset')
         self._audit.note('reset')
 
     def _on_audit_failed(self, reason: str) -> None:
@@ -309,24 +286,8 @@ class StimulatorDriver(GuardedLifecycleNode):
         if self.controller.state in POSSIBLE:
             self.controller.stop(AUDIT, reason)
 
-    def _say(self, line: str) -> None:
-        logger_of(self).info(plain_text(line))
-
     def _on_context_shutdown(self) -> None:
         self.controller.disarm('context shut down')
-
-    def _refuse_simulated_time(self) -> None:
-        """Stamps and heartbeats are of now: no other clock is accepted, now or later."""
-        name = 'use_sim_time'
-        reason = f'expected {name} false: a driver stamps what it does by the clock, got true'
-        if self.get_parameter(name).value:
-            raise NodeError(reason)
-
-        def check(parameters: list[Parameter]) -> SetParametersResult:
-            asked = any(given.name == name and given.value for given in parameters)
-            return SetParametersResult(successful=not asked, reason=reason if asked else '')
-
-        self.add_on_set_parameters_callback(check)
 
     def _check_bound(self, parameters: list[Parameter]) -> SetParametersResult:
         """Take over a bound on the intensity before it is set: it holds or it is refused."""
@@ -335,13 +296,13 @@ class StimulatorDriver(GuardedLifecycleNode):
                 if given.name == 'maximum_intensity' and isinstance(given.value, float):
                     self.controller.tighten(given.value)
         except StimulationError as error:
-            self._on_refused(str(error))
+            self._reports.refuse(str(error))
             return SetParametersResult(successful=False, reason=plain_text(error))
         return SetParametersResult(successful=True)
 
     def _follow(self, settings: DriverParameters) -> None:
         self.settings = settings
-        self._say(f'intensities up to {settings.maximum_intensity:g}')
+        self._reports.say(f'intensities up to {settings.maximum_intensity:g}')
         self._audit.note('limit', maximum_intensity=settings.maximum_intensity)
 
     def _show_life(self) -> None:
@@ -363,23 +324,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             self.change(Transition.TRANSITION_DEACTIVATE)
         if self._autostart:
             self._start_if_heard()
-        if self._note and now_ns - self._noted_ns > _NOTE_NS:
-            self._note = ''
-        self._tell(stamp, now_ns)
-
-    def _tell(self, stamp: Any, now_ns: int) -> None:
-        """Publish status and diagnostics when it is time, and at once when something changed."""
-        said = (*self.controller.status(), self._note)
-        before, self._said = self._said, said
-        changed = said != before
-        if said[0] is State.FAULT and before[:1] != said[:1]:
-            logger_of(self).error(f'fault: {plain_text(said[2])}')
-        if changed or now_ns >= self._next_status_ns:
-            self._next_status_ns = now_ns + nanoseconds(1.0 / self.settings.status_rate)
-            self._status.publish(self._view.status(stamp, now_ns, self._note))
-        if changed or now_ns >= self._next_diagnostics_ns:
-            self._next_diagnostics_ns = now_ns + nanoseconds(_DIAGNOSTICS_PERIOD_S)
-            self._diagnostics.publish(self._health.message(stamp, self._note))
+        self._reports.publish(stamp, now_ns, self.settings.status_rate)
 
     def _start_if_heard(self) -> None:
         """Start by itself, once enough nodes listen."""
@@ -395,7 +340,7 @@ class StimulatorDriver(GuardedLifecycleNode):
                 self._announce(self._schedule, schedule_to_text(self._schedule), '')
                 self.controller.start(self._schedule)
         except RpmsError as error:
-            self._on_refused(str(error))
+            self._reports.refuse(str(error))
 
 
 def main() -> int:

@@ -15,26 +15,15 @@ from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.admission import quantized_plan
 from rpms_ros.stimulation.admission import refuse_over_dose
 from rpms_ros.stimulation.admission import refuse_undeliverable
-from rpms_ros.stimulation.device_faults import intensity_fault
-from rpms_ros.stimulation.device_owner import AGAIN_NS
-from rpms_ros.stimulation.device_owner import LOOK_NS
-from rpms_ros.stimulation.device_owner import DeviceOwner
 from rpms_ros.stimulation.device_specification import DeviceSpecification
-from rpms_ros.stimulation.devices.interface import UNVERIFIED
-from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import Device
-from rpms_ros.stimulation.devices.interface import DeviceError
-from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.dose import DoseExceeded
 from rpms_ros.stimulation.dose import LedgerError
 from rpms_ros.stimulation.dose_ledger import DoseLedger
 from rpms_ros.stimulation.dose_ledger import MemoryLedger
-from rpms_ros.stimulation.fired import Fired
 from rpms_ros.stimulation.forecast import forecast_plan
 from rpms_ros.stimulation.interlocks import Refused
-from rpms_ros.stimulation.lateness import Lateness
-from rpms_ros.stimulation.limiter import TIMING_LIMITS
-from rpms_ros.stimulation.limiter import PulseLimiter
+from rpms_ros.stimulation.pulse_owner import PulseOwner
 from rpms_ros.stimulation.refusals import too_quiet
 from rpms_ros.stimulation.reservations import Reservations
 from rpms_ros.stimulation.run import Run
@@ -48,7 +37,7 @@ from rpms_ros.stimulation.states import after
 from rpms_ros.stimulation.thermal import CoilTemperature
 
 
-class StimulationController(DeviceOwner):
+class StimulationController(PulseOwner):
     """Runs schedules on a device, one at a time, within limits.
 
     Parameters
@@ -63,11 +52,6 @@ class StimulationController(DeviceOwner):
         Monotonic time [ns].
     ledger : MemoryLedger, optional
         Of the dose; a `DoseLedger` on the disk for a device that can hurt somebody.
-
-    Attributes
-    ----------
-    on_fired : callable
-        Called by the owner after every trigger; what it raises is a fault.
     """
 
     def __init__(
@@ -96,22 +80,8 @@ class StimulationController(DeviceOwner):
         super().__init__(device, settings, specification.limits, coil, clock)
         self.specification = specification
         self.ledger = MemoryLedger() if ledger is None else ledger
-        # two books: what may have been given, written before each trigger, and what was given as
-        # far as the device tells; a pulse has to pass both
-        self.limiter = PulseLimiter(specification.limits)
-        self.confirmed = PulseLimiter(specification.limits)
         for books in (self.limiter, self.confirmed):
             books.book_history(self.ledger.history(clock()))
-        self.lateness = Lateness()
-        self.on_fired: Callable[[Fired], None] = _nobody
-        self.commanded = 0
-        self.delivered = 0
-        self.unverified = 0
-        self.dropped = 0
-        self._reservations: Reservations | None = None
-        self._trigger_ns = nanoseconds(device.trigger_s)
-        self._hold_ns = 0
-        self._held_by = 'late'
 
     def tighten(self, maximum_intensity: float) -> None:
         """Set a bound on the intensity (share) below the device specification's, at once.
@@ -201,199 +171,11 @@ class StimulationController(DeviceOwner):
         if silence_s > self.limits.idle_disarm_s:
             raise Refused(*too_quiet(self.limits, silence_s))
         self.run, self._reservations = run, reservations
-        self._hold_ns, self._held_by, self._set_intensity = 0, 'late', None
+        self._set_intensity = None
+        self._wait_for_nothing()
         if not self._enter(Command.START, f'running {run.schedule.name}', since):
             run.end(self.reason, 'stopped')
             raise Refused('stop', f'start: expected no stop meanwhile, got one: {self.reason}')
-
-    def _advance(self) -> int:
-        run, now = self.run, self._clock()
-        if run is None or self.state is not State.RUNNING:
-            return now + LOOK_NS
-        trigger_ns = max(run.due_ns - self._trigger_ns, self._hold_ns)
-        ahead_ns = nanoseconds(max(self.settings.prepare_s, self.device.prepare_s))
-        if run.exhausted or trigger_ns - now > ahead_ns:
-            self._rest()
-            if not run.exhausted:
-                return trigger_ns - ahead_ns
-            if now >= run.due_ns:
-                self._finish(run)
-            return run.due_ns
-        if self._set_intensity != run.intensity:
-            self._prepare(run, trigger_ns - now)
-        elif now >= trigger_ns:
-            self._pulse(run)
-            return max(self._hold_ns, now) if self.state is State.RUNNING else now + LOOK_NS
-        else:
-            return trigger_ns
-        return now
-
-    def _rest(self) -> None:
-        """Set intensity zero while no pulse is due."""
-        if self._set_intensity != 0.0:
-            self._call('rest', self.settings.stuck_limit_s, self._epoch, self.device.rest)
-            self._set_intensity = 0.0
-
-    def _prepare(self, run: Run, spare_ns: int) -> None:
-        since, intensity = self._epoch, run.intensity
-        spare_s = max(0, spare_ns) / NANOSECONDS_PER_SECOND
-        status = self._call(
-            'prepare',
-            self.settings.stuck_limit_s,
-            since,
-            self.device.prepare,
-            intensity,
-            spare_s,
-        )
-        self._answered_ns = self._clock()
-        self._heed(status, since, intensity)
-        self._set_intensity = intensity
-
-    def _pulse(self, run: Run) -> None:
-        """Fire the pulse that is due, if everything allows it at this very moment."""
-        since = self._epoch
-        if self._charged is False:
-            # after the pulse before it was charging
-            self._ask_status(since)
-            if self._charged is False:
-                self.fail('ready', 'expected a charged device, got one that is not ready')
-                return
-        if not self._permitted(run):
-            return
-        pulse, onset_ns = self._booked(run), self._clock() + self._trigger_ns
-        latest_ns = pulse.due_ns + nanoseconds(self.settings.lateness_limit_s) - self._trigger_ns
-        if since is not self._epoch:
-            # a stop came while the books were written
-            return
-        began = self._clock()
-        try:
-            delivery = self._call(
-                'fire',
-                self.settings.stuck_limit_s,
-                since,
-                self.device.fire,
-                pulse.intensity,
-                pulse.width_s,
-                latest_ns,
-            )
-        except TooLate:
-            self.commanded -= 1
-            self._count_dropped(run, 'late')
-            return
-        except DeviceError:
-            unknown = Delivery(onset_ns, pulse.intensity, frozenset(UNVERIFIED))
-            self._tell(dataclasses.replace(pulse, delivery=unknown, answered=False))
-            return
-        self._answered_ns = self._clock()
-        fired = dataclasses.replace(pulse, delivery=delivery)
-        self._account(run, fired, began)
-        self._tell(fired)
-
-    def _permitted(self, run: Run) -> bool:
-        """Return whether the pulse may be triggered now; deal with it if it may not."""
-        now = self._clock()
-        onset_ns = now + self._trigger_ns
-        problem = self.interlocks.problem(now)
-        if problem is not None:
-            self.stop(*problem)
-            return False
-        if onset_ns - run.due_ns > nanoseconds(self.settings.lateness_limit_s):
-            self._drop(run)
-            return False
-        both = self.limiter, self.confirmed
-        refusals = [books.refusal(onset_ns, run.intensity, run.schedule.width_s) for books in both]
-        refusal = refusals[0] or refusals[1]
-        if refusal is not None and refusal.limit not in TIMING_LIMITS:
-            self.count(refusal.limit)
-            self.cancel(f'{refusal.limit}: {refusal.reason}', 'limit')
-            return False
-        held_by = self.interlocks.held_by(now)
-        if refusal is not None:
-            # the pulse before was late: this one waits for its interval, if it then is not late
-            earliest = max(books.earliest_ns(run.intensity) for books in both)
-            self._hold_ns = earliest - self._trigger_ns
-        elif held_by is not None or not self._reservations_hold(run):
-            self._hold_ns, self._held_by = now + AGAIN_NS, held_by or 'ledger'
-        else:
-            return self.state is State.RUNNING and not self._halts
-        return False
-
-    def _reservations_hold(self, run: Run) -> bool:
-        return self._reservations is not None and self._reservations.holds(run.cursor)
-
-    def _booked(self, run: Run) -> Fired:
-        """Put a pulse on all books right before its trigger, so that a fault counts."""
-        pulse = Fired(
-            run.due_ns, run.intensity, run.schedule.width_s, self.commanded, None, self.delivered
-        )
-        try:
-            if self._reservations is not None:
-                self._reservations.take(run.cursor)
-        except LedgerError as error:
-            self.fail('ledger', str(error))
-            raise DeviceError(str(error)) from error
-        onset_ns = self._clock() + self._trigger_ns
-        energy = self.limits.energy_j(run.intensity)
-        self.limiter.book(onset_ns, run.intensity)
-        if self.coil is not None:
-            self.coil.heat(onset_ns, energy)
-        run.energy_j += energy
-        run.cursor += 1
-        self.commanded += 1
-        self._active_ns = onset_ns
-        self._set_intensity = None
-        self._hold_ns, self._held_by = 0, 'late'
-        return pulse
-
-    def _drop(self, run: Run) -> None:
-        """Leave out a pulse that is late, and say what it has waited for."""
-        self._count_dropped(run, self._held_by)
-        run.cursor += 1
-        self._hold_ns, self._held_by = 0, 'late'
-
-    def _count_dropped(self, run: Run, name: str) -> None:
-        run.dropped += 1
-        self.dropped += 1
-        self.count(name)
-
-    def _finish(self, run: Run) -> None:
-        missing = run.count - run.delivered
-        if run.completed:
-            self.cancel('completed', 'completed')
-        else:
-            self.cancel(f'ended with {missing} pulses missing', 'incomplete')
-
-    def _account(self, run: Run, fired: Fired, began_ns: int) -> None:
-        """Compare what was delivered with what was commanded."""
-        delivery = fired.delivery
-        if delivery is None:
-            if self.state is State.RUNNING:
-                self.fail('lost', 'expected a pulse from the device, got none')
-            return
-        run.delivered += 1
-        self.limiter.correct(delivery.time_ns)
-        self.confirmed.book(delivery.time_ns, fired.intensity)
-        self.lateness.add(delivery.time_ns - fired.due_ns)
-        tolerance = self.settings.intensity_tolerance
-        wrong = intensity_fault(delivery.intensity, fired.intensity, tolerance)
-        slow_s = (delivery.time_ns - began_ns) / NANOSECONDS_PER_SECOND
-        limit_s = self.settings.response_limit_s
-        if wrong is not None:
-            self.fail('intensity', wrong)
-        elif slow_s > limit_s:
-            reason = f'expected the pulse within {limit_s:g} s, got it after {slow_s:.3g} s'
-            self.fail('slow', reason)
-
-    def _tell(self, fired: Fired) -> None:
-        """Count a pulse and tell who wants to know of it."""
-        if fired.delivery is not None:
-            self.delivered += 1
-            self.unverified += bool(fired.delivery.unverified)
-        with self._deadlines.of('on_fired', self.settings.stuck_limit_s):
-            try:
-                self.on_fired(fired)
-            except Exception as error:  # noqa: BLE001 - nobody knows what it has left behind
-                self.fail('callback', f'on_fired: expected no error, got {error!r}')
 
     def _deliverable_plan(self, schedule: Schedule, start_ns: int) -> Plan:
         """Return the plan as the device can give it, or raise what stands against it."""
@@ -414,8 +196,3 @@ class StimulationController(DeviceOwner):
             ahead = forecast_plan(plan, schedule.width_s, kept, coil, start_ns, since_ns)
             refuse_undeliverable(ahead, kept.limits)
         return plan
-
-
-def _nobody(fired: Fired) -> None:
-    """Listen to nothing."""
-    del fired
