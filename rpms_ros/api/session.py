@@ -18,6 +18,7 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.recording import Recording
 from rpms_ros.recording import Topics
 from rpms_ros.recording import write_recording
@@ -163,7 +164,7 @@ class Session:
         if not start < end:
             raise RecordingError(f'expected a start before the end, got {start} s and {end} s')
         first_ns = int(self.force.stamp_ns.min()) if len(self.force) else 0
-        low, high = (first_ns + round(at * NANOSECONDS_PER_SECOND) for at in (start, end))
+        low, high = (first_ns + nanoseconds(at) for at in (start, end))
         here = (self.force.stamp_ns >= low) & (self.force.stamp_ns <= high)
         chosen = (self.pulses.onset_ns >= low) & (self.pulses.onset_ns <= high)
         if not here.any():

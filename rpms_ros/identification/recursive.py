@@ -39,6 +39,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 RESPONSE_STEP = 5e-3
 # Room for this many pulses acting at once, to begin with.
@@ -94,11 +95,6 @@ class RecursiveEstimator(RestorableWithSettings):
         self._response_basis = settings.basis.evaluate(self._response_time)
 
     @property
-    def _recursion(self) -> Recursion:
-        """Constants, state and workspace as one object."""
-        return Recursion(self._constants, self._state, self._workspace)
-
-    @property
     def memory(self) -> float:
         """Longest time for which a pulse acts on the model's output [s]."""
         return self.settings.basis.duration
@@ -106,7 +102,7 @@ class RecursiveEstimator(RestorableWithSettings):
     @property
     def parameters(self) -> RecruitmentParameters:
         """Nonlinear parameters as they stand."""
-        return RecruitmentParameters(*(float(value) for value in self._recursion.state.theta))
+        return RecruitmentParameters(*(float(value) for value in self._state.theta))
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
@@ -129,7 +125,7 @@ class RecursiveEstimator(RestorableWithSettings):
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
         # A stamp from before the newest would make the decaying energies grow instead.
-        scalars = self._recursion.state.scalars
+        scalars = self._state.scalars
         scalars['error_energy'][0] = 0.0
         scalars['force_energy'][0] = 0.0
         scalars['previous_ns'][0] = 0
@@ -140,13 +136,13 @@ class RecursiveEstimator(RestorableWithSettings):
 
     def state(self) -> State:
         """Return all that is remembered; see `Restorable.state`."""
-        return {**super().state(), _RECURSION: plain(saved_of(self._recursion.state))}
+        return {**super().state(), _RECURSION: plain(saved_of(self._state))}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Remember what was saved; see `Restorable.restore`."""
         super().restore({name: value for name, value in state.items() if name != _RECURSION})
         saved = typed(SavedRecursion, state.get(_RECURSION), 'RecursiveEstimator.recursion')
-        own = saved_of(self._recursion.state)
+        own = saved_of(self._state)
         alike = all(one.shape == other.shape for one, other in zip(own, saved, strict=True))
         alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
         expect(alike, 'RecursiveEstimator', 'arrays of one model')
@@ -173,10 +169,10 @@ class RecursiveEstimator(RestorableWithSettings):
             usable,
             self._onset_ns,
             self._intensity,
-            self._recursion,
+            Recursion(self._constants, self._state, self._workspace),
             prediction,
         )
-        oldest = int(stamp_ns[-1]) - round((self.memory + 1e-3) * NANOSECONDS_PER_SECOND)
+        oldest = int(stamp_ns[-1]) - nanoseconds(self.memory + 1e-3)
         if len(self._onset_ns) and self._onset_ns[0] < oldest:
             kept = int(np.searchsorted(self._onset_ns, oldest))
             self._onset_ns = self._onset_ns[kept:]
@@ -186,7 +182,7 @@ class RecursiveEstimator(RestorableWithSettings):
     def foretell(self, stamp_ns: IntArray) -> FloatArray:
         """Return what is expected of samples (samples,) that come next [N]."""
         expected = np.empty(len(stamp_ns))
-        constants, state, _ = self._recursion
+        constants, state = self._constants, self._state
         weights = state.linear @ constants.mixing
         foretell(
             stamp_ns,
@@ -202,9 +198,8 @@ class RecursiveEstimator(RestorableWithSettings):
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return what is known now."""
         parameters = self.parameters
-        state = self._recursion.state
-        linear = state.linear.copy()
-        scalars = state.scalars
+        linear = self._state.linear.copy()
+        scalars = self._state.scalars
         full = identified_recruitment(parameters, 1.0)
         energy = float(scalars['force_energy'][0])
         error = float(np.sqrt(scalars['error_energy'][0] / energy)) if energy > 0.0 else 0.0
@@ -234,10 +229,10 @@ class RecursiveEstimator(RestorableWithSettings):
 
     def _make_room(self) -> None:
         """Let the workspace hold as many pulses as act at once at the most."""
-        span = round(self.memory * NANOSECONDS_PER_SECOND)
+        span = nanoseconds(self.memory)
         oldest = np.searchsorted(self._onset_ns, self._onset_ns - span)
         most = int((np.arange(1, len(oldest) + 1) - oldest).max()) + 1
-        if most > len(self._recursion.work.basis):
+        if most > len(self._workspace.basis):
             self._workspace = workspace(self.settings.basis.functions, 2 * most)
 
     def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
 
 _LAWS = (None, RateRecruitment())
 # Shorter intervals are two stamps of one pulse [ns].
@@ -78,7 +79,7 @@ def stated_force(
         What the interval to the pulse before makes of a pulse; without it, nothing.
     """
     force = np.zeros(len(stamp_ns))
-    reach_ns = round(float(estimate.response_time[-1]) * NANOSECONDS_PER_SECOND)
+    reach_ns = nanoseconds(float(estimate.response_time[-1]))
     weight = _weights(estimate, pulses.intensity)
     if by_rate is not None:
         weight = weight * _rate_weights(estimate.repetition_rate, pulses.onset_ns, by_rate)

@@ -8,6 +8,8 @@ type is not the one of the annotation.
 
 import dataclasses
 import types
+from abc import ABC
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Mapping
 from typing import Any
@@ -71,12 +73,12 @@ class Restorable:
         """Raise `IdentificationError` if values that were restored do not fit together."""
 
 
-class RestorableWithSettings(Restorable):
+class RestorableWithSettings(Restorable, ABC):
     """Has settings; a state that was saved with others is refused."""
 
+    @abstractmethod
     def described_settings(self) -> State:
         """Return all settings by name, as `described` does."""
-        raise NotImplementedError
 
     def state(self) -> State:
         """Return all that is remembered, and with which settings; see `Restorable.state`."""

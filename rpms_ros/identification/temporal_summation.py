@@ -29,6 +29,7 @@ from rpms_ros.muscle.twitch import twitch
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 # After so many time constants a twitch is below a millionth of its peak.
 _TWITCH_SPAN = 24.0
@@ -156,7 +157,7 @@ class PulseHistory(Restorable):
 
     def __init__(self, law: TemporalSummation, rate_hz: float) -> None:
         self._law = law
-        self._span_ns = round(_TWITCH_SPAN * law.time_constant * NANOSECONDS_PER_SECOND)
+        self._span_ns = nanoseconds(_TWITCH_SPAN * law.time_constant)
         self._unit = 1.0
         self.forget()
         interval = max(round(NANOSECONDS_PER_SECOND / rate_hz), _REFRACTORY_NS)

@@ -50,7 +50,7 @@ def test_it_is_the_plain_version(record, numpy_recursion, settings: RecursiveSet
     # Sums in another order; the first samples, with a covariance of 1e6 against residuals of
     # 1e-3, multiply epsilon by up to 1e9.  A wrong term shows in the first digit.
     np.testing.assert_allclose(prediction, expected, rtol=1e-6, atol=1e-6)
-    state = compiled._recursion.state
+    state = compiled._state
     np.testing.assert_allclose(state.theta, plain.theta, rtol=1e-5)
     np.testing.assert_allclose(state.hessian, plain.hessian, rtol=1e-4, atol=1e-9)
     assert state.scalars['damping'][0] == pytest.approx(plain.damping, rel=1e-5)
@@ -92,7 +92,7 @@ def test_the_projection_is_the_one_of_all_samples_at_once() -> None:
     generator = np.random.default_rng(4)
     samples, forgetting = 60, 0.95
     phi, psi, force = (generator.normal(size=(samples, n)) for n in (8, 3, 1))
-    state = estimator_of(linear_covariance=1e12)._recursion.state
+    state = estimator_of(linear_covariance=1e12)._state
     for row in range(samples):
         gain = state.covariance @ phi[row]
         innovation = psi[row] - state.projection @ phi[row]
@@ -114,7 +114,7 @@ def test_the_projection_is_the_one_of_all_samples_at_once() -> None:
 
 def test_a_badly_conditioned_step_is_damped_more() -> None:
     estimator = estimator_of()
-    constants, state, work = estimator._recursion
+    constants, state, work = estimator._constants, estimator._state, estimator._workspace
     state.hessian[:] = np.diag([10.0, 1.0, 1e-4])
     work.derivative[:] = 1.0
     _damped_step(state, constants, work, 1.0)
@@ -141,7 +141,7 @@ def test_a_badly_conditioned_step_is_damped_more() -> None:
 )
 def test_gain_ratio_rules(actual: float, predicted: float, taken: bool, factor: float) -> None:
     estimator = estimator_of()
-    constants, state, _ = estimator._recursion
+    constants, state = estimator._constants, estimator._state
     assert _judge(state.scalars, constants, actual, predicted) is taken
     assert state.scalars['damping'][0] == pytest.approx(0.001 * factor, rel=1e-12)
 
@@ -156,7 +156,7 @@ def test_gain_ratio_rules(actual: float, predicted: float, taken: bool, factor: 
 )
 def test_bounds(step: tuple[float, ...], expected: tuple[float, ...]) -> None:
     estimator = estimator_of()
-    work = estimator._recursion.work
+    work = estimator._workspace
     work.step[:] = step
-    _bounded(estimator._recursion.state.theta, estimator._recursion.constants, work)
+    _bounded(estimator._state.theta, estimator._constants, work)
     np.testing.assert_allclose(work.candidate, (*expected, 6.0), rtol=1e-12)

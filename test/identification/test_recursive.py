@@ -35,10 +35,10 @@ def fed(
 
 
 def state_bytes(estimator: RecursiveEstimator, without: tuple[str, ...] = ()) -> bytes:
-    scalars = estimator._recursion.state.scalars.copy()
+    scalars = estimator._state.scalars.copy()
     for name in without:
         scalars[name] = 0
-    state = estimator._recursion.state._replace(scalars=scalars)
+    state = estimator._state._replace(scalars=scalars)
     return b''.join(array.tobytes() for array in state)
 
 
@@ -105,7 +105,7 @@ def test_a_minute_of_silence_changes_nothing(record) -> None:
     prediction = estimator.update(silence, np.zeros(60_000), np.ones(60_000, dtype=np.bool_))
     np.testing.assert_array_equal(prediction, 0.0)
     # but for the output error, which decays to that of the silence
-    scalars = estimator._recursion.state.scalars
+    scalars = estimator._state.scalars
     assert scalars['error_energy'][0] < 1e-20
     assert scalars['force_energy'][0] < 1e-20
     assert state_bytes(estimator, without=decaying) == before
@@ -131,12 +131,12 @@ def test_a_minute_below_the_threshold_keeps_the_covariance_positive(record) -> N
     estimator.add_pulses(pulses.onset_ns, pulses.intensity)
     estimator.update(forces.stamp_ns[low], force[low], np.ones(60_000, dtype=np.bool_))
     # the pause of forgetting is checked before a sample, which adds one percent at most
-    assert estimator._recursion.state.covariance.max() < 1.02e10
+    assert estimator._state.covariance.max() < 1.02e10
     high = slice(60_000, None)
     prediction = estimator.update(
         forces.stamp_ns[high], force[high], np.ones(10_000, dtype=np.bool_)
     )
-    assert np.linalg.eigvalsh(estimator._recursion.state.covariance).min() > 0.0
+    assert np.linalg.eigvalsh(estimator._state.covariance).min() > 0.0
     rest = slice(5_000, None)
     error = np.linalg.norm(force[high][rest] - prediction[rest]) / np.linalg.norm(
         force[high][rest]
@@ -192,13 +192,11 @@ def test_a_burst_finds_room() -> None:
     stamps = MILLISECOND * np.arange(400, dtype=np.int64) + 500_000
     estimator, prediction = fed(pulses, ForceTrace(stamps, np.ones(400)))
     assert np.isfinite(prediction).all()
-    assert len(estimator._recursion.work.basis) >= 300
+    assert len(estimator._workspace.basis) >= 300
 
 
 def test_the_seed_decides_the_first_hessian() -> None:
-    first, same, other = (
-        RecursiveEstimator(TABLE_4, seed)._recursion.state.hessian for seed in (1, 1, 2)
-    )
+    first, same, other = (RecursiveEstimator(TABLE_4, seed)._state.hessian for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, same)
     assert not np.array_equal(first, other)
     np.testing.assert_array_equal(first, first.T)
@@ -222,7 +220,7 @@ def test_a_matrix_without_a_factor_is_counted_and_published(record) -> None:
     assert estimator.estimate(0, {}).faults == {}
     before = estimator.parameters
     # What overwritten memory or an overflow would leave.
-    estimator._recursion.state.hessian[0, 0] = -1e6
+    estimator._state.hessian[0, 0] = -1e6
     one = slice(700, 701)
     estimator.update(forces.stamp_ns[one], forces.force[one], usable[one])
     assert estimator.parameters == before

@@ -78,7 +78,7 @@ def run(samples: int) -> tuple[RecursiveEstimator, FloatArray, FloatArray]:
 
 def test_equation_19_has_the_last_error_inside_the_sum() -> None:
     estimator, phi, force = run(1000)
-    linear = estimator._recursion.state.linear
+    linear = estimator._state.linear
     weight = 0.99 ** np.arange(999, -1, -1.0)
     # Another set of parameters, which explains the last sample to the full.
     other = linear + phi[-1] * (force[-1] - phi[-1] @ linear) / (phi[-1] @ phi[-1])
@@ -108,7 +108,7 @@ def test_equation_27_inverts_the_old_hessian() -> None:
 
 def test_update_rules_reduce_the_damping_where_the_model_is_good() -> None:
     estimator = RecursiveEstimator(TABLE_4)
-    constants, state, _ = estimator._recursion
+    constants, state = estimator._constants, estimator._state
     scalars = state.scalars
     margin = TABLE_4.gain_ratio_margin
     middling = 0.5

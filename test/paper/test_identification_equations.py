@@ -138,14 +138,14 @@ def steps(request: pytest.FixtureRequest) -> list[Step]:
     estimator.update(STAMP_NS[:3000], force[:3000], usable[:3000])
     taken = []
     for index in range(3000, 3300):
-        before = copied(estimator._recursion.state)
+        before = copied(estimator._state)
         here = slice(index, index + 1)
         prediction = estimator.update(STAMP_NS[here], force[here], usable[here])
         taken.append(
             Step(
                 settings,
                 before,
-                copied(estimator._recursion.state),
+                copied(estimator._state),
                 int(STAMP_NS[index]),
                 float(force[index]),
                 float(prediction[0]),
@@ -205,7 +205,7 @@ def frozen_fit(forgetting: float, samples: int) -> tuple[FloatArray, FloatArray,
     estimator.update(STAMP_NS[:samples], force, np.ones(samples, dtype=bool))
     theta = np.array(settings.start)
     phi = np.array([regressors(int(stamp), theta)[0] for stamp in STAMP_NS[:samples]])
-    return phi, force, estimator._recursion.state.linear
+    return phi, force, estimator._state.linear
 
 
 @pytest.mark.parametrize('forgetting', [0.99, 0.999])
@@ -325,7 +325,7 @@ def test_equation_28_adapts_the_damping_by_the_gain_ratio(steps: list[Step]) -> 
 )
 def test_rules_after_equation_28(ratio: float, change: float, taken: bool) -> None:
     estimator = RecursiveEstimator(TABLE_4)
-    constants, state, _ = estimator._recursion
+    constants, state = estimator._constants, estimator._state
     assert _judge(state.scalars, constants, 2.0 * ratio, 2.0) == taken
     # Rounding.
     assert state.scalars['damping'][0] == pytest.approx(TABLE_4.damping * change, rel=1e-14)

@@ -57,6 +57,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 # An error below this share of the variance is none.
 _FLOOR = 0.01
@@ -103,7 +104,7 @@ class ExactRecursion(RestorableWithSettings):
         model = settings.model
         self._input_gain = model.basis.input_gain
         self._rate = 2.0 / model.basis.time_constant
-        self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
+        self._step_ns = nanoseconds(settings.step_period)
         self._memory = empty_memory(KNOTS, model.basis.functions)
         self._course = fresh_course(model.basis.functions)
         self._learner = Learner(model)

@@ -23,6 +23,7 @@ from rpms_ros.guard.packets import Packet
 from rpms_ros.guard.port import open_port
 from rpms_ros.guard.port import release_port
 from rpms_ros.guard.relay import GuardLimits
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.descriptor import Descriptor
 from rpms_ros.stimulation.devices.interface import DeviceError
 
@@ -268,7 +269,7 @@ class GuardedLine:
         return self._sequence
 
     def _answer_to(self, sequence: int, limit_s: float, what: str) -> Packet:
-        end = self._clock() + round(limit_s * _SECOND)
+        end = self._clock() + nanoseconds(limit_s)
         while True:
             left_s = (end - self._clock()) / _SECOND
             packet = self._received(max(0.0, left_s))

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from rpms_ros.guard import rapid2
 from rpms_ros.guard.rapid2 import wire_s
 from rpms_ros.guard.relay import GuardLimits
+from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.guarded_line import GuardedLine
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import DeviceError
@@ -128,7 +129,7 @@ class SerialDevice:
         self._begin()
         self._refuse_what_is_wrong(self._set_percent(0), armed=False)
         self._ask(rapid2.ARM)
-        end = self._clock() + round(_CHARGE_S * _SECOND)
+        end = self._clock() + nanoseconds(_CHARGE_S)
         while True:
             status = self._ask(rapid2.ENABLE)
             self._refuse_what_is_wrong(status, armed=False)
@@ -178,7 +179,7 @@ class SerialDevice:
         if not status & rapid2.READY:
             raise DeviceError(f'expected a ready device, got status {status:#04x}')
         percent, read_back = prepared
-        onset_ns = reply.written_ns + round(self.trigger_s * _SECOND)
+        onset_ns = reply.written_ns + nanoseconds(self.trigger_s)
         unverified = _NEVER_VERIFIED if read_back else _NEVER_VERIFIED | {'intensity'}
         return Delivery(onset_ns, percent / _STEPS, unverified)
 

@@ -255,7 +255,7 @@ class SimulatedDevice:
         )
 
     def _hang(self, duration: float) -> None:
-        end = self._clock() + round(duration * 1e9)
+        end = self._clock() + nanoseconds(duration)
         while self.armed and self._clock() < end:
             self._wait(min(1e-3, (end - self._clock()) / 1e9))
 
