@@ -11,10 +11,7 @@ from collections.abc import Iterator
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation import refusals
 from rpms_ros.stimulation.books import Books
-from rpms_ros.stimulation.refusals import TIMING_LIMITS
 from rpms_ros.stimulation.refusals import Refusal
-
-__all__ = ['TIMING_LIMITS', 'PulseLimiter', 'Refusal']
 
 # relative rounding of a sum of thousands of energies
 ENERGY_ROUNDING = 1e-9

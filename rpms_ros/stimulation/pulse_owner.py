@@ -18,9 +18,9 @@ from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.dose import LedgerError
 from rpms_ros.stimulation.fired import Fired
 from rpms_ros.stimulation.lateness import Lateness
-from rpms_ros.stimulation.limiter import TIMING_LIMITS
 from rpms_ros.stimulation.limiter import PulseLimiter
 from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.refusals import TIMING_LIMITS
 from rpms_ros.stimulation.reservations import Reservations
 from rpms_ros.stimulation.run import Run
 from rpms_ros.stimulation.settings import DriverSettings

@@ -1,0 +1,159 @@
+"""What comes into a stream, pulses and force in whatever order, and what is not learnt from."""
+
+from abc import abstractmethod
+
+import numpy as np
+
+from rpms_ros.identification import faults
+from rpms_ros.identification.far_pulses import FAR_NS
+from rpms_ros.identification.faults import FaultCounter
+from rpms_ros.identification.force_intake import ForceIntake
+from rpms_ros.identification.postponed import PostponedFaults
+from rpms_ros.identification.pulse_queue import PulseQueue
+from rpms_ros.identification.saved_state import RestorableWithSettings
+from rpms_ros.identification.stray_pulses import StrayPulses
+from rpms_ros.identification.stream_settings import StreamSettings
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import nanoseconds
+
+# Pulses of other publishers that are looked at, of those that come together.
+_MOST_EXCLUDED = 1000
+# Earlier than any stamp [ns].
+_BEFORE_ALL = -(2**63)
+
+
+class StreamInput(RestorableWithSettings):
+    """Takes pulses and samples until they are processed, and notes what was wrong with them.
+
+    Parameters
+    ----------
+    settings : StreamSettings
+        Waiting times and bounds.
+    memory : float
+        How long a pulse acts on the force [s].
+    counter : FaultCounter
+        Counts what is wrong.
+    """
+
+    _counter: FaultCounter
+    _queue: PulseQueue
+    _strays: StrayPulses
+    _postponed: PostponedFaults
+    _intake: ForceIntake
+    # samples after this stamp are predicted and not learnt from [ns]
+    _held_ns: int | None
+
+    def __init__(self, settings: StreamSettings, memory: float, counter: FaultCounter) -> None:
+        self.settings = settings
+        self._counter = counter
+        self._memory_ns = nanoseconds(memory)
+        self._reorder_delay_ns = nanoseconds(settings.reorder_delay)
+        self._pulse_look_ahead_ns = nanoseconds(settings.pulse_look_ahead)
+        self._queue = PulseQueue(self._memory_ns, self._pulse_look_ahead_ns, counter)
+        self._strays = StrayPulses(2 * self._pulse_look_ahead_ns + self._memory_ns)
+        self._postponed = PostponedFaults(counter)
+        longest_gap_ns = nanoseconds(settings.longest_gap)
+        self._intake = ForceIntake(self, longest_gap_ns, self._memory_ns, settings.largest_force)
+        self._held_ns = None
+
+    @property
+    def held(self) -> bool:
+        """Whether samples are predicted only, because somebody asked for it."""
+        return self._held_ns is not None
+
+    @property
+    def fault_counts(self) -> dict[str, int]:
+        """What went wrong so far, by name, in samples that still wait too."""
+        return self._postponed.counts()
+
+    def count_fault(self, name: str, count: int = 1) -> None:
+        """Count faults that were found before the data came here."""
+        self._counter.add(name, count)
+
+    def add_pulses(self, pulses: PulseTrain) -> None:
+        """Add pulses, in any order, valid or not."""
+        newest_ns = self._intake.newest_ns
+        if newest_ns is None or not len(pulses):
+            self._queue.add(pulses)
+            return
+        used_ns = newest_ns - self._reorder_delay_ns
+        late = pulses.onset_ns <= used_ns + self._pulse_look_ahead_ns
+        self._queue.add(pulses[~late], newest_ns)
+        # Much too late: not of this time line, and of the next one if the clock has jumped.
+        stray = pulses.onset_ns < newest_ns - self._intake.gap_ns
+        self._strays.add(pulses[stray], newest_ns)
+        for onset_ns in pulses.onset_ns[late & ~stray].tolist():
+            self._postponed.add(faults.PULSE_LATE, newest_ns)
+            self.exclude(onset_ns, onset_ns + self._memory_ns)
+
+    def exclude_pulses(self, onset_ns: IntArray) -> None:
+        """Do not learn while pulses (pulses,) of a publisher that is not believed may act.
+
+        They are counted.  If they were given, they are part of the force; if not, the force goes
+        on without them, and nobody knows.
+        """
+        self._counter.add(faults.PULSE_PUBLISHERS, len(onset_ns))
+        newest_ns = self._intake.newest_ns
+        near_ns = onset_ns if newest_ns is None else onset_ns[onset_ns <= newest_ns + FAR_NS]
+        for onset in near_ns[-_MOST_EXCLUDED:].tolist():
+            self.exclude(onset, onset + self._memory_ns)
+
+    def hold(self) -> None:
+        """Predict and do not learn, from the sample after the newest one on."""
+        if self._held_ns is None:
+            newest_ns = self._intake.newest_ns
+            self._held_ns = _BEFORE_ALL if newest_ns is None else newest_ns
+
+    def resume(self) -> None:
+        """Learn again, from when pulses that were given meanwhile act no more."""
+        held_ns, newest_ns = self._held_ns, self._intake.newest_ns
+        self._held_ns = None
+        if held_ns is not None and newest_ns is not None:
+            self.exclude(held_ns, newest_ns + self._memory_ns)
+
+    def takes_early(self, pulses: PulseTrain, stamp_ns: IntArray, before: IntArray) -> bool:
+        """Return whether pulses may come before samples of which some came before them.
+
+        That is so where nothing is irregular: `stamp_ns` (samples,) go on without a jump, and no
+        pulse, `before` (pulses,) of them ahead of it, is late or far.
+        """
+        newest_ns = self._intake.newest_ns
+        line = stamp_ns if newest_ns is None else np.append(newest_ns, stamp_ns)
+        steps = np.diff(line)
+        if self._intake.in_doubt or not ((steps > 0) & (steps <= self._intake.gap_ns)).all():
+            return False
+        if not (pulses.onset_ns <= line[0] + FAR_NS).all():
+            return False
+        seen = before if newest_ns is not None else before - 1
+        used_ns = line[np.maximum(seen, 0)] - self._reorder_delay_ns
+        return bool((pulses.onset_ns > used_ns + self._pulse_look_ahead_ns).all())
+
+    def add_forces(self, forces: ForceTrace) -> None:
+        """Add force samples; bad ones are dropped and counted."""
+        self._intake.add(forces)
+
+    def postpone(self, name: str) -> None:
+        """Count a fault when the samples up to here are processed, whenever that is."""
+        self._postponed.add(name, self._intake.newest_ns)
+
+    def exclude(self, start_ns: int, end_ns: int) -> None:
+        """Do not learn from samples after `start_ns` up to `end_ns`, those apart that were used.
+
+        Where nothing is used before it must be, they are still there: they are used all the same.
+        """
+        if self._intake.newest_ns is not None:
+            start_ns = max(start_ns, self._intake.newest_ns - self._reorder_delay_ns)
+        if start_ns < end_ns:
+            self._queue.exclude(start_ns, end_ns)
+
+    def meet_gap(self, until_ns: int) -> None:
+        """Go on after a gap: pulses may have been given meanwhile of which nobody knows."""
+        self.postpone(faults.FORCE_GAP)
+        assert self._intake.newest_ns is not None
+        self.exclude(self._intake.newest_ns, until_ns + self._memory_ns)
+
+    @abstractmethod
+    def jump_back(self, stamp_ns: int) -> None:
+        """Process what waits, then go on from an earlier stamp."""
