@@ -26,7 +26,8 @@ MEASURED = '#b0b0b0'
 COLOURS = ('#0b4f7d', '#c65d00', '#3f7f2c', '#7b4fa3', '#a8234a', '#5f5f5f')
 MARKERS = ('o', 's', '^', 'D', 'v', 'P')
 DASHES = ('-', '--', ':', '-.', (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
-MOST_TRAINS = 6
+MOST_TRAINS = 24
+"""More panels than this cannot be read on one page."""
 
 
 def draw_analysis(folder: Path, analysis: MuscleAnalysis, title: str = '') -> tuple[Path, ...]:
@@ -134,9 +135,16 @@ def _draw_latency(axes: Axes, table: LatencyTable, index: int) -> None:
 
 
 def draw_trains(found: SummationAnalysis, title: str = '') -> Figure:
-    """Return trains with their explanations, and the gains of their pulses (Figs. 6 to 8)."""
+    """Return trains with their explanations, and the gains of their pulses (Figs. 6 to 8).
+
+    Every train has a panel; of more than `MOST_TRAINS` so many are chosen evenly over numbers of
+    pulses and rates, and the title says so.
+    """
     picked = _picked(found)
-    columns = min(3, len(picked))
+    if len(picked) < len(found.trains):
+        chosen = f'{len(picked)} of {len(found.trains)} trains, evenly over pulses and rates'
+        title = f'{title}: {chosen}' if title else chosen
+    columns = min(3 if len(picked) <= 12 else 4, len(picked))
     rows = -(-len(picked) // columns)
     figure = _figure(3.9 * columns + 4.0, 2.9 * rows + 0.6, title)
     grid = figure.add_gridspec(rows, columns + 1, width_ratios=[1.0] * columns + [1.1])
@@ -145,28 +153,37 @@ def draw_trains(found: SummationAnalysis, title: str = '') -> Figure:
         _draw_train(axes, train)
         if index == 0:
             axes.legend(fontsize=7)
-    gains = figure.add_subplot(grid[:, columns])
-    for index, train in enumerate(picked):
-        values = train.gains.gains / max(train.equal.gains[0], 1e-300)
-        gains.plot(
-            np.arange(1, len(values) + 1),
-            values,
-            ls=DASHES[index],
-            marker=MARKERS[index],
-            color=COLOURS[index],
-            mfc='white',
-            ms=4,
-            lw=1,
-            label=_name(train),
-        )
-    gains.axhline(1.0, color='black', lw=0.6)
-    gains.set(xlabel='pulse', ylabel='gain, equal pulses = 1')
-    gains.legend(fontsize=7)
+    _draw_gains(figure.add_subplot(grid[:, columns]), found)
     return figure
 
 
+def _draw_gains(axes: Axes, found: SummationAnalysis) -> None:
+    """Draw the gains of all trains, one kind of line for trains of equal pulses and rate."""
+    kinds: dict[str, list[TrainAnalysis]] = {}
+    for train in found.trains:
+        kinds.setdefault(_name(train), []).append(train)
+    for index, (name, alike) in enumerate(kinds.items()):
+        kind = index % len(DASHES)
+        for place, train in enumerate(alike):
+            values = train.gains.gains / max(train.equal.gains[0], 1e-300)
+            axes.plot(
+                np.arange(1, len(values) + 1),
+                values,
+                ls=DASHES[kind],
+                marker=MARKERS[kind],
+                color=COLOURS[kind],
+                mfc='white',
+                ms=4,
+                lw=1,
+                label=f'{name}, {len(alike)} trains' if place == 0 else None,
+            )
+    axes.axhline(1.0, color='black', lw=0.6)
+    axes.set(xlabel='pulse', ylabel='gain, equal pulses = 1')
+    axes.legend(fontsize=7)
+
+
 def _picked(found: SummationAnalysis) -> list[TrainAnalysis]:
-    """Return at most six trains, evenly chosen over pulses and rates."""
+    """Return the trains that have a panel: all, or so many chosen evenly."""
     ordered = sorted(found.trains, key=lambda train: (len(train.response.onset), train.rate_hz))
     count = min(MOST_TRAINS, len(ordered))
     places = np.unique(np.linspace(0, len(ordered) - 1, count).round().astype(np.int64))
