@@ -1,6 +1,7 @@
 """Document, table and figures of a muscle analysis."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -11,6 +12,7 @@ from rpms_ros.muscle import average_subject
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.analysis_document import analysis_document
 from rpms_ros.report.analysis_figures import draw_analysis
+from rpms_ros.report.analysis_figures import draw_trains
 from rpms_ros.report.analysis_text import analysis_text
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.analysis_protocols import recruitment
@@ -92,3 +94,17 @@ def test_nothing_found_draws_nothing(empty, tmp_path):
 def test_a_folder_that_is_not_there_is_said(whole, tmp_path):
     with pytest.raises(ReportError, match='expected a figure file to write'):
         draw_analysis(tmp_path / 'missing', whole)
+
+
+@pytest.mark.parametrize(
+    ('count', 'drawn', 'title'), [(1, 1, ''), (12, 12, ''), (30, 24, '24 of 30 trains')]
+)
+def test_every_train_is_drawn_or_the_title_says_how_many(whole, count, drawn, title):
+    found = replace(whole.summation, trains=whole.summation.trains[:1] * count)
+    figure = draw_trains(found)
+    *panels, gains = figure.axes
+    assert len(panels) == drawn
+    # the gains of every train, and the line of equal pulses
+    assert len(gains.get_lines()) == count + 1
+    assert title in (figure.get_suptitle() or '')
+    assert bool(figure.get_suptitle()) is bool(title)

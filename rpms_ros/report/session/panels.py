@@ -13,6 +13,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.report.known_muscle import KnownMuscle
+from rpms_ros.report.response_begin import begin_of_response
 from rpms_ros.report.session.dose import Dose
 from rpms_ros.report.session.held_out import HeldOutFit
 from rpms_ros.report.session.residuals import ResidualAnalysis
@@ -41,6 +42,7 @@ def draw_recruitment(
         _band(place, intensity, last.curve_lower, last.curve_upper, last.confidence)
         place.plot(intensity, last.curve_force, color=MODELLED, label='identified')
     else:
+        place.set_yticks([])
         _note(place, 'one intensity only:\nrecruitment and dynamics\ncannot be told apart')
     if dose.pulses:
         share, edges = np.histogram(dose.intensities, bins=50, range=(0.0, 1.0))
@@ -55,7 +57,10 @@ def draw_recruitment(
 def draw_response(
     place: Axes, session: IdentifiedSession, force: FloatArray, truth: KnownMuscle | None = None
 ) -> None:
-    """Draw the response to one pulse, `force` (times,) [N], with its band and the true one."""
+    """Draw the response to one pulse, `force` (times,) [N], with its band and the true one.
+
+    What a smooth fit does before the muscle answers is dotted.
+    """
     last = session.last
     time = 1e3 * last.response_time
     full = 'at full intensity' if last.curve_known else 'of the intensity used'
@@ -68,9 +73,15 @@ def draw_response(
         shape = truth.response(1e-3 * fine, last.stamp_ns)
         if shape is not None:
             draw_true(place, fine, shape)
+    begin = begin_of_response(force)
     if last.curve_known:
-        _band(place, time, last.response_lower, last.response_upper, last.confidence)
-    place.plot(time, force, color=MODELLED, label='identified')
+        ends = last.response_lower[begin:], last.response_upper[begin:]
+        _band(place, time[begin:], *ends, last.confidence)
+    place.plot(time[begin:], force[begin:], color=MODELLED, label='identified')
+    if begin:
+        name = 'before the muscle answers: not determined'
+        before = slice(0, begin + 1)
+        place.plot(time[before], force[before], color=FAINT, ls=':', lw=1.2, label=name)
 
 
 def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None:
