@@ -51,10 +51,13 @@ def simulate(path: Path, duration: float) -> None:
 
 def identify(path: Path, estimator: str) -> Cost:
     """Run the command once, as its user would."""
+    options = ('--preset', 'paper_table_4') if estimator == 'recursive' else ()
     command = [sys.executable, '-m', 'rpms_ros.cli', 'identify', str(path), '--json']
     begun = time.perf_counter()
     process = subprocess.Popen(
-        [*command, '--estimator', estimator], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*command, '--estimator', estimator, *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     # Not `wait`: this tells the usage of this one process.
     _, status, usage = os.wait4(process.pid, 0)

@@ -150,7 +150,8 @@ def main():
                 changing(kind, excitation, outcomes, seeds)
             if kind == 'steady':
                 before = [
-                    Outcome(estimator_by_name('horizon', 'table_5'), one) for one in recordings
+                    Outcome(estimator_by_name('horizon', 'paper_table_5'), one)
+                    for one in recordings
                 ]
                 row(f'{kind}, {excitation}: horizon', before)
     if 'dynamics' in kinds:

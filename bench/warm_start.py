@@ -45,7 +45,7 @@ def session(subject, seconds, generator, path=None):
     stamps = MILLISECOND * np.arange(50 * count, dtype=np.int64)
     force = muscle.force(stamps)
     force = force + NOISE * subject.maximum_force * generator.standard_normal(len(force))
-    estimator = estimator_by_name('horizon', 'table_5')
+    estimator = estimator_by_name('horizon', 'paper_table_5')
     if path is not None:
         warm_start(estimator, path)
     stream = IdentificationStream(estimator, StreamSettings(estimate_period=0.05))

@@ -39,7 +39,7 @@ def table_4(folder):
         estimators = {
             'plain derivative': RecursiveEstimator(replace(TABLE_4, projected=False)),
             'recursive, projected': RecursiveEstimator(TABLE_4),
-            'horizon': estimator_by_name('horizon', 'table_4'),
+            'horizon': estimator_by_name('horizon', 'paper_table_4'),
         }
         for name, estimator in estimators.items():
             path = run(estimator, session)

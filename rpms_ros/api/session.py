@@ -201,14 +201,14 @@ class Session:
         ----------
         estimator : str
             ``batch`` (the whole session at once, with intervals), ``horizon`` (as on line, the
-            last 20 s, with intervals), ``recursive`` (the paper's), or one that another
-            distribution registers.
+            last 20 s, with intervals), ``recursive`` (one pass, as the node by default),
+            ``tracking`` (a muscle that changes), or one that another distribution registers.
         rate_hz : float
             Repetition rate for which the recruitment curve is stated [Hz].
         preset : str, optional
-            Design parameters by name; those of ``rpms identify`` if it is not given.
+            ``paper_table_4`` or ``paper_table_5``, which reproduce the paper; people need none.
         seed : int
-            Of the random start of ``recursive``.
+            Of the random start of the paper's recursion.
         most_estimates : int
             About so many estimates at most are kept of an estimator that runs on line, evenly
             spaced; ``batch`` makes one.  The last one is the same in any case.

@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rpms_ros.cli.identify import add_preset_option
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.errors import NodeError
@@ -64,13 +65,10 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         parser,
         '--estimator',
         'recursive',
-        "the paper's recursion, or exact variable projection over a moving horizon, for noisy "
-        'data with a latency',
+        'one pass with a state of fixed size, or exact variable projection over a moving horizon',
         choices=('recursive', 'horizon'),
     )
-    presets = ('table_4', 'table_5', 'people')
-    text = 'design parameters of the estimator'
-    add_option(parser, '--preset', 'table_4', text, choices=presets)
+    add_preset_option(parser)
     text = 'show it in the browser while it runs, on this port (default: 8765)'
     parser.add_argument('--live', nargs='?', type=int, const=PORT, metavar='PORT', help=text)
     text = 'new folder for recording and figure; out/demo_<time> if not given'

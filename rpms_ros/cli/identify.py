@@ -35,13 +35,15 @@ _EXAMPLES = """\
   rpms identify session --out results                  result.json and figures
   rpms identify session --json | jq .recruitment       one JSON object on stdout
   rpms identify session --force-topic /left/wrench --axis x --sign -1
-  rpms identify session --estimator batch              with intervals and physiology
-  rpms identify session --preset table_5 --rate-hz 15
+  rpms identify session --rate-hz 15                   the curve for pulses at 15 Hz
+  rpms identify session --estimator recursive          as the node does, sample by sample
   rpms identify monday --estimator horizon --save-state ada.state
   rpms identify friday --estimator horizon --start-from ada.state
 
 exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 2 if not possible
 """
+# Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
+PRESETS = ('people', 'paper_table_4', 'paper_table_5')
 _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
 # More than a figure has pixels across; a minute and a half has all of its estimates.
 _MOST_ESTIMATES = 1000
@@ -97,21 +99,29 @@ def _add_state_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--temporal-summation', type=Path, metavar='FILE', help=text)
 
 
-def add_estimator_options(parser: argparse.ArgumentParser) -> None:
+def add_estimator_options(parser: argparse.ArgumentParser, default: str = 'batch') -> None:
     """Add the options of the estimator."""
     group = parser.add_argument_group('estimator')
     add_option(
         group,
         '--estimator NAME',
-        'recursive',
-        'algorithm: recursive (of the paper), horizon (the last 20 s, as on line) or batch '
-        '(everything at once); the last two state intervals',
+        default,
+        'algorithm: batch (everything at once), or as on line horizon (the last 20 s), tracking '
+        '(a muscle that changes) or recursive (one pass, as the node by default)',
     )
-    text = 'design parameters: those of Tables 4 and 5 of the paper, or for people'
-    add_option(group, '--preset', 'table_4', text, choices=('table_4', 'table_5', 'people'))
+    add_preset_option(group)
     text = 'repetition rate for which the recruitment curve is stated [Hz]'
     add_option(group, '--rate-hz HZ', 20.0, text)
     add_option(group, '--seed', 0, "of the estimator's random start")
+
+
+def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
+    """Add the choice of what the paper printed."""
+    text = (
+        'paper_table_4 or paper_table_5 reproduce those tables of the paper and are not for '
+        'people; leave it out otherwise'
+    )
+    add_option(parser, '--preset', 'people', text, choices=PRESETS)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -31,7 +31,7 @@ Needs rclpy, in a domain of its own on this machine.
 _EXAMPLES = """\
   rpms replay session                      as fast as the node keeps up
   rpms replay session --factor 1           as fast as it was recorded
-  rpms replay session --preset table_5 --parameters identifier.yaml
+  rpms replay session --estimator horizon --parameters identifier.yaml
 Exit code 1 if estimates differ or are missing.
 """
 
@@ -53,7 +53,8 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(parser, '--parameters FILE', None, text, type=Path)
     parser.add_argument('--json', action='store_true', help='one JSON object on stdout')
     add_reading_options(parser)
-    add_estimator_options(parser)
+    # a node has to be one that works on line
+    add_estimator_options(parser, default='recursive')
 
 
 def run(arguments: argparse.Namespace) -> int:

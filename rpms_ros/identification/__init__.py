@@ -22,8 +22,8 @@ from rpms_ros.identification.recursion.settings import ExactRecursionSettings
 from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.session import identify
+from rpms_ros.identification.settings import PAPER_PRESETS
 from rpms_ros.identification.settings import PRESET_NAMES
-from rpms_ros.identification.settings import PRESETS
 from rpms_ros.identification.settings import TABLE_4
 from rpms_ros.identification.settings import TABLE_5
 from rpms_ros.identification.settings import RecruitmentBounds
@@ -39,8 +39,8 @@ __all__ = [
     'ESTIMATORS',
     'INFORMED',
     'NOT_INFORMED',
+    'PAPER_PRESETS',
     'PEOPLE',
-    'PRESETS',
     'PRESET_NAMES',
     'TABLE_4',
     'TABLE_5',

@@ -22,6 +22,7 @@ from rpms_ros.identification.recursion.estimator import ExactRecursion
 from rpms_ros.identification.recursion.settings import PEOPLE
 from rpms_ros.identification.recursive import RecursiveEstimator
 from rpms_ros.identification.settings import PEOPLE_PRESET
+from rpms_ros.identification.settings import check_preset
 from rpms_ros.identification.settings import settings_by_name
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.tracking.estimator import TrackingEstimator
@@ -38,10 +39,9 @@ class EstimatorOptions:
     Attributes
     ----------
     preset : str
-        Design parameters by name; the batch and the horizon take their start from it, and begin
-        the response without a latency (``table_4``) or 8 ms after the pulse (``table_5``,
-        ``people``).
-        `tracking` needs none.
+        ``people``, or ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its
+        recursion; batch and horizon with its start, and the response without a latency (Table 4)
+        or from 8 ms after the pulse on (Table 5).  `tracking` needs none.
     seed : int
         Seed of a random start.
     rate_hz : float
@@ -50,7 +50,7 @@ class EstimatorOptions:
         What pulses do to those after them; for batch and horizon.
     """
 
-    preset: str = 'table_4'
+    preset: str = PEOPLE_PRESET
     seed: int = 0
     rate_hz: float = DEFAULT_RATE
     history: TemporalSummation | None = None
@@ -59,7 +59,7 @@ class EstimatorOptions:
 EstimatorBuilder = Callable[[EstimatorOptions], Estimator]
 
 # The simulated plant of the paper has no latency; people have one, about 9 ms, rarely below 8.
-_LATENCY = {'table_4': 0.0, 'table_5': 8e-3, PEOPLE_PRESET: 8e-3}
+_LATENCY = {PEOPLE_PRESET: 8e-3, 'paper_table_4': 0.0, 'paper_table_5': 8e-3}
 
 
 def _recursive(options: EstimatorOptions) -> Estimator:
@@ -113,7 +113,7 @@ def on_line_names() -> tuple[str, ...]:
 
 def estimator_by_name(
     name: str,
-    preset: str = 'table_4',
+    preset: str = PEOPLE_PRESET,
     seed: int = 0,
     rate_hz: float = DEFAULT_RATE,
     history: TemporalSummation | None = None,
@@ -126,6 +126,7 @@ def estimator_by_name(
         If there is no such estimator, more than one of its name, or it cannot be loaded or is
         none; if there is no such preset, or the rate is not above zero.
     """
+    check_preset(preset)
     options = EstimatorOptions(preset, seed, rate_hz, history)
     points = _registered().get(name, [])
     targets = [*(['this package'] if name in ESTIMATORS else []), *(p.value for p in points)]

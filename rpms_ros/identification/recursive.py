@@ -32,6 +32,7 @@ from rpms_ros.identification.saved_state import plain
 from rpms_ros.identification.saved_state import typed
 from rpms_ros.identification.settings import TABLE_4
 from rpms_ros.identification.settings import RecursiveSettings
+from rpms_ros.identification.trust import Seen
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.identified_form import identified_recruitment
@@ -73,6 +74,7 @@ class RecursiveEstimator(RestorableWithSettings):
     _intensity: FloatArray
     _intensity_range: tuple[float, float]
     _pulses: int
+    _seen: Seen
 
     def __init__(
         self,
@@ -91,6 +93,7 @@ class RecursiveEstimator(RestorableWithSettings):
         self._intensity = np.empty(0)
         self._intensity_range = (np.inf, -np.inf)
         self._pulses = 0
+        self._seen = Seen()
         self._response_time = np.arange(0.0, settings.basis.duration, RESPONSE_STEP)
         self._response_basis = settings.basis.evaluate(self._response_time)
 
@@ -108,6 +111,7 @@ class RecursiveEstimator(RestorableWithSettings):
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
         if not len(onset_ns):
             return
+        self._seen.add_pulses(onset_ns, intensity)
         self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
         self._intensity = np.concatenate((self._intensity, intensity))
         self._make_room()
@@ -163,6 +167,7 @@ class RecursiveEstimator(RestorableWithSettings):
         prediction = np.empty(len(stamp_ns))
         if not len(stamp_ns):
             return prediction
+        self._seen.add_forces(force, usable)
         process(
             stamp_ns,
             force,
@@ -207,7 +212,7 @@ class RecursiveEstimator(RestorableWithSettings):
         own = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), (FACTORISATION_FAILED, int(scalars['failures'][0]))):
             own.add(name, count)
-        return Estimate(
+        estimate = Estimate(
             stamp_ns=stamp_ns,
             estimator=self.name,
             nonlinear_names=PARAMETER_NAMES,
@@ -226,6 +231,7 @@ class RecursiveEstimator(RestorableWithSettings):
             condition_number=float(scalars['condition_number'][0]),
             faults=own.counts(),
         )
+        return self._seen.examine(estimate)
 
     def _make_room(self) -> None:
         """Let the workspace hold as many pulses as act at once at the most."""

@@ -152,22 +152,36 @@ TABLE_5 = replace(
 )
 """Experimental identification: Table 5, start [40 % 90 % 10]."""
 
-PRESETS = {'table_4': TABLE_4, 'table_5': TABLE_5}
-"""Presets of the paper by name."""
+PAPER_PRESETS = {'paper_table_4': TABLE_4, 'paper_table_5': TABLE_5}
+"""Tables 4 and 5 as printed, by name: to reproduce the paper, not for people."""
 
 PEOPLE_PRESET = 'people'
-PRESET_NAMES = (*PRESETS, PEOPLE_PRESET)
-"""All presets, for command lines and node parameters."""
+PRESET_NAMES = (PEOPLE_PRESET, *PAPER_PRESETS)
+"""What may be chosen, for command lines and node parameters; nobody has to."""
+
+_FORMER_NAMES = {'table_4': 'paper_table_4', 'table_5': 'paper_table_5'}
+
+
+def check_preset(name: str) -> None:
+    """Raise `IdentificationError` unless the name is one of `PRESET_NAMES`."""
+    if name in _FORMER_NAMES:
+        raise IdentificationError(
+            f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}, which is now '
+            f'{_FORMER_NAMES[name]} and only reproduces the paper: for people leave it out'
+        )
+    if name not in PRESET_NAMES:
+        raise IdentificationError(f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}')
 
 
 def settings_by_name(name: str) -> RecursiveSettings:
-    """Return a preset of `PRESETS`.
+    """Return a preset of `PAPER_PRESETS`.
 
     Raises
     ------
     IdentificationError
         If there is no such preset.
     """
-    if name not in PRESETS:
-        raise IdentificationError(f'expected a preset of {", ".join(PRESETS)}, got {name!r}')
-    return PRESETS[name]
+    check_preset(name)
+    if name not in PAPER_PRESETS:
+        raise IdentificationError(f'expected one of {", ".join(PAPER_PRESETS)}, got {name!r}')
+    return PAPER_PRESETS[name]

@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import MEANING
 from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
@@ -38,6 +39,12 @@ REASON: Mapping[str, str] = MappingProxyType(
     }
 )
 """What is wrong, in plain words, by the name that stands among the doubts."""
+
+
+def meaning_of_doubt(name: str) -> str:
+    """Return what a name among the doubts of an estimate means; a monitor may bring others."""
+    return REASON.get(name) or MEANING.get(name, 'said by a monitor')
+
 
 # Of the largest force: noise and baseline may make this much of it.
 _BEYOND = 1.5

@@ -18,13 +18,13 @@ from rpms_ros.identification import verdict_of_data
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
 from rpms_ros.identification.estimate import NOT_INFORMED
 from rpms_ros.identification.estimate import Estimate
-from rpms_ros.identification.faults import MEANING
 from rpms_ros.identification.output_error import settled
 from rpms_ros.identification.restated import Restated
 from rpms_ros.identification.restated import restate
 from rpms_ros.identification.restated import white_noise
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.stream_settings import StreamSettings
+from rpms_ros.identification.trust import meaning_of_doubt
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import ForceTrace
@@ -333,7 +333,7 @@ def _of_the_estimator(
     """Yield what the estimator says of itself."""
     last, first = session.last, session.estimates[0]
     for name in last.doubts:
-        yield DOUBTFUL, f'{name}: {MEANING.get(name, "of a monitor")}'
+        yield DOUBTFUL, f'{name}: {meaning_of_doubt(name)}'
     if not last.curve_known:
         return
     if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):

@@ -8,6 +8,7 @@ import numpy as np
 
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import MEANING
+from rpms_ros.identification.trust import meaning_of_doubt
 from rpms_ros.live.numbers import MOST_NAMES
 from rpms_ros.live.numbers import number
 from rpms_ros.live.numbers import numbers
@@ -70,7 +71,7 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         ][-MOST_NAMES:],
         'disturbance': number(estimate.disturbance),
         'disturbance_deviation': number(estimate.disturbance_deviation),
-        'doubts': [[text(name), MEANING.get(name, '')] for name in estimate.doubts[:MOST_NAMES]],
+        'doubts': [[text(name), meaning_of_doubt(name)] for name in estimate.doubts[:MOST_NAMES]],
         'reasons': texts(estimate.reasons),
         'faults': [
             [text(name), int(count), MEANING.get(name, '')]

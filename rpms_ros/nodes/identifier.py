@@ -32,6 +32,7 @@ from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.diagnostics import PERIOD_S
 from rpms_ros.nodes.diagnostics import diagnostics_message
+from rpms_ros.nodes.identifier_diagnostics import doubts_in_words
 from rpms_ros.nodes.identifier_diagnostics import identifier_health
 from rpms_ros.nodes.identifier_hearing import Hearing
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
@@ -66,6 +67,7 @@ class Identifier(Node):
         self._axis = messages.axis_of(self.settings.axis, self.settings.sign)
         self._unit = UNITS[self.settings.quantity]
         self._reported: dict[str, int] = {}
+        self._doubted = ''
         self._heard = time.monotonic()
         self._last: Estimate | None = None
         self._estimate = self.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE_KEPT)
@@ -180,6 +182,17 @@ class Identifier(Node):
             )
         )
 
+    def _say_doubts(self) -> None:
+        """Log when the estimate begins or ceases to be one that is not to be trusted."""
+        doubts = doubts_in_words(self._last)
+        if doubts == self._doubted:
+            return
+        self._doubted = doubts
+        if doubts:
+            logger_of(self).warning(f'the estimate is not to be trusted: {doubts}')
+        else:
+            logger_of(self).info('nothing speaks against the estimate any more')
+
     def _report(self) -> None:
         unheard = self._senders.look() and not self._hearing.hears_best_effort
         if unheard:
@@ -193,6 +206,7 @@ class Identifier(Node):
             if count != self._reported.get(name):
                 logger_of(self).warning(f'{name}: {count} so far')
         self._reported = faults
+        self._say_doubts()
         silence = time.monotonic() - self._heard
         if silence > _SILENCE:
             topic = self.resolve_topic_name(topics.FORCE)

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpms_ros.identification import Estimate
+from rpms_ros.identification.trust import meaning_of_doubt
 from rpms_ros.nodes.diagnostics import Health
 
 
@@ -36,3 +37,9 @@ def identifier_health(
             figures['reasons'] = '; '.join(estimate.reasons)
     figures |= {f'fault {fault}': count for fault, count in faults.items()}
     return Health(text, level, figures)
+
+
+def doubts_in_words(estimate: Estimate | None) -> str:
+    """Return why an estimate is not to be trusted; empty if nothing speaks against it."""
+    doubts = estimate.doubts if estimate is not None else ()
+    return '; '.join(f'{name}: {meaning_of_doubt(name)}' for name in doubts)

@@ -16,6 +16,8 @@ from rpms_ros.identification import StreamSettings
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.catalogue import on_line_names
 from rpms_ros.identification.monitors import monitors_by_name
+from rpms_ros.identification.settings import PEOPLE_PRESET
+from rpms_ros.identification.settings import check_preset
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.warm_start import warm_start
 from rpms_ros.nodes.parameters import LARGEST_SEED
@@ -29,8 +31,18 @@ _STREAM = StreamSettings()
 class IdentifierParameters(NodeParameters):
     """Parameters of the identifier."""
 
-    estimator: str = parameter('recursive', 'Algorithm.', choices=on_line_names())
-    preset: str = parameter('table_4', 'Design parameters by name.', choices=PRESET_NAMES)
+    estimator: str = parameter(
+        'recursive',
+        'Algorithm: recursive (one pass), horizon (the last 20 s), tracking (a muscle that '
+        'changes).',
+        choices=on_line_names(),
+    )
+    preset: str = parameter(
+        PEOPLE_PRESET,
+        'people fits every muscle; the others reproduce tables of the paper and are not for '
+        'people. tracking takes none.',
+        choices=PRESET_NAMES,
+    )
     seed: int = parameter(
         0, 'Seed of the random start of the Hessian.', minimum=0, maximum=LARGEST_SEED
     )
@@ -122,8 +134,12 @@ class IdentifierParameters(NodeParameters):
             raise NodeError(
                 'parameter estimator: expected an estimator that works on line, got batch, which '
                 'fits everything anew for each estimate: use horizon here, and rpms identify '
-                '--estimator batch for the recording'
+                'for the recording'
             )
+        try:
+            check_preset(self.preset)
+        except IdentificationError as error:
+            raise NodeError(f'parameter preset: {error}') from error
         super().__post_init__()
         if self.sign == 0:
             raise NodeError('expected a sign of 1 or -1, got 0')

@@ -13,6 +13,7 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import identify
 from rpms_ros.identification.catalogue import estimator_by_name
+from rpms_ros.identification.settings import PEOPLE_PRESET
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.verdict import doublings
 from rpms_ros.identification.verdict import period_of_estimates
@@ -34,7 +35,7 @@ class IdentificationOptions:
     estimator : str
         Name of the algorithm.
     preset : str
-        Design parameters by name: ``table_4`` or ``table_5``.
+        ``people``, or one that reproduces the paper; see `PRESET_NAMES`.
     rate_hz : float
         Repetition rate for which the recruitment curve is stated [Hz].
     seed : int
@@ -47,8 +48,8 @@ class IdentificationOptions:
         Where what is known at the end is saved.
     """
 
-    estimator: str = 'recursive'
-    preset: str = 'table_4'
+    estimator: str = 'batch'
+    preset: str = PEOPLE_PRESET
     rate_hz: float = DEFAULT_RATE
     seed: int = 0
     history: TemporalSummation | None = None

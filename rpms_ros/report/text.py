@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from rpms_ros.printable import printable
 
 _WIDEST = 100
+# How far a word that does not fit beside its label is indented below it.
+_CLOSE = 4
 
 
 def width() -> int:
@@ -60,7 +62,17 @@ def _wrapped(start: str, text: str, indent: int | None = None) -> str:
     text = ''.join(letter if letter.isprintable() or letter.isspace() else '?' for letter in text)
     room = max(width(), len(start) + 20)
     later = ' ' * (len(start) if indent is None else indent)
+    words = [len(word) for word in text.split()]
+    # a hash is not cut in two, nor what else may be copied
+    if words and len(later) + max(words) > room:
+        later = ' ' * _CLOSE
+        if len(start) + words[0] > room:
+            return f'{start.rstrip()}\n{_filled(later, later, text, room)}'
+    return _filled(start, later, text, room) or start.rstrip()
+
+
+def _filled(start: str, later: str, text: str, room: int) -> str:
     shape = textwrap.TextWrapper(
         room, initial_indent=start, subsequent_indent=later, break_on_hyphens=False
     )
-    return shape.fill(text) or start.rstrip()
+    return shape.fill(text)

@@ -49,7 +49,9 @@ def test_no_help_shows_an_escaped_per_cent_sign(
     [
         (['identfy', 'x'], 'identify'),
         (['identify', 'x', '--estimatr', 'batch'], '--estimator'),
-        (['identify', 'x', '--preset', 'table4'], 'table_4'),
+        (['identify', 'x', '--preset', 'table4'], 'paper_table_4'),
+        (['identify', 'x', '--preset', 'table_4'], 'paper_table_4'),
+        (['demo', '--preset', 'table_5'], 'paper_table_5'),
     ],
 )
 def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(
@@ -83,6 +85,14 @@ def test_a_long_text_goes_on_below_its_beginning(monkeypatch: pytest.MonkeyPatch
     )
     assert noted([('note', 'one two three four five six')]) == (
         '  note: one two three four\n    five six'
+    )
+
+
+def test_a_long_word_is_not_cut_in_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('COLUMNS', '40')
+    word = 'abcdefghijklmnopqrstuvwxyz0123'
+    assert labelled([('label of a row', word), ('b', f'one {word}')]) == (
+        f'  label of a row\n    {word}\n  b               one\n    {word}'
     )
 
 

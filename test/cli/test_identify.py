@@ -24,6 +24,8 @@ from rpms_ros.recording import write_recording
 
 Rpms = Callable[..., tuple[int, str, str]]
 AsJson = Callable[..., dict[str, Any]]
+# The estimator of the paper, which fits the plant of the paper.
+PAPER = ('--estimator', 'recursive', '--preset', 'paper_table_4')
 KEYS = [
     'session_hash',
     'schedules',
@@ -35,6 +37,10 @@ KEYS = [
     'recruitment',
     'curve',
     'impulse_response',
+    'confidence',
+    'identifiability',
+    'deviation',
+    'physiology',
     'output_error_n',
     'output_error_of_range',
     'faults',
@@ -49,7 +55,7 @@ def test_json_is_one_object_and_nothing_else(rpms: Rpms, short_session: Path) ->
     assert out.count('\n') == 1
     document = json.loads(out)
     assert list(document) == KEYS
-    assert document['estimator'] == 'recursive'
+    assert document['estimator'] == 'batch'
     assert document['samples'] == 10_000
     assert document['pulses'] == 200
     assert document['duration_s'] == 9.999
@@ -88,8 +94,8 @@ def test_certainty_is_shown_in_the_table(rpms: Rpms, short_session: Path) -> Non
 
 
 def test_curve_scales_with_the_rate_it_is_stated_for(as_json: AsJson, short_session: Path) -> None:
-    at_20 = as_json('identify', short_session, '--json')
-    at_10 = as_json('identify', short_session, '--json', '--rate-hz', 10)
+    at_20 = as_json('identify', short_session, '--json', *PAPER)
+    at_10 = as_json('identify', short_session, '--json', '--rate-hz', 10, *PAPER)
     np.testing.assert_allclose(
         at_10['curve']['force'], 0.5 * np.array(at_20['curve']['force']), rtol=1e-12
     )
@@ -99,7 +105,7 @@ def test_table_and_files(rpms: Rpms, short_session: Path, tmp_path: Path) -> Non
     folder = tmp_path / 'new' / 'results'
     code, out, _ = rpms('identify', short_session, '--out', folder)
     assert code == 0
-    for word in ('recursive', '10000 samples, 200 pulses', 'u_thr', 'faults', 'none'):
+    for word in ('batch', '10000 samples, 200 pulses', 'u_thr', 'faults', 'none'):
         assert word in out
     assert 'N at intensity 0.5' in out
     assert list(json.loads((folder / 'result.json').read_text())) == KEYS
@@ -111,7 +117,7 @@ def test_fixed_intensity_has_no_curve(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'session'
     options = ['--schedule', 'constant', '--intensity', '0.7', '--duration', '5']
     rpms('simulate', '--out', path, *options)
-    code, out, err = rpms('identify', path, '--json')
+    code, out, err = rpms('identify', path, '--json', *PAPER)
     document = json.loads(out)
     # the force of the paper's recursion does not come out of such a train: the verdict says so
     assert code == 3
@@ -125,7 +131,7 @@ def test_fixed_intensity_has_no_curve(rpms: Rpms, tmp_path: Path) -> None:
     steady = read_recording(path).forces.force[-1000:].mean()
     # The last samples are not fitted alone: the onset of the train weighs too.
     assert 20 * area == pytest.approx(steady, rel=0.03)
-    _, out, _ = rpms('identify', path, '--estimator', 'batch')
+    _, out, _ = rpms('identify', path)
     assert 'cannot be told from one intensity' in out
 
 
@@ -342,17 +348,15 @@ def test_what_is_known_is_saved_and_started_from(
     rpms: Rpms, as_json: AsJson, short_session: Path, tmp_path: Path
 ) -> None:
     state = tmp_path / 'ada.state'
-    first = as_json(
-        'identify', short_session, '--json', '--estimator', 'horizon', '--save-state', state
-    )
-    plain = as_json('identify', short_session, '--json', '--estimator', 'horizon')
+    # this muscle answers at once, which the functions of Table 4 do too
+    options = ('--json', '--estimator', 'horizon', '--preset', 'paper_table_4')
+    first = as_json('identify', short_session, *options, '--save-state', state)
+    plain = as_json('identify', short_session, *options)
     assert first == plain
-    stream = IdentificationStream(estimator_by_name('horizon'))
+    stream = IdentificationStream(estimator_by_name('horizon', 'paper_table_4'))
     checkpoint.load(state, stream)
     assert stream.estimate().samples == 10_000
-    warm = as_json(
-        'identify', short_session, '--json', '--estimator', 'horizon', '--start-from', state
-    )
+    warm = as_json('identify', short_session, *options, '--start-from', state)
     # It has been right from the first pulse on.
     assert warm['output_error_n'] <= plain['output_error_n']
     code, _, err = rpms('identify', short_session, '--start-from', state)

@@ -214,7 +214,7 @@ def estimate_bytes() -> bytes:
     forces = ForceTrace(stamps, 1.0 - np.cos(stamps * 1e-8))
     pulses = PulseTrain.regular([0.2, 0.5, 0.8, 1.0] * 10, 20.0)
     session = identify(
-        estimator_by_name('recursive', 'table_4', 0, 20.0), pulses, forces, StreamSettings()
+        estimator_by_name('recursive', 'paper_table_4', 0, 20.0), pulses, forces, StreamSettings()
     )
     store = known_types()
     message = messages.estimate_message(session.last, store.types, 'muscle')

@@ -143,7 +143,7 @@ def resigned(path: Path, change) -> None:
 
 def test_other_settings_are_refused_by_name(saved) -> None:
     refused(saved, fresh('horizon', 0.2), 'estimate_period 0.2, as it is set here, got 0.1')
-    other = IdentificationStream(estimator_by_name('horizon', preset='table_5'))
+    other = IdentificationStream(estimator_by_name('horizon', preset='paper_table_5'))
     refused(saved, other, 'expected a saved state with basis.latency 0.008, .* got 0.0')
     rate = IdentificationStream(estimator_by_name('horizon', rate_hz=30.0))
     refused(saved, rate, 'rate_hz 30.0, as it is set here, got 20.0')

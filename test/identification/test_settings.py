@@ -34,9 +34,9 @@ def test_the_tables(table: RecursiveSettings, forgetting, form_factor, start) ->
 
 
 def test_presets_by_name() -> None:
-    assert settings_by_name('table_4') is TABLE_4
-    assert settings_by_name('table_5') is TABLE_5
-    with pytest.raises(IdentificationError, match=r"expected a preset of table_4, .* got 'x'"):
+    assert settings_by_name('paper_table_4') is TABLE_4
+    assert settings_by_name('paper_table_5') is TABLE_5
+    with pytest.raises(IdentificationError, match=r"expected a preset of people, .* got 'x'"):
         settings_by_name('x')
 
 

@@ -32,7 +32,7 @@ def errors(subject, seconds, seed, path=None):
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     stamps = 1_000_000 * np.arange(50 * len(pulses), dtype=np.int64)
     noise = 0.005 * subject.maximum_force * generator.standard_normal(len(stamps))
-    estimator = estimator_by_name('horizon', 'table_5')
+    estimator = estimator_by_name('horizon', 'paper_table_5')
     if path is not None:
         warm_start(estimator, path)
     stream = IdentificationStream(estimator, StreamSettings(estimate_period=0.05))

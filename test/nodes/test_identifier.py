@@ -336,7 +336,7 @@ def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) 
         ({'pulse_look_ahead': 0.5}, r'<= pulse_look_ahead <= reorder_delay, got 0\.5 and 0\.2'),
         ({'estimator': 'batch'}, 'works on line, got batch, .*: use horizon here'),
         ({'monitors': ('pish',)}, "expected monitors of .*, got 'pish'"),
-        ({'preset': 'table_9'}, "preset: expected one of table_4, .* got 'table_9'"),
+        ({'preset': 'table_9'}, "preset: expected a preset of people, .* got 'table_9'"),
     ],
 )
 def test_bad_parameters_are_refused(values: dict[str, object], message: str) -> None:

@@ -43,7 +43,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 def test_a_replay_gives_the_estimates_of_the_recording_bit_for_bit(recording: Recording) -> None:
     seen: list[int] = []
-    done = replay(recording, {'preset': 'table_5'}, progress=seen.append)
+    done = replay(recording, {'preset': 'paper_table_5'}, progress=seen.append)
     assert compare(done.expected, done.estimates).exact
     # one a tenth of a second, but for the last two that are held back and the one of the end
     assert len(done.estimates) == len(done.expected) == 37
