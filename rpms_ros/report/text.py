@@ -62,12 +62,10 @@ def _wrapped(start: str, text: str, indent: int | None = None) -> str:
     text = ''.join(letter if letter.isprintable() or letter.isspace() else '?' for letter in text)
     room = max(width(), len(start) + 20)
     later = ' ' * (len(start) if indent is None else indent)
-    words = [len(word) for word in text.split()]
     # a hash is not cut in two, nor what else may be copied
-    if words and len(later) + max(words) > room:
-        later = ' ' * _CLOSE
-        if len(start) + words[0] > room:
-            return f'{start.rstrip()}\n{_filled(later, later, text, room)}'
+    if len(later) + max(map(len, text.split()), default=0) > room:
+        close = ' ' * _CLOSE
+        return f'{start.rstrip()}\n{_filled(close, close, text, room)}'
     return _filled(start, later, text, room) or start.rstrip()
 
 

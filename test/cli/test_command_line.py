@@ -92,7 +92,7 @@ def test_a_long_word_is_not_cut_in_two(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('COLUMNS', '40')
     word = 'abcdefghijklmnopqrstuvwxyz0123'
     assert labelled([('label of a row', word), ('b', f'one {word}')]) == (
-        f'  label of a row\n    {word}\n  b               one\n    {word}'
+        f'  label of a row\n    {word}\n  b\n    one {word}'
     )
 
 

@@ -43,7 +43,7 @@ def test_a_minute_of_the_sinusoid_is_right_with_every_noise(seed: int) -> None:
     session = rpms_ros.simulate('sinusoid', duration=60.0, noise=0.02, seed=seed)
     found = session.identify(most_estimates=1)
     assert found.force_at(1.0).value == pytest.approx(FULL, rel=NEAR_FULL)
-    assert found.response['force'].max() == pytest.approx(PEAK, rel=NEAR_PEAK)
+    assert found.response.force.max() == pytest.approx(PEAK, rel=NEAR_PEAK)
 
 
 def test_the_sample_of_the_readme_has_the_saturation_that_it_was_made_with(

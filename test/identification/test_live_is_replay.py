@@ -12,6 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from rpms_ros.identification import Estimate
+from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import estimator_by_name
@@ -22,6 +23,7 @@ from rpms_ros.pulses import PulseTrain
 
 MILLISECOND = 1_000_000
 SECOND = 1000 * MILLISECOND
+PAPER = 'paper recursive'
 START_NS = 1_700_000_000 * SECOND
 # Set it to a few hundred to search longer.
 EXAMPLES = int(os.environ.get('RPMS_LIVE_IS_REPLAY_EXAMPLES', '25'))
@@ -94,11 +96,16 @@ def columns_of(arrivals: Sequence[Arrival]) -> tuple[PulseTrain, ForceTrace]:
     return PulseTrain.of(pulses), ForceTrace(stamps, np.array([value for _, value in forces]))
 
 
+def fresh(name: str) -> Estimator:
+    preset = 'paper_table_4' if name == PAPER else 'people'
+    return estimator_by_name(name.removeprefix('paper '), preset, seed=1)
+
+
 def live(
     name: str, arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings
 ) -> list[Estimate]:
     """Estimates of a node that looks at what has come at every cut."""
-    stream = IdentificationStream(estimator_by_name(name, seed=1), waiting)
+    stream = IdentificationStream(fresh(name), waiting)
     estimates: list[Estimate] = []
     edges = [0, *sorted(cuts), len(arrivals)]
     for start, stop in pairwise(edges):
@@ -112,7 +119,7 @@ def live(
 
 def replayed(name: str, arrivals: list[Arrival], waiting: StreamSettings) -> list[Estimate]:
     """Estimates of the recording."""
-    stream = IdentificationStream(estimator_by_name(name, seed=1), waiting)
+    stream = IdentificationStream(fresh(name), waiting)
     pulses, forces = columns_of(arrivals)
     is_pulse = np.array([isinstance(one, Pulse) for one in arrivals])
     before = np.cumsum(~is_pulse)[is_pulse]
@@ -129,7 +136,7 @@ def image(estimate: Estimate) -> list[bytes]:
     ]
 
 
-@pytest.mark.parametrize('name', ['recursive', 'horizon'])
+@pytest.mark.parametrize('name', ['recursive', 'horizon', PAPER])
 @settings(deadline=None, max_examples=EXAMPLES)
 @given(
     wrong=faulty,

@@ -76,7 +76,7 @@ def test_a_monitor_of_another_package_examines_and_hears_everything(record) -> N
     session = identify(RecursiveEstimator(), pulses, forces, chosen)
     # the pulse in between neither was nor is unknown: these samples alone are left out
     assert session.last.faults == {'push': 400, 'samples_excluded': 400}
-    assert session.last.doubts == ('push',)
+    assert session.last.doubts[0] == 'push'
     assert not session.usable[2000:2400].any()
     import rig_monitors
 

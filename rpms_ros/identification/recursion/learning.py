@@ -41,15 +41,14 @@ class Learner(Restorable):
         start = np.array(model.start)
         self.prior = model.as_prior()
         self.fit = empty_fit(start, functions, 1)
-        self._trial = empty_fit(start, functions, 1)
-        self._other = empty_fit(start, functions, 1)
+        # overwritten before it is read: a trial step, and a fit from another start
+        self._workspace = empty_fit(start, functions, 1), empty_fit(start, functions, 1)
         self._starts = model.starts()
         self._steps = 0
 
     def _check_restored(self) -> None:
-        shapes = (
-            (one.shape, other.shape) for one, other in zip(self.fit, self._trial, strict=True)
-        )
+        made = self._workspace[0]
+        shapes = ((one.shape, other.shape) for one, other in zip(self.fit, made, strict=True))
         expect(all(one == other for one, other in shapes), 'Learner', 'arrays of one model')
 
     def restart(self) -> None:
@@ -71,20 +70,20 @@ class Learner(Restorable):
             self._challenge(
                 memory, self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)]
             )
-        improve(memory, self.prior, fit, self._trial, 1)
+        improve(memory, self.prior, fit, self._workspace[0], 1)
         # Of weighted samples the covariance is that of their sum by the squares of the weights.
         fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
 
     def _challenge(self, memory: Memory, start: FloatArray) -> None:
         """Try another start; go on from there if it explains all that is remembered better."""
-        fit, other = self.fit, self._other
+        fit, (trial, other) = self.fit, self._workspace
         other.theta[:] = start
         other.linear[:] = fit.linear
         other.variance[0] = fit.variance[0]
         other.damping[0] = _START_DAMPING
         if not evaluate(memory, self.prior, other):
             return
-        improve(memory, self.prior, other, self._trial, _CHALLENGER_STEPS)
+        improve(memory, self.prior, other, trial, _CHALLENGER_STEPS)
         if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
             go_to(fit, other)
             fit.damping[0] = other.damping[0]

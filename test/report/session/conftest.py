@@ -43,7 +43,7 @@ def _make_recording(path: Path, low: float = 0.0, custom: dict[str, str] | None 
 def _make_analysis(path: Path, settings: ReportSettings | None = None) -> SessionAnalysis:
     """What `rpms report` analyses."""
     recording = read_recording(path)
-    session = identified(recording, IdentificationOptions())
+    session = identified(recording, IdentificationOptions('recursive', 'paper_table_4'))
     return analyse(
         path.name,
         recording,
