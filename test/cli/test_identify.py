@@ -107,7 +107,7 @@ def test_table_and_files(rpms: Rpms, short_session: Path, tmp_path: Path) -> Non
     assert code == 0
     for word in ('batch', '10000 samples, 200 pulses', 'u_thr', 'faults', 'none'):
         assert word in out
-    assert 'N at intensity 0.5' in out
+    assert ') at intensity 0.5' in out
     assert list(json.loads((folder / 'result.json').read_text())) == KEYS
     assert (folder / 'session.png').read_bytes().startswith(b'\x89PNG')
     assert '<svg' in (folder / 'session.svg').read_text()
