@@ -147,7 +147,7 @@ def resigned(path: Path, change) -> None:
 def test_other_settings_are_refused_by_name(saved) -> None:
     refused(saved, fresh('horizon', 0.2), 'estimate_period 0.2, as it is set here, got 0.1')
     other = IdentificationStream(estimator_by_name('horizon', preset='paper_table_5'))
-    refused(saved, other, r'expected a saved state with start \[0\.4, 0\.9, 10\.0, 6\.0\], .* got \[0\.5')
+    refused(saved, other, r'a saved state with start \[0\.4, .* got \[0\.5')
     rate = IdentificationStream(estimator_by_name('horizon', rate_hz=30.0))
     refused(saved, rate, 'rate_hz 30.0, as it is set here, got 20.0')
 
