@@ -4,6 +4,7 @@ import argparse
 import shutil
 import sys
 import time
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
     from rpms_ros.muscle import Subject
+    from rpms_ros.muscle.scenario import Scenario
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
     from rpms_ros.nodes.simulation_launcher import SimulationSettings
 
@@ -23,12 +25,14 @@ Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2
 process of its own, on this machine and in a DDS domain of their own.  The muscle is stimulated
 at 20 Hz and measured at 1 kHz; pulses, force and estimates are recorded.  At the end the
 identified parameters are compared with the true ones, and the recording is identified again off
-line, which has to give the same estimates in every bit.
+line, which has to give the same estimates in every bit.  With a scenario the muscle tires, the
+coil moves or the patient tenses, as in `rpms simulate --scenario`.
 """
 _EXAMPLES = """\
   rpms demo --live                           and open http://127.0.0.1:8765/
   rpms demo --duration 30 --schedule sinusoid
   rpms demo --subject rpms --noise 0.05 --estimator horizon
+  rpms demo --scenario fatigue               a muscle that tires, followed by tracking
 
 exit code: 0 if no sample was lost and the replay is exact, 1 otherwise, 2 if it could not run.
 """
@@ -63,11 +67,17 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(parser, '--seed K', 1, 'of pulses, noise and random subject')
     add_option(
         parser,
-        '--estimator',
-        'recursive',
-        'one pass with a state of fixed size, or exact variable projection over a moving horizon',
-        choices=('recursive', 'horizon'),
+        '--scenario NAME|FILE',
+        '',
+        'what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
+        'steady, or a YAML file; its noise counts unless --noise is given',
     )
+    text = (
+        'one pass with a state of fixed size, exact variable projection over a moving horizon, or '
+        'one that follows a muscle that changes (default: recursive, with a scenario tracking)'
+    )
+    estimators = ('recursive', 'horizon', 'tracking')
+    add_option(parser, '--estimator', None, text, choices=estimators)
     add_preset_option(parser)
     text = 'show it in the browser while it runs, on this port (default: 8765)'
     parser.add_argument('--live', nargs='?', type=int, const=PORT, metavar='PORT', help=text)
@@ -77,6 +87,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the simulation, then report; return the exit code."""
+    from rpms_ros.muscle.scenario import load_scenario
     from rpms_ros.nodes.plant_parameters import PlantParameters
     from rpms_ros.nodes.plant_parameters import subject_of
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
@@ -85,6 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise NodeError(f'expected a port of 1 to 65535, got {arguments.live}')
     if not 1.0 <= arguments.duration <= 3600.0:
         raise NodeError(f'expected a duration of 1 to 3600 s, got {arguments.duration}')
+    scenario = load_scenario(arguments.scenario) if arguments.scenario else None
     settings = simulation_settings(arguments)
     subject = subject_of(PlantParameters(**settings.plant))
     folder = arguments.out or Path('out') / datetime.now().astimezone().strftime(
@@ -96,19 +108,25 @@ def run(arguments: argparse.Namespace) -> int:
     with SimulationLauncher(folder, settings) as launcher:
         _watch(launcher, subject, arguments.duration, arguments.quiet)
         launcher.stop()
-    return _report(launcher, subject, settings)
+    return _report(launcher, subject, settings, scenario)
 
 
 def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
     """Return the parameters of the three nodes."""
     from rpms_ros.nodes.simulation_launcher import SimulationSettings
 
+    scenario = arguments.scenario
+    if scenario and Path(scenario).exists():
+        # the nodes may run elsewhere
+        scenario = str(Path(scenario).resolve())
+    estimator = arguments.estimator or ('tracking' if scenario else 'recursive')
     return SimulationSettings(
         plant={
             'rate': FORCE_RATE,
             'subject': arguments.subject,
             'seed': arguments.seed,
             'noise': arguments.noise,
+            'scenario': scenario,
             # the identified model has no repetition rate: simulate Eq. (11) at the nominal one
             'fixed_rate': RATE,
             # on a busy machine pulses arrive late, but still before their force
@@ -120,7 +138,7 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
             'duration': arguments.duration,
             'seed': arguments.seed,
         },
-        identifier={'estimator': arguments.estimator, 'preset': arguments.preset},
+        identifier={'estimator': estimator, 'preset': arguments.preset},
         live_page=None if arguments.live is None else {'port': arguments.live},
     )
 
@@ -157,10 +175,11 @@ def _watch(
 
 def _show(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) -> None:
     """Show one line: time left, error of the curve, parameters, lost samples and pulses."""
-    from rpms_ros.report.agreement import curve_error
+    from rpms_ros.report.known_muscle import of_truths
 
+    truth = of_truths(launcher.monitor.truths, subject)
     status, estimates = launcher.monitor.status, launcher.monitor.estimates
-    if status is None or not launcher.monitor.has_run or not estimates:
+    if status is None or not launcher.monitor.has_run or not estimates or truth is None:
         line = 'nodes are starting (the first time compiles for half a minute)'
     else:
         last, counts = estimates[-1], launcher.recorder.counts
@@ -170,7 +189,7 @@ def _show(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) -
         )
         line = (
             f'{duration - status.time_left:5.1f} s  '
-            f'curve error {100 * curve_error(last, subject):5.1f} %  {found}  '
+            f'curve error {100 * truth.error(last):5.1f} %  {found}  '
             f'samples {counts["force"].messages} (lost {counts["force"].missing(FORCE_RATE)})  '
             f'pulses {counts["pulses"].messages} (dropped {status.pulses_dropped})'
         )
@@ -183,16 +202,22 @@ def _show(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) -
 
 
 def _report(
-    launcher: 'SimulationLauncher', subject: 'Subject', settings: 'SimulationSettings'
+    launcher: 'SimulationLauncher',
+    subject: 'Subject',
+    settings: 'SimulationSettings',
+    scenario: 'Scenario | None',
 ) -> int:
     """Identify the recording, print what came out, draw the figure; return the exit code."""
     from rpms_ros.nodes.simulation_launcher import RECORDING
     from rpms_ros.recording import read_recording
     from rpms_ros.report.agreement import compare
+    from rpms_ros.report.course import course_of
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import identified
     from rpms_ros.report.known_muscle import of_subject
+    from rpms_ros.report.recorded import true_muscle
     from rpms_ros.report.session_figure import draw_session
+    from rpms_ros.report.steadiness import steadiness
     from rpms_ros.report.truth_table import truth_table
 
     path = launcher.folder / RECORDING
@@ -200,13 +225,18 @@ def _report(
     estimator, preset = settings.identifier['estimator'], settings.identifier['preset']
     # what `rpms identify` does, on what the identifier heard
     session = identified(recording, IdentificationOptions(estimator, preset))
-    print(truth_table(session, subject))
-    truth = of_subject(subject, session.last.repetition_rate)
+    rate = session.last.repetition_rate
+    truth = true_muscle(recording, rate)
+    truth = of_subject(subject, rate) if truth is None else replace(truth, subject=subject)
+    print(truth_table(session, truth))
+    if scenario is not None:
+        print(f'  scenario   {scenario.name}: {scenario.description}')
+        print(f'  found      {steadiness(course_of(session))}')
     figure = launcher.folder / 'demo.png'
     draw_session([figure], session, recording.pulses, truth, _title(settings))
     print(f'  figure     {figure}')
     print(f'  recording  {path}')
-    print(f'  off line   rpms identify {path} --estimator {estimator} --preset {preset}')
+    print(f'  off line   rpms report {path} --estimator {estimator} --preset {preset}')
     faults = dict(launcher.monitor.estimates[-1].faults)
     lost = launcher.recorder.counts['force'].missing(FORCE_RATE)
     print(f'  samples    {len(recording.forces)}, lost {lost}; faults {faults or "none"}')
@@ -218,14 +248,18 @@ def _report(
             f'  replay     DIFFERS: {agreement.missing} of {agreement.compared} estimates '
             f'missing, differing fields {dict(agreement.differing) or "none"}'
         )
-    return 0 if agreement.exact and not lost and not faults else 1
+    # a scenario makes faults of its own, and a bad sensor loses samples
+    wanted = scenario is not None and bool(scenario.sensor_faults)
+    flawless = (not lost or wanted) and (not faults or scenario is not None)
+    return 0 if agreement.exact and flawless else 1
 
 
 def _title(settings: 'SimulationSettings') -> str:
     plant, driver = settings.plant, settings.driver
     schedule = driver['schedule'].replace('_', ' ')
+    happens = f'scenario {plant["scenario"]}, ' if plant['scenario'] else ''
     return (
-        f'Live session: subject {plant["subject"]}, {schedule} intensities at '
+        f'Live session: {happens}subject {plant["subject"]}, {schedule} intensities at '
         f'{driver["rate"]:g} Hz, noise {plant["noise"]:g} N, '
         f'estimator {settings.identifier["estimator"]}'
     )

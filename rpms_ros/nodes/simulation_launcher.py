@@ -28,9 +28,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import MuscleTruth
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
+from rpms_ros.muscle.truth import Truth
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.discovery import reserved_domain
@@ -93,14 +95,16 @@ class SimulationSettings:
 
 
 class Monitor(Node):
-    """Keeps every estimate and the newest status of the driver."""
+    """Keeps every estimate, the newest truth of the plant and the newest status of the driver."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('monitor', **options)
         self.estimates: list[Estimate] = []
+        self.truths: list[Truth] = []
         self.status: DriverStatus | None = None
         self.has_run = False
         self.create_subscription(MuscleEstimate, topics.ESTIMATE, self._on_estimate, qos.ESTIMATE)
+        self.create_subscription(MuscleTruth, topics.TRUTH, self._on_truth, qos.TRUTH)
         self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS)
 
     @property
@@ -112,6 +116,9 @@ class Monitor(Node):
 
     def _on_estimate(self, message: MuscleEstimate) -> None:
         self.estimates.append(messages.estimate_of(message))
+
+    def _on_truth(self, message: MuscleTruth) -> None:
+        self.truths = [messages.truth_of(message)]
 
     def _on_status(self, message: DriverStatus) -> None:
         self.status = message

@@ -1,4 +1,4 @@
-"""Comparison of two runs of an estimator, and of an estimate with the true muscle."""
+"""Comparison of two runs of an estimator."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -9,14 +9,6 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.identification import Estimate
-from rpms_ros.muscle import Subject
-
-_PARAMETERS = {
-    'u_thr': 'threshold',
-    'u_sat': 'saturation',
-    'alpha_sat': 'saturation_slope',
-    'alpha_thr': 'threshold_slope',
-}
 
 
 @dataclass(frozen=True)
@@ -72,21 +64,3 @@ def _same(first: Any, second: Any) -> bool:
         left, right = np.asarray(first, np.float64), np.asarray(second, np.float64)
         return left.shape == right.shape and left.tobytes() == right.tobytes()
     return bool(first == second)
-
-
-def curve_error(estimate: Estimate, subject: Subject) -> float:
-    """Return the worst error of the recruitment curve, relative to its maximum.
-
-    NaN if the data do not determine the curve.
-    """
-    if not estimate.curve_known:
-        return float('nan')
-    true = subject.steady_force(estimate.curve_intensity, estimate.repetition_rate)
-    return float(np.abs(estimate.curve_force - true).max() / true.max())
-
-
-def true_parameters(subject: Subject | None) -> dict[str, float]:
-    """Return the true recruitment parameters by the names of the identified ones."""
-    if subject is None:
-        return {}
-    return {name: getattr(subject.recruitment, field) for name, field in _PARAMETERS.items()}

@@ -14,11 +14,11 @@ import numpy as np
 
 from rpms_ros.errors import MuscleError
 from rpms_ros.identification import Estimate
+from rpms_ros.identification.estimate import CURVE_INTENSITY
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import twitch
 from rpms_ros.muscle.recruitment import IntensityRecruitment
 from rpms_ros.muscle.recruitment import RateRecruitment
-from rpms_ros.muscle.truth import CURVE_POINTS
 from rpms_ros.muscle.truth import Truth
 from rpms_ros.muscle.twitch import twitch_area
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -234,7 +234,7 @@ def of_truths(truths: Sequence[Truth], subject: Subject | None = None) -> KnownM
 
 def of_subject(subject: Subject, rate_hz: float) -> KnownMuscle:
     """Return a muscle that does not change; its curve is stated for a repetition rate [Hz]."""
-    intensity = np.linspace(0.0, 1.0, CURVE_POINTS)
+    intensity = CURVE_INTENSITY
     return KnownMuscle(
         stamp_ns=np.zeros(1, dtype=np.int64),
         rate_hz=rate_hz,

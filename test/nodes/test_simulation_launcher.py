@@ -21,6 +21,7 @@ from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 from rpms_ros.nodes.simulation_launcher import SimulationSettings
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.recording import read_recording
+from rpms_ros.report.recorded import true_muscle
 
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 
@@ -85,6 +86,43 @@ def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path: Path) -> None:
     assert 30 <= len(recording.pulses) <= 40
     assert 'estimate' in {facts.name.strip('/') for facts in recording.facts.topics}
     assert processes_of(folder) == []
+
+
+def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: Path) -> None:
+    folder, scenario = tmp_path / 'demo', tmp_path / 'pushed.yaml'
+    scenario.write_text(
+        'name: pushed\n'
+        'description: the patient pushes once\n'
+        'fatigue: {force_loss: 0.05, slowing: 0.02, recovery: 127.0}\n'
+        'efforts:\n'
+        '  - {kind: voluntary, at: 2.0, duration: 0.5, peak: 1.0}\n'
+    )
+    options = ['--scenario', str(scenario), '--duration', '4', '--out', str(folder)]
+    done = subprocess.run(
+        [*RPMS, 'demo', *options], text=True, capture_output=True, check=False, timeout=100
+    )
+    assert (done.returncode, done.stderr) == (0, ''), done.stdout
+    assert 'live estimates, bit for bit' in done.stdout
+    assert 'scenario   pushed: the patient pushes once' in done.stdout
+    assert '--estimator tracking' in done.stdout
+    assert (folder / 'demo.png').stat().st_size > 10_000
+    muscle = true_muscle(read_recording(folder / 'recording'), 20.0)
+    assert muscle is not None
+    # ten messages a second, some before the first pulse
+    assert len(muscle.stamp_ns) > 35
+    assert muscle.effort.max() > 0.5
+    assert muscle.curve[-1, -1] < 0.98 * muscle.curve[0, -1]
+
+
+def test_a_demo_of_a_scenario_that_is_none_starts_nothing(tmp_path: Path) -> None:
+    folder = tmp_path / 'demo'
+    done = subprocess.run(
+        [*RPMS, 'demo', '--scenario', 'picnic', '--out', str(folder)],
+        text=True, capture_output=True, check=False, timeout=100,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert 'expected a scenario of bad-sensor, coil-moved' in done.stderr
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize('stop', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])

@@ -18,7 +18,6 @@ from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.agreement import compare
-from rpms_ros.report.agreement import curve_error
 from rpms_ros.report.agreement import differences
 from rpms_ros.report.known_muscle import of_subject
 from rpms_ros.report.session_figure import draw_session
@@ -55,7 +54,7 @@ def test_a_figure_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
 
 
 def test_the_table_holds_truth_against_what_was_found() -> None:
-    lines = truth_table(session()[0], simulation_subject()).splitlines()
+    lines = truth_table(session()[0], of_subject(simulation_subject(), 20.0)).splitlines()
     cells = {line.split('  ')[1]: line.split() for line in lines[1:]}
     assert cells['u_thr'][1] == '0.48'
     assert cells['alpha_thr'][1:] == ['6', '6']
@@ -65,20 +64,21 @@ def test_the_table_holds_truth_against_what_was_found() -> None:
 
 def test_without_a_curve_none_is_shown() -> None:
     only_one, _ = session(1.0)
-    assert 'steady force' not in truth_table(only_one, simulation_subject())
-    assert np.isnan(curve_error(only_one.last, simulation_subject()))
+    truth = of_subject(simulation_subject(), 20.0)
+    assert 'steady force' not in truth_table(only_one, truth)
+    assert np.isnan(truth.error(only_one.last))
 
 
 def test_the_curve_error_is_that_of_the_worst_point() -> None:
     subject = simulation_subject()
+    truth = of_subject(subject, 20.0)
     estimate = session()[0].last
     true = subject.steady_force(estimate.curve_intensity, estimate.repetition_rate)
     bent = true.copy()
     bent[30] += 0.05 * true.max()
-    assert curve_error(replace(estimate, curve_force=true), subject) == 0.0
+    assert truth.error(replace(estimate, curve_force=true)) == 0.0
     # sum and difference of two doubles
-    found = curve_error(replace(estimate, curve_force=bent), subject)
-    assert found == pytest.approx(0.05, rel=1e-12)
+    assert truth.error(replace(estimate, curve_force=bent)) == pytest.approx(0.05, rel=1e-12)
 
 
 def nudged(estimate: Estimate) -> Estimate:
