@@ -98,7 +98,8 @@ class Hearing:
         self._force = self._taker(WrenchStamped, topics.FORCE, chosen)
         self._told_best_effort = chosen.reliability is ReliabilityPolicy.BEST_EFFORT
         self._best_effort: Taker | None = None
-        self.begin_anew()
+        # What has come meanwhile is heard: a publisher may have waited for this subscription.
+        self._listen_to_the_first()
 
     @property
     def hears_best_effort(self) -> bool:
@@ -109,10 +110,13 @@ class Hearing:
         """Subscribe to the force best effort too."""
         self._best_effort = self._taker(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
 
-    def begin_anew(self) -> None:
-        """Listen to whoever comes first, and forget what has come."""
+    def _listen_to_the_first(self) -> None:
         self._force_from = FirstPublisher(self._silence_ns)
         self._pulses_from = FirstPublisher(self._silence_ns)
+
+    def begin_anew(self) -> None:
+        """Listen to whoever comes first, and forget what has come."""
+        self._listen_to_the_first()
         for taker in (self._force, self._pulses, self._best_effort):
             if taker is not None:
                 _drained(taker)

@@ -74,7 +74,7 @@ def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path: Path) -> None:
         text=True,
         capture_output=True,
         check=False,
-        timeout=100,
+        timeout=250,
     )
     assert (done.returncode, done.stderr) == (0, ''), done.stdout
     assert 'live estimates, bit for bit' in done.stdout
@@ -99,7 +99,7 @@ def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: P
     )
     options = ['--scenario', str(scenario), '--duration', '4', '--out', str(folder)]
     done = subprocess.run(
-        [*RPMS, 'demo', *options], text=True, capture_output=True, check=False, timeout=100
+        [*RPMS, 'demo', *options], text=True, capture_output=True, check=False, timeout=250
     )
     assert (done.returncode, done.stderr) == (0, ''), done.stdout
     assert 'live estimates, bit for bit' in done.stdout
@@ -118,7 +118,7 @@ def test_a_demo_of_a_scenario_that_is_none_starts_nothing(tmp_path: Path) -> Non
     folder = tmp_path / 'demo'
     done = subprocess.run(
         [*RPMS, 'demo', '--scenario', 'picnic', '--out', str(folder)],
-        text=True, capture_output=True, check=False, timeout=100,
+        text=True, capture_output=True, check=False, timeout=250,
     )  # fmt: skip
     assert done.returncode == 2
     assert 'expected a scenario of bad-sensor, coil-moved' in done.stderr
