@@ -1,6 +1,7 @@
 # make build   environment in .venv, both packages in it; nothing to source afterwards
 # make demo    simulated muscle, on-line identification, a report
-# make test    the whole suite           ARGS='-k twitch -x' goes to pytest
+# make test    the whole suite, in two processes (JOBS=1: in one)
+#              ARGS='test/muscle -k twitch -x' goes to pytest, which then uses one process
 # make lint    ruff, mypy, import contracts          make format   what ruff can do by itself
 # make docs    the site, in build/docs
 # make bench   benchmarks
@@ -57,8 +58,11 @@ demo: build
 	@$(BIN)/rpms demo
 
 # A skipped test is a failed one, but for recordings that are not there: tools/skip_policy.py.
+# Half of the time goes by waiting for processes: two at once suit any machine.
+JOBS ?= 2
+ARGS_OF_TESTS = $(if $(ARGS),$(ARGS),$(if $(filter-out 1,$(JOBS)),--numprocesses=$(JOBS) --dist=worksteal))
 test: build
-	@ROS_PYTHON_CHECK_FIELDS=1 PYTHONPATH=tools $(BIN)/python -m pytest -p skip_policy $(ARGS)
+	@ROS_PYTHON_CHECK_FIELDS=1 PYTHONPATH=tools $(BIN)/python -m pytest -p skip_policy $(ARGS_OF_TESTS)
 
 lint: build
 	$(BIN)/ruff check .

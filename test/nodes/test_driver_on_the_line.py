@@ -1,6 +1,7 @@
 """The whole driver on a serial line: node, guard, and an instrument of the Rapid2 class."""
 
 import time
+from dataclasses import replace
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -12,16 +13,31 @@ from rpms_msgs.msg import Pulse
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.operator_client import OperatorClient
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
 LONG = 'segments: [{kind: constant, rate_hz: 10.0, duration_s: 20.0, intensity: 0.1}]'
 
 
 @pytest.fixture
-def theatre(graph, instrument, patient_file, tmp_path):
+def theatre(graph, instrument, patient_file, tmp_path, monkeypatch):
     """An instrument, its driver with everything that a real device needs, and an operator."""
-    fake = instrument(watchdog_s=5.0)
+    fake = instrument(watchdog_s=20.0)
+
+    # a machine under load may hold up instrument, guard and driver for longer than the 0.1 s to
+    # 0.2 s that they are given
+    def build(options):
+        return SerialDevice(
+            options.port, options.maximum_intensity, timeout_s=5.0, beat_limit_s=20.0
+        )
+
+    def settings_of(given):
+        return replace(driver_settings_of(given), response_limit_s=5.0, stuck_limit_s=5.0)
+
+    monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line.build', build)
+    monkeypatch.setattr('rpms_ros.nodes.stimulator_driver.driver_settings_of', settings_of)
     parameters = {
         'device': 'serial',
         'port': fake.port,
@@ -40,7 +56,7 @@ def theatre(graph, instrument, patient_file, tmp_path):
     other = graph.add(lambda **options: Node('other', **options))
     button, ada = ButtonPublisher(other), OperatorClient(other, 'ada')
     changes = other.create_client(ChangeState, 'stimulator_driver/change_state')
-    graph.wait_for(lambda: ada.ready and changes.service_is_ready())
+    graph.wait_for(lambda: ada.ready and changes.service_is_ready(), timeout=30.0)
     request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
     future = changes.call_async(request)
     graph.wait_for(future.done, timeout=30.0)
