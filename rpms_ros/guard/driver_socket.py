@@ -50,6 +50,6 @@ class DriverSocket:
         return received
 
     def tell(self, kind: bytes, payload: bytes = b'', sequence: int = 0, time_ns: int = 0) -> None:
-        """Send a packet, or not: if nobody reads, silence or end of the driver shows soon."""
+        """Send a packet; one that cannot be sent is dropped."""
         with contextlib.suppress(OSError):
             os.write(self.descriptor, packets.packed(Packet(kind, sequence, time_ns, payload)))

@@ -1,4 +1,4 @@
-"""The serial line as the guard sees it: what was asked, and what came of it."""
+"""The serial line of the guard: one command and its answer at a time."""
 
 import os
 import time

@@ -18,7 +18,7 @@ SILENCE = b'S'
 LISTEN = b'L'
 """Forget what the line has said, take commands again; answered by the same kind."""
 LEAVE = b'X'
-"""Disarm, give back remote control, let go of the port."""
+"""Disarm, give back remote control, release the port."""
 
 # guard to driver
 HELLO = b'H'

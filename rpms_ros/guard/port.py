@@ -1,4 +1,4 @@
-"""Open a serial port so that nobody else can."""
+"""Open a serial port exclusively."""
 
 import contextlib
 import fcntl
@@ -11,7 +11,7 @@ from rpms_ros.guard import rapid2
 
 
 def open_port(name: str) -> int:
-    """Return the descriptor of a serial port, held exclusively, at the instrument's settings.
+    """Return the descriptor of a serial port, opened exclusively with the instrument's settings.
 
     Raises
     ------
@@ -39,6 +39,6 @@ def open_port(name: str) -> int:
 
 
 def release_port(descriptor: int) -> None:
-    """Let others open the port again; its last descriptor lets go of the lock."""
+    """Let others open the port again; the lock ends with its last descriptor."""
     with contextlib.suppress(OSError):
         fcntl.ioctl(descriptor, termios.TIOCNXCL)

@@ -30,7 +30,7 @@ _LONGEST_NOISE_NS = 500_000_000
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """What the guard holds the driver to.
+    """Limits that the guard enforces on the driver.
 
     Attributes
     ----------
@@ -334,7 +334,7 @@ class Guard:
 
 
 def _obeyed(exchange: Exchange) -> bool:
-    """Whether the answer is neither a refusal nor nonsense."""
+    """Whether the answer is a valid one and no refusal."""
     try:
         rapid2.parsed(exchange.command, exchange.answer, exchange.length)
     except ValueError:

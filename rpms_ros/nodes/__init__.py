@@ -1,1 +1,1 @@
-"""ROS nodes: parameters, topics, clocks, life cycle.  The only room that imports rclpy."""
+"""ROS nodes: parameters, topics, clocks, life cycle.  Only this part imports rclpy."""

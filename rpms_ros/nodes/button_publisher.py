@@ -1,4 +1,4 @@
-"""The client's side of a stop button: says its state at a rate, and at once when it changes."""
+"""Client of a stop button: publishes its state at a rate, and at once when it changes."""
 
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
@@ -48,10 +48,10 @@ class ButtonPublisher:
             self.say()
 
     def say(self) -> None:
-        """Say the state."""
+        """Publish the state."""
         self._publisher.publish(Bool(data=self._pressed))
 
     def destroy(self) -> None:
-        """Leave the graph: to a driver that is not stopped this is a button that fell silent."""
+        """Leave the graph; a driver that is armed takes this for a button that fell silent."""
         self._node.destroy_timer(self.timer)
         self._node.destroy_publisher(self._publisher)

@@ -1,4 +1,4 @@
-"""Diagnostics as every node sends them: one status with a level, and the figures behind it."""
+"""Diagnostics of any node: one status with a level, and its figures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

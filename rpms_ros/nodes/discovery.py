@@ -1,4 +1,4 @@
-"""How the processes of one laboratory find each other, and nobody else."""
+"""Discovery among the processes of one laboratory."""
 
 import contextlib
 import fcntl
@@ -35,7 +35,7 @@ def stay_on_this_machine(environment: MutableMapping[str, str] = os.environ) -> 
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a DDS domain against every other process that asks here; yield its number.
+    """Reserve a DDS domain among the processes that use this function; yield its number.
 
     Raises
     ------

@@ -139,7 +139,7 @@ class ScheduleAction:
             self._refuse(goal, CODES.INTERNAL_ERROR, reason)
 
     def _begun(self, request: RunSchedule.Goal) -> Run:
-        """Start what is asked for; nobody's text is read before it is known that they may ask."""
+        """Start what is asked for; the text is read only when its sender may ask for it."""
         if self._goal is not None or self._controller.state is State.RUNNING:
             raise GoalRefused(CODES.WRONG_STATE, 'expected no schedule running, got a second goal')
         self._allowed(request)

@@ -1,4 +1,4 @@
-"""Diagnostics of a stimulator driver: one status with a level, and the figures behind it."""
+"""Diagnostics of a stimulator driver: one status with a level, and its figures."""
 
 import time
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a driver sees of the graph: other drivers, and who publishes on a topic."""
+"""Other drivers on the graph, and the publishers of a topic."""
 
 from rclpy.node import Node
 

@@ -1,7 +1,7 @@
-"""What a driver's executor serves so that it can stop: services and the force.
+"""The services and the force subscription that can stop a driver.
 
 Buttons and the operator's heartbeat are heard by `driver_watch`, without the executor.  The
-service `emergency_stop` (std_srvs/Trigger) latches a stop; `reset_emergency_stop` lets go.
+service `emergency_stop` (std_srvs/Trigger) latches a stop; `reset_emergency_stop` resets it.
 """
 
 import math

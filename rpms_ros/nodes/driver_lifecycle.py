@@ -54,7 +54,7 @@ class GuardedLifecycleNode(LifecycleNode):
         triggers[number]()  # type: ignore[no-untyped-call]
 
     def destroy_node(self) -> None:
-        """Let go of everything; what rclpy forgets would keep the name on the graph."""
+        """Destroy everything; what rclpy leaves out would keep the name on the graph."""
         self._state_machine.destroy_when_not_in_use()
         LifecycleNode.destroy_node(self)
 

@@ -158,7 +158,7 @@ class DriverParameters(NodeParameters):
             raise NodeError(f'expected low <= high, got {self.low} and {self.high}')
 
     def _require_safeguards(self) -> None:
-        """Raise NodeError where something is switched off that a real device needs."""
+        """Raise NodeError if something that a real device needs is switched off."""
         for name in ('require_operator', 'require_stop_button'):
             if not getattr(self, name):
                 raise NodeError(f'expected {name} with a real device, got false')

@@ -1,4 +1,4 @@
-"""Real-time priority: pulses on time on a machine that has other things to do."""
+"""Real-time priority, so that pulses come in time on a machine that is busy."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The thread of a driver that hears whatever has to stop it, without any executor.
+"""The thread that receives, without any executor, what has to stop a driver.
 
 An executor that is busy hears nothing, and its queue holds a few messages only.  Here a node that
 is in no executor is read by a thread of its own every few milliseconds: stop buttons, the
@@ -48,7 +48,7 @@ _STATE_AT = 4
 
 
 class DriverWatch:
-    """Hears what stops a driver.
+    """Receives what stops a driver.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class DriverWatch:
         self._thread.start()
 
     def look(self) -> None:
-        """Hear everything that has come, and stop the driver if it has to be."""
+        """Take everything that has come, and stop the driver if that is needed."""
         with self._lock:
             if self._closing:
                 return
@@ -118,7 +118,7 @@ class DriverWatch:
             self._controller.seen(WATCH)
 
     def forget_gone(self) -> None:
-        """Let go of buttons that are not there any more; part of a reset."""
+        """Forget buttons that have left the graph; part of a reset."""
         with self._lock:
             self._look_at_graph()
             self._buttons.forget_gone()
@@ -164,7 +164,7 @@ class DriverWatch:
             self._take_beat(taken, now_ns)
 
     def _drained(self, taker: Taker) -> list[Taken]:
-        """Return what has come; more than the queue holds may have pushed something out."""
+        """Return what has come; if the queue was full, something may have been lost."""
         found: list[Taken] = []
         while (taken := taker.take()) is not None:
             found.append(taken)
@@ -250,4 +250,4 @@ class DriverWatch:
 
 
 def _served_by_nobody(_message: Any) -> None:
-    """Stand where rclpy wants a callback."""
+    """Do nothing; rclpy asks for a callback."""

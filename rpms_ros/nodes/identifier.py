@@ -102,7 +102,7 @@ class Identifier(Node):
         )
 
     def destroy_node(self) -> None:
-        """Take the node down, and the one that hears for it."""
+        """Destroy the node, and the second one that receives for it."""
         self._hearing.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
@@ -150,7 +150,7 @@ class Identifier(Node):
         logger_of(self).info(f'estimates every {settings.estimate_period:g} s from now on')
 
     def _take(self) -> None:
-        """Hand what has come to the stream."""
+        """Pass what has come to the stream."""
         heard = self._hearing.heard(self._senders.best_effort_alone)
         if len(heard.forces):
             self._heard = time.monotonic()
@@ -170,7 +170,7 @@ class Identifier(Node):
                 self._publish_disturbance(estimate)
 
     def _publish_disturbance(self, estimate: Estimate) -> None:
-        """Publish what the stimulation does not cause, as the sensor would show it alone."""
+        """Publish the force that the stimulation does not cause."""
         self._disturbance.publish(
             messages.force_message(
                 estimate.stamp_ns,
@@ -227,7 +227,7 @@ class Identifier(Node):
 
 
 def _answering(act: Callable[[], str]) -> Callable[[Trigger.Request, Any], Trigger.Response]:
-    """Return the callback of a service that does something and says what."""
+    """Return the callback of a service that does something and answers what it did."""
 
     def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.message = act()

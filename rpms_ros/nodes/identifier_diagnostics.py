@@ -1,4 +1,4 @@
-"""How an identifier is: whether force comes, and whether the estimate can be trusted."""
+"""Health of an identifier: whether force comes, and whether the estimate can be trusted."""
 
 from collections.abc import Mapping
 
@@ -12,7 +12,7 @@ from rpms_ros.nodes.diagnostics import Health
 def identifier_health(
     estimate: Estimate | None, faults: Mapping[str, int], silent: bool, held: bool
 ) -> Health:
-    """Return how an identifier is.
+    """Return the health of an identifier.
 
     Stale while no force comes, a warning while the newest estimate is in doubt, ok otherwise.
     """

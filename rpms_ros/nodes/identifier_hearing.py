@@ -1,4 +1,4 @@
-"""What the identifier hears: force and pulses as they arrived, each from a publisher of its own.
+"""Force and pulses for the identifier in the order of arrival, with their publishers.
 
 An executor of rclpy hands out messages without their publisher, and topic by topic.  Here the
 subscriptions belong to a second node that is in no executor; what has come is taken from them
@@ -115,7 +115,7 @@ class Hearing:
         self._pulses_from = FirstPublisher(self._silence_ns)
 
     def begin_anew(self) -> None:
-        """Listen to whoever comes first, and forget what has come."""
+        """Accept the next publisher of each topic, and forget what has come."""
         self._listen_to_the_first()
         for taker in (self._force, self._pulses, self._best_effort):
             if taker is not None:
@@ -155,7 +155,7 @@ class Hearing:
         )
 
     def close(self) -> None:
-        """Take the second node down."""
+        """Destroy the second node."""
         for taker in (self._force, self._pulses, self._best_effort):
             if taker is not None:
                 taker.close()
@@ -190,4 +190,4 @@ def _drained(taker: Taker) -> list[Taken]:
 
 
 def _served_by_nobody(_message: Any) -> None:
-    """Stand where rclpy wants a callback."""
+    """Do nothing; rclpy asks for a callback."""

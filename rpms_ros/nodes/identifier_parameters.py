@@ -165,7 +165,7 @@ def stream_settings(settings: IdentifierParameters) -> StreamSettings:
 
 
 def build_estimator(settings: IdentifierParameters) -> Estimator:
-    """Return a fresh estimator."""
+    """Return a new estimator."""
     path = settings.temporal_summation
     estimator = estimator_by_name(
         settings.estimator,
@@ -180,5 +180,5 @@ def build_estimator(settings: IdentifierParameters) -> Estimator:
 
 
 def build_stream(settings: IdentifierParameters) -> IdentificationStream:
-    """Return a stream with a fresh estimator."""
+    """Return a stream with a new estimator."""
     return IdentificationStream(build_estimator(settings), stream_settings(settings))

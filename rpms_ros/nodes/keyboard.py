@@ -1,4 +1,4 @@
-"""Keys of a terminal, one at a time, without an Enter behind them."""
+"""Single keys of a terminal, read without waiting for Enter."""
 
 import contextlib
 import os
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class Keyboard:
-    """Reads keys from a terminal; `close` gives it back as it was.
+    """Reads keys from a terminal; `close` restores its settings.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Keyboard:
         return found.decode('utf-8', 'replace')
 
     def close(self) -> None:
-        """Give the terminal back."""
+        """Restore the settings of the terminal."""
         if self._before is not None:
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)

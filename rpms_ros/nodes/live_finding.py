@@ -1,4 +1,4 @@
-"""Where on the graph there is something to show."""
+"""Namespaces of the graph that have something to show."""
 
 import time
 

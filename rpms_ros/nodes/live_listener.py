@@ -1,4 +1,4 @@
-"""What the live page hears, past the executor.
+"""Subscriptions of the live page, read without the executor.
 
 A second node, that is in no executor, is read twenty times a second, and less often while nobody
 looks: a message costs a few microseconds so, where rclpy would wake up a thousand times a second.
@@ -121,7 +121,7 @@ class LiveListener:
         return {key: self._endpoints(topic.name) for key, topic in self._session.topics.items()}
 
     def close(self) -> None:
-        """End the second node; nobody may listen any more."""
+        """End the second node; `listen` must not be called any more."""
         for taker in self._takers.values():
             taker.close()
         self._node.destroy_node()
@@ -179,4 +179,4 @@ class LiveListener:
 
 
 def _served_by_nobody(_message: Any) -> None:
-    """Stand for a callback: messages are taken."""
+    """Do nothing; rclpy asks for a callback, and messages are taken."""

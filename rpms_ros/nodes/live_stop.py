@@ -1,4 +1,4 @@
-"""The stop of the live page: an additional one, that no driver can count on.
+"""The stop of the live page: an additional one, which does not replace a stop button.
 
 A button that says its state all the time would count as the one that a driver asks for, and its
 silence would stop.  This one is not on the graph until it is pressed.  Then it calls the driver's
@@ -31,7 +31,7 @@ UNCONFIRMED = 'NOT CONFIRMED by the driver: use the switch of the stimulator'
 
 
 class LiveStop:
-    """Presses and lets go; `press` and `let_go` may be called by any thread.
+    """Presses and releases the stop; `press` and `let_go` may be called by any thread.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ class LiveStop:
         node.create_timer(_LOOK_S, self._look, clock=steady)
 
     def press(self) -> None:
-        """Stop the driver, at once, and hold the stop."""
+        """Stop the driver at once, and keep the stop pressed."""
         with self._lock:
             if not self._wanted:
                 self._wanted, self._pressed_at = True, time.monotonic()
             self._call()
 
     def let_go(self) -> None:
-        """Hold it no more."""
+        """Release the stop."""
         with self._lock:
             self._wanted = False
 

@@ -24,7 +24,7 @@ RATE = 50.0
 
 
 class OperatorClient:
-    """Speaks for one operator in the executor of a node: where that hangs, the heartbeat ends.
+    """Acts for one operator in the executor of a node: if that hangs, the heartbeat ends.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class OperatorClient:
         self._beats.publish(message)
 
     def destroy(self) -> None:
-        """Let go of the action's client, which a node does not do by itself."""
+        """Destroy the client of the action, which a node does not do by itself."""
         self.goals.destroy()
 
     def _take_token(self, future: Future) -> None:

@@ -1,7 +1,7 @@
 """Node of the person who stimulates: stop button, heartbeat, token, enable in one terminal.
 
 ``a`` asks for a token.  Holding ``e``, or a button of the joystick, arms and then runs the
-schedule for as long as it is held; letting go disarms.  ``r`` lets go of the stop.  Any other key
+schedule for as long as it is held; releasing it disarms.  ``r`` releases the stop.  Any other key
 stops.
 """
 
@@ -116,7 +116,7 @@ class OperatorConsole(Node):
         )
 
     def destroy_node(self) -> None:
-        """Give the terminal back."""
+        """Restore the settings of the terminal."""
         self.client.destroy()
         self._keyboard.close()
         Node.destroy_node(self)
@@ -179,7 +179,7 @@ class OperatorConsole(Node):
         self._say(future.result().message)
 
     def _say(self, line: str) -> None:
-        """Say a line once, however often it comes."""
+        """Print a line once, however often it comes."""
         if line and line != self._shown:
             logger_of(self).info(line)
         self._shown = line

@@ -1,4 +1,4 @@
-"""Text from anybody, as a message can carry it."""
+"""Text from outside in the form in which a message can carry it."""
 
 LONGEST = 2000
 

@@ -104,7 +104,7 @@ class PlantSimulator(Node):
             self._publish_due(now_ns - self._delay_ns)
 
     def _begin_if_needed(self, now_ns: int) -> None:
-        """Begin to sample once there are subscribers, and again after a jump of the clock."""
+        """Start sampling when there are subscribers, and again after a jump of the clock."""
         if not self._begun:
             if self._force.get_subscription_count() >= self.settings.minimum_subscribers:
                 self.plant.begin(now_ns)

@@ -1,6 +1,6 @@
-"""Which node may do what, and the SROS2 policy that says so: one enclave a node.
+"""Permissions of each node, and the SROS2 policy made of them: one enclave for each node.
 
-`tools/policies` writes the policies of a namespace; a test holds the table against what the
+`tools/policies` writes the policies of a namespace; a test compares the table with what the
 running nodes really publish, hear, serve and call.
 """
 

@@ -1,4 +1,4 @@
-"""What a recorder has to know of a topic: its message class, definition and quality of service."""
+"""Message class, definition and quality of service of a topic that is recorded."""
 
 from collections.abc import Sequence
 from functools import cache

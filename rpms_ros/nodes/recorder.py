@@ -98,7 +98,7 @@ class RecorderParameters(NodeParameters):
 
 @dataclass
 class TopicCount:
-    """What a recorder heard on one topic.
+    """Counts of one topic.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ class Heard:
     alone: bool = False
 
     def take_alone(self, data: bytes) -> None:
-        """Take what the first subscription does not hear."""
+        """Take a message that the first subscription does not receive."""
         if self.alone:
             self.take(data)
 
@@ -263,7 +263,7 @@ class Recorder(Node):
         self._heard[name] = Heard(subscribe(self, kind, name, take, profile, raw=True), kind, take)
 
     def _hear_best_effort(self) -> None:
-        """Hear what is published best effort alone, which a reliable subscription does not."""
+        """Subscribe best effort to what a reliable subscription does not receive."""
         for name, heard in self._heard.items():
             infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
             heard.alone = bool(infos) and all(
@@ -312,7 +312,7 @@ class Recorder(Node):
             raise NodeError(str(error)) from error
 
     def close(self) -> None:
-        """Write what is left and the index; nothing is recorded from then on."""
+        """Write what is left and the index, and end the recording."""
         if self._closed:
             return
         self._closed = True

@@ -1,4 +1,4 @@
-"""How a recorder is: what it has, what it lacks, and how much room there is left."""
+"""Health of a recorder: what was recorded, what is missing, and how much space is left."""
 
 import shutil
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ LEAST_ROOM = 1_000_000_000
 
 
 def recorder_health(path: Path, counts: Mapping[str, int], missing: Sequence[str]) -> Health:
-    """Return how a recorder is.
+    """Return the health of a recorder.
 
     Parameters
     ----------

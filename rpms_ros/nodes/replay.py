@@ -36,7 +36,7 @@ _GIVE_UP = 10 * PATIENCE
 
 @dataclass(frozen=True)
 class Replay:
-    """What came of a replay.
+    """Result of a replay.
 
     Attributes
     ----------

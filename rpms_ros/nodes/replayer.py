@@ -97,7 +97,7 @@ class Replayer(Node):
 
     @property
     def ready(self) -> bool:
-        """Whether somebody hears pulses and force and answers with estimates."""
+        """Whether pulses and force have subscribers and estimates a publisher."""
         return (
             self._pulses.get_subscription_count() > 0
             and self._force.get_subscription_count() > 0

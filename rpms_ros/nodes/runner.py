@@ -1,4 +1,4 @@
-"""Run one node as a process: init, build, spin, and leave without a trace."""
+"""Run one node as a process: init, build, spin, shut down."""
 
 import os
 import sys
@@ -114,7 +114,7 @@ def _spin(node: Node, stop: StopRequest) -> None:
 
 
 def _nothing(_reason: str) -> None:
-    """Stand for what a node does not have."""
+    """Do nothing, in place of what a node does not have."""
 
 
 def _orphaned() -> bool:

@@ -278,7 +278,7 @@ class SimulationLauncher:
         self._end(*self._processes)
 
     def _end(self, *names: str) -> None:
-        """End processes: politely, then not."""
+        """End processes: by a signal that they handle, then by SIGKILL."""
         processes = [self._processes.pop(name) for name in names]
         for process in processes:
             process.send_signal(signal.SIGINT)

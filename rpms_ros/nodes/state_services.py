@@ -64,7 +64,7 @@ class StateServices:
         return answer
 
     def _path(self, asked: str) -> Path:
-        """Return the file that is asked for, wherever links lead to."""
+        """Return the file that is asked for, with links followed."""
         if self._folder is None:
             raise NodeError('expected parameter state_folder, in which states are kept, got none')
         if not (0 < len(asked) <= _LONGEST_PATH and asked.isprintable()):

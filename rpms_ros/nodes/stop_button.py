@@ -75,7 +75,7 @@ class StopButton(Node):
         logger_of(self).info(f'any key presses, {RELEASE} lets go: {self._word()}')
 
     def destroy_node(self) -> None:
-        """Give the terminal back."""
+        """Restore the settings of the terminal."""
         if self._keyboard is not None:
             self._keyboard.close()
         Node.destroy_node(self)

@@ -57,7 +57,7 @@ class IdentificationOptions:
     save_state: Path | None = None
 
     def build(self) -> Estimator:
-        """Return a fresh estimator."""
+        """Return a new estimator."""
         estimator = estimator_by_name(
             self.estimator, self.preset, self.seed, self.rate_hz, self.history
         )

@@ -1,4 +1,4 @@
-"""What a stimulator may do: pulses, schedules, limits, coil energy, and a stop that works."""
+"""Stimulation: pulses, schedules, limits, coil energy, devices and the stop."""
 
 from rpms_ros.stimulation.bursts import Doublet
 from rpms_ros.stimulation.bursts import PulseBurst

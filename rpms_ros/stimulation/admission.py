@@ -1,4 +1,4 @@
-"""What stands against a schedule as a whole, before its first pulse."""
+"""Checks of a whole schedule before its first pulse."""
 
 import dataclasses
 
@@ -55,7 +55,7 @@ def refuse_undeliverable(ahead: Forecast, limits: Limits) -> None:
 
 
 def _advice(ahead: Forecast, limits: Limits) -> str:
-    """Return what could go on for ever at the same rate, in words."""
+    """Return in words which intensity can be kept up for any time at the same rate."""
     if not ahead.max_rate_hz > 0.0:
         return ''
     highest = limits.highest_intensity(ahead.max_rate_hz)

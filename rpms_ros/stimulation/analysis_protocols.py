@@ -30,7 +30,7 @@ def twitches(
     interval_s: float = 1.0,
     seed: int = 0,
 ) -> Schedule:
-    """Return single pulses at several intensities, in an order that fatigue cannot follow.
+    """Return single pulses at several intensities, in an order that does not follow fatigue.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class AuditLog:
         self._file.append([{'kind': kind, **{name: _plain(v) for name, v in fields.items()}}])
 
     def close(self) -> None:
-        """Let go of the file; again is allowed."""
+        """Close the file; may be called again."""
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -83,7 +83,7 @@ class AuditLog:
 
 
 def _plain(value: object, depth: int = 0) -> Any:
-    """Return a value as JSON can hold it, bounded: what is logged may come from anybody."""
+    """Return a value as JSON can hold it, of bounded length: it may come from any sender."""
     if value is None or isinstance(value, bool | int):
         return value if not isinstance(value, int) or abs(value) < 2**63 else str(hex(value))[:80]
     if isinstance(value, float):
@@ -106,7 +106,7 @@ def _plain(value: object, depth: int = 0) -> Any:
 
 @dataclass(frozen=True)
 class Audit:
-    """What a file of records says about itself.
+    """Records of a file, and what is wrong with them.
 
     Attributes
     ----------

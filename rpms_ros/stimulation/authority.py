@@ -135,7 +135,7 @@ class Authority:
             return None
 
     def confirm(self, operator: str, token: str, now_ns: int) -> None:
-        """Hold that this operator arms; `take_back` undoes it.
+        """Note that this operator has armed; `take_back` undoes it.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class Authority:
             return None
 
     def released_enable(self, now_ns: int) -> bool:
-        """Return whether nothing is wrong but that the operator has let go of the enable."""
+        """Return whether nothing is wrong except that the operator has released the enable."""
         with self._lock:
             enabled, self._enabled = self._enabled, True
             alive = self.problem(now_ns) is None
@@ -193,7 +193,7 @@ class Authority:
             return alive and not enabled
 
     def release(self) -> None:
-        """Let go of the operator: the token is worth nothing any more."""
+        """Release the operator: the token is no longer accepted."""
         with self._lock:
             self._operator = self._token = ''
             self._confirmed = False

@@ -1,4 +1,4 @@
-"""Books of the pulses that were fired, in the terms in which limits are stated.
+"""Books of the pulses that were fired, in the quantities that limits are stated in.
 
 Times are whole nanoseconds.  The shortest interval at a rate is the period in whole nanoseconds,
 rounded downwards: onsets of a plan are rounded to the nearest, so no interval of a plan at exactly
@@ -124,7 +124,7 @@ class Books:
         self.window[-1] = (time_ns, self.window[-1][1])
 
     def forget(self, time_ns: int) -> None:
-        """Let go of what has left the windows of mean power and of rise at ``time_ns`` [ns]."""
+        """Forget what has left the windows of mean power and of rise at ``time_ns`` [ns]."""
         while self.window and self.window[0][0] <= time_ns - self.window_ns:
             self.window_energy_j -= self.window.popleft()[1]
         if not self.window:

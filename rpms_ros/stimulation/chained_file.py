@@ -1,4 +1,4 @@
-"""Files that only grow: records in a chain, on the disk before `append` returns.
+"""Files that are only appended to: records in a chain, on the disk before `append` returns.
 
 One process at a time has such a file open.  A line that a killed process left cut off stays where
 it is, and a record behind it says so.
@@ -108,7 +108,7 @@ class ChainedFile:
             self._hash, self._count = previous, number
 
     def close(self) -> None:
-        """Let go of the file; again is allowed."""
+        """Close the file; may be called again."""
         with self._lock:
             self._broken = self._broken or 'a closed file'
             if self._file >= 0:
@@ -139,7 +139,7 @@ class ChainedFile:
             raise StimulationError(f'expected a writable {self.path}, got {self._broken}')
 
     def _mend(self, chain: Chain, read: Callable[[Record], object]) -> None:
-        """Go on behind a line that was cut off."""
+        """Append behind a line that was cut off."""
         if not chain.torn:
             return
         self._write(b'\n', sync=False)
@@ -172,7 +172,7 @@ def _locked(path: Path) -> int:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the name of a new file last."""
+    """Put the name of a new file on the disk."""
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:

@@ -9,7 +9,7 @@ from rpms_ros.pulses import nanoseconds
 
 
 class Deadline(NamedTuple):
-    """Until when the owner has to come back from something.
+    """When the owner has to have finished something.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Deadline(NamedTuple):
 
 
 class Deadlines:
-    """The deadline of what the owner does now; inside another one, the inner one counts.
+    """The deadline of what the owner does now; of nested ones the inner one counts.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Deadlines:
 
     @contextmanager
     def of(self, name: str, limit_s: float) -> Iterator[None]:
-        """Have the supervisor see to it that something is over in time."""
+        """Have the supervisor watch that something ends in time."""
         outer = self._now
         self._now = Deadline(name, limit_s, self._clock() + nanoseconds(limit_s))
         try:

@@ -119,7 +119,7 @@ def text_hash(text: str) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Puts every text in quotes that some YAML could take for something else."""
+    """Puts every text in quotes that a YAML reader could take for something else."""
 
     def ignore_aliases(self, data: object) -> bool:
         """Write everything out: no reader here accepts an alias."""
@@ -174,7 +174,7 @@ def segment_from_mapping(mapping: Mapping[str, object], place: str) -> Segment:
 def built(
     build: Callable[..., Built], values: Mapping[str, Any], place: str, *inner: Any, **names: str
 ) -> Built:
-    """Build a dataclass; what only shows between its fields is named by the place of the whole."""
+    """Build a dataclass; a fault of several fields together is named by the place of the whole."""
     try:
         return build(*inner, **names, **values)
     except DescriptionError:

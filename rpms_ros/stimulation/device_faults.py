@@ -1,10 +1,10 @@
-"""What is wrong with a device by its own account."""
+"""Faults that a device reports."""
 
 from rpms_ros.stimulation.devices.interface import DeviceStatus
 
 
 def intensity_fault(given: float | None, expected: float | None, tolerance: float) -> str | None:
-    """Return what is wrong with an intensity that was read back, None if nothing is known to be.
+    """Return what is wrong with an intensity that was read back, None if no fault is known.
 
     Parameters
     ----------

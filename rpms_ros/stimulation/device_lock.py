@@ -17,7 +17,7 @@ def _folder() -> Path:
 
 
 class DeviceLock:
-    """Holds a device against every other driver on this machine.
+    """Keeps every other driver on this machine from the device.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""The owner of a device: one thread that alone asks it for anything, watched by another.
+"""The owner of a device: the one thread that talks to it, watched by another.
 
 What others want comes as orders.  Each turn of the owner and each of its calls has a deadline,
-which the supervisor holds it to: a device that hangs is silenced out of band, latched as a fault,
-and whatever its call comes back with counts for nothing.
+which the supervisor watches: a device that hangs is silenced out of band and latched as a fault,
+and what its call returns later is ignored.
 """
 
 import math
@@ -111,7 +111,7 @@ class DeviceOwner(SafetyMonitor):
         self._order(self._arm, self.device.arm_s)
 
     def cleanup(self, reason: str = 'device closed') -> None:
-        """Let go of the device, from whatever state; one that hangs is closed when it comes back.
+        """Close the device, in any state; one that hangs is closed when its call returns.
 
         Until then it is not opened again.
         """
@@ -172,7 +172,7 @@ class DeviceOwner(SafetyMonitor):
         return math.nan if self.coil is None else self.coil.at(self._clock())
 
     def _order(self, do: Callable[[], Result], limit_s: float) -> Result:
-        """Have the owner do something; what it does not come back from is a fault."""
+        """Have the owner do something; if it does not return from it, that is a fault."""
         try:
             return self.orders.ask(do, limit_s + self.settings.stuck_limit_s + _SLACK_S)
         except NoAnswer as error:
@@ -210,7 +210,7 @@ class DeviceOwner(SafetyMonitor):
             raise Refused('stop', f'arm: expected no stop meanwhile, got one: {self.reason}')
 
     def _close(self, reason: str) -> None:
-        """Close the device; one that does not close is let go."""
+        """Close the device; one that does not close is given up."""
         with self._deadlines.of('close', self.settings.open_limit_s):
             try:
                 self.device.close()
@@ -232,7 +232,7 @@ class DeviceOwner(SafetyMonitor):
         *arguments: Arguments.args,
         **options: Arguments.kwargs,
     ) -> Result:
-        """Call a device, or somebody else who may fail or hang, with a deadline.
+        """Call a device, or other code that may fail or hang, with a deadline.
 
         Parameters
         ----------
@@ -300,7 +300,7 @@ class DeviceOwner(SafetyMonitor):
     def _heed(
         self, status: DeviceStatus | None, since: object, expected: float | None = None
     ) -> None:
-        """Take what a device says of itself into account.
+        """Take the status of a device into account.
 
         Parameters
         ----------

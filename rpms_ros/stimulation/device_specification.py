@@ -98,7 +98,7 @@ def _read(content: object) -> DeviceSpecification:
 
 
 def _sources(document: Mapping[str, object], figures: list[str]) -> dict[str, str]:
-    """Return where each figure comes from; every figure has to say."""
+    """Return the source of each figure; every figure has to have one."""
     sources = as_mapping(document.get('sources'), 'sources')
     refuse_unknown(sources, figures, 'sources')
     return {figure: read_text(sources, figure, 'sources', LONGEST_TEXT) for figure in figures}

@@ -201,7 +201,7 @@ class DoseAccount:
             return range(first, self._numbers)
 
     def take(self, number: int) -> None:
-        """Let go of a reserved pulse to be fired, once.
+        """Mark a reserved pulse as fired, once.
 
         Raises
         ------

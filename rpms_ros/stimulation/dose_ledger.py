@@ -58,7 +58,7 @@ class MemoryLedger:
         self.account = DoseAccount(dose, clock)
 
     def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
-        """Return no pulses: there was nothing before."""
+        """Return no pulses: a ledger in memory has no earlier processes."""
         del now_monotonic_ns
         return ()
 
@@ -74,7 +74,7 @@ class MemoryLedger:
         return self.account.add(pulses)
 
     def take(self, number: int) -> None:
-        """Say that a reserved pulse is going to be triggered now; each can be taken once.
+        """Note that a reserved pulse is triggered now; each can be taken once.
 
         Waits for no file.
 
@@ -208,7 +208,7 @@ class DoseLedger(MemoryLedger):
             return numbers
 
     def take(self, number: int) -> None:
-        """Say that a reserved pulse is going to be triggered now; each can be taken once."""
+        """Note that a reserved pulse is triggered now; each can be taken once."""
         self.account.take(number)
         self._places.pop(number, None)
 
@@ -227,7 +227,7 @@ class DoseLedger(MemoryLedger):
                 self._append([{'kind': SETTLE, 'unfired': places}], sync=False)
 
     def close(self) -> None:
-        """Give back what was not taken and let go of the files; again is allowed."""
+        """Give back what was not taken and close the files; may be called again."""
         # what cannot be given back any more counts as delivered
         with suppress(LedgerError):
             self.settle()
@@ -259,7 +259,7 @@ class DoseLedger(MemoryLedger):
             raise LedgerError(str(fault)) from fault
 
     def _agree(self, device: LedgerReader, patient: LedgerReader) -> tuple[BookedPulse, ...]:
-        """Return the past of both ledgers, after what a crash left out was put in."""
+        """Return the past of both ledgers, with what a crash left out added."""
         lost = agreed(device, patient)
         if lost is not None:
             content = {name: lost.content[name] for name in _COPIED if name in lost.content}

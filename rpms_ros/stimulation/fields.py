@@ -91,7 +91,7 @@ class Bound:
 
 
 def _finite(value: object) -> float | None:
-    """Return a finite number or None; a text is no number, whatever it says."""
+    """Return a finite number or None; a text is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -136,7 +136,7 @@ def as_mapping(content: object, place: str) -> Mapping[str, object]:
 
 
 def refuse_unknown(content: Mapping[str, object], known: list[str], place: str) -> None:
-    """Refuse keys that nobody reads: a misspelt limit must not pass as an absent one."""
+    """Refuse unknown keys: a misspelt limit must not count as one that was left out."""
     for key in content:
         if key not in known:
             raise DescriptionError(

@@ -1,4 +1,4 @@
-"""One pulse as it is told to whoever listens."""
+"""One pulse as listeners are told of it."""
 
 from dataclasses import dataclass
 

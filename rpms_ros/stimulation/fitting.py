@@ -253,7 +253,7 @@ class _Fitter:
         return False
 
     def _ramp(self, highest: float) -> list[Segment]:
-        """Return single pulses that lead from nothing to the step below ``highest``."""
+        """Return single pulses that rise from zero to the step below ``highest``."""
         step = self.limits.maximum_intensity_rise
         count = math.ceil(highest / step - 1e-9)
         return [Single(_down(number * step), RAMP_INTERVAL_S) for number in range(1, count)]

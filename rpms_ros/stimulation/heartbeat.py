@@ -1,4 +1,4 @@
-"""Heartbeats: a stamp that moves on and does not lag, or it proves nothing.
+"""Heartbeats: one counts if its stamp has moved on and does not lag.
 
 The sender's clock and the driver's need not agree and may be set while they run: what counts is
 that stamps move on, and that the way of a message takes hardly longer than the shortest so far.
@@ -9,7 +9,7 @@ from rpms_ros.pulses import nanoseconds
 
 
 class Heartbeat:
-    """Tells a heartbeat of now from one that is repeated or was held up.
+    """Tells a new heartbeat from one that is repeated or was delayed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether something is held: a joystick's button, or a key that its terminal repeats."""
+"""Whether a joystick's button is held, or a key that its terminal repeats."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ from rpms_ros.pulses import nanoseconds
 
 
 class HeldKey:
-    """A key is held while it keeps coming; terminals repeat it after a moment.
+    """A key is held while the terminal keeps repeating it, which it does after a moment.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class HeldKey:
 
 
 class JoystickButton:
-    """A button of a joystick counts only while the joystick speaks.
+    """A button of a joystick counts only while the joystick sends messages.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from rpms_ros.pulses import nanoseconds
 
 
 class Refused(StimulationError):
-    """A driver does not do what it was asked to; ``limit`` names what stands against it."""
+    """A driver does not do what it was asked to; ``limit`` names the limit or interlock."""
 
     def __init__(self, limit: str, reason: str) -> None:
         super().__init__(reason)
@@ -84,7 +84,7 @@ class Interlocks:
             self._conditions.pop(name, None)
 
     def held_by(self, now_ns: int) -> str | None:
-        """Return whose silence holds pulses back, None if nobody's does."""
+        """Return the sign of life whose silence delays pulses, None if there is none."""
         with self._lock:
             for name, hold in self._holds_ns.items():
                 if now_ns - self._seen_ns.get(name, now_ns) > hold:
@@ -124,7 +124,7 @@ class Interlocks:
             self._latched.setdefault(name, reason)
 
     def reset(self, now_ns: int) -> None:
-        """Let go of a latched stop.
+        """Reset a latched stop.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Limits of a stimulator: bounds that a device specification states and the limiter enforces."""
+"""Limits of a stimulator, which a device specification states and the limiter enforces."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _COUNT = Bound(1, 10_000_000, whole=True)
 
 @dataclass(frozen=True)
 class Limits:
-    """What no pulse may go beyond.  Energies are 0 for a device that has no coil to heat.
+    """Bounds of every pulse.  Energies are 0 for a device that has no coil to heat.
 
     Attributes
     ----------
@@ -133,7 +133,7 @@ class Limits:
         return max(self.minimum_pause_s, energy_j / self.continuous_power_w - lasted)
 
     def highest_intensity(self, rate_hz: float) -> float:
-        """Return the highest intensity (share) at which ``rate_hz`` may go on for ever."""
+        """Return the highest intensity (share) at which ``rate_hz`` can be kept up."""
         by_power = 1.0
         if self.pulse_energy_j > 0.0:
             by_power = math.sqrt(self.continuous_power_w / (self.pulse_energy_j * rate_hz))

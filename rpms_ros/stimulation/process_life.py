@@ -1,4 +1,4 @@
-"""The end of another process on this machine, seen at once: the kernel tells, nobody has to ask.
+"""The end of another process on this machine, which the kernel reports at once.
 
 A heartbeat tells that a process has ended only after the longest silence that is allowed to it.
 """
@@ -13,7 +13,7 @@ _PROCESSES = Path('/proc/self/ns/pid')
 
 
 def host_identity() -> str:
-    """Return what two processes have in common that can name each other by process id."""
+    """Return what is the same for two processes that can name each other by process id."""
     try:
         return f'{_BOOT.read_text().strip()} {_PROCESSES.readlink()}'
     except OSError:
@@ -52,7 +52,7 @@ class ProcessLife:
         return bool(poll.poll(0))
 
     def close(self) -> None:
-        """Let go of it; from then on it tells nothing."""
+        """Stop watching; afterwards no end is seen."""
         descriptor, self.descriptor, self.known = self.descriptor, -1, False
         if descriptor >= 0:
             os.close(descriptor)

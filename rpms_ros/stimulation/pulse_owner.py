@@ -270,5 +270,5 @@ class PulseOwner(DeviceOwner):
 
 
 def _nobody(fired: Fired) -> None:
-    """Listen to nothing."""
+    """Do nothing."""
     del fired

@@ -1,4 +1,4 @@
-"""What a refused pulse is told: one sentence a limit, for a pulse about to be fired and a plan."""
+"""Reasons of refusals: one sentence for each limit, for single pulses and for a plan."""
 
 from typing import NamedTuple
 

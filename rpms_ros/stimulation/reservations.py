@@ -1,6 +1,6 @@
-"""Pulses of a run in the dose ledger, ahead of the moment at which they are fired.
+"""Pulses of a run are put into the dose ledger before they are fired.
 
-Putting pulses on the disk takes as long as the disk likes, so it is done by a thread of its own,
+How long it takes to put pulses on the disk is not known, so it is done by a thread of its own,
 some pulses at a time; a pulse that is not there yet is not fired.
 """
 
@@ -14,7 +14,7 @@ from rpms_ros.stimulation.run import Run
 
 
 class Reservations:
-    """What of one run stands in a ledger.
+    """The pulses of one run in a ledger.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Reservations:
         return index in self._open
 
     def take(self, index: int) -> None:
-        """Say that a pulse of the run is going to be triggered now.
+        """Note that a pulse of the run is triggered now.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""One run of a schedule: which pulse is next, what became of those before."""
+"""One run of a schedule: which pulse is next, and what was delivered."""
 
 from dataclasses import dataclass
 

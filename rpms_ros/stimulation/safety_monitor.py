@@ -128,7 +128,7 @@ class SafetyMonitor:
             self._halt(Halt(Command.FINISH, reason, cause))
 
     def reset(self) -> None:
-        """Let go of a latched stop; the driver stays disarmed.
+        """Reset a latched stop; the driver stays disarmed.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class SafetyMonitor:
             self.stop(name, reason)
 
     def _halt(self, halt: Halt) -> None:
-        """Make pulses impossible now; the order of these lines is what a stop stands on."""
+        """Make pulses impossible now; the order of these lines matters."""
         self._halts.append(halt)
         self._epoch = object()
         self._silence()
@@ -192,7 +192,7 @@ class SafetyMonitor:
             self._epoch = object()
 
     def _apply_halts(self) -> None:
-        """Let state, latch and run follow the halts that were noted."""
+        """Bring state, latch and run in line with the halts that were noted."""
         with self._lock:
             while self._halts:
                 # noted until it is applied: who looks in between sees one or the other

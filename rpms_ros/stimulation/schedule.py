@@ -167,7 +167,7 @@ class Schedule:
 
     @cached_property
     def plan(self) -> Plan:
-        """Every pulse; the same for the same description and seed."""
+        """All pulses; the same for the same description and seed."""
         return _worked_out(self)
 
     @cached_property
@@ -235,7 +235,7 @@ def _worked_out(schedule: Schedule) -> Plan:
 
 
 def _refuse_disorder(plan: Plan) -> None:
-    """Raise StimulationError unless every pulse is where a pulse can be.
+    """Raise StimulationError unless onsets rise and lie within their segments.
 
     Bounds of the fields leave no way to this; what is fired does not rest on that alone.
     """

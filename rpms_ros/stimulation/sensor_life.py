@@ -1,4 +1,4 @@
-"""Whether samples of a sensor prove that it lives: new stamps, and the frame that is expected."""
+"""Whether samples show that a sensor works: new stamps, and the frame that is expected."""
 
 
 class SensorLife:
@@ -15,7 +15,7 @@ class SensorLife:
         self._last_ns: int | None = None
 
     def refusal(self, stamp_ns: int, frame_id: str) -> str | None:
-        """Return why a sample is no sign of life, None if it is one."""
+        """Return why a sample does not count as a sign of life, None if it does."""
         if frame_id != self._frame_id:
             return f'expected force in frame {self._frame_id!r}, got {frame_id!r}'
         last, self._last_ns = self._last_ns, stamp_ns

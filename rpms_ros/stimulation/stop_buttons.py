@@ -1,4 +1,4 @@
-"""Stop buttons by presence: every one says its state at a rate, and silence counts as pressed.
+"""Stop buttons by presence: each says its state at a rate; one that is silent counts as pressed.
 
 A button is known by the identity of its publisher.  One that is pressed, that has fallen silent,
 or that is there and has said nothing yet stands against every pulse, whatever the others say.
@@ -134,7 +134,7 @@ class StopButtons:
             return None
 
     def forget_gone(self) -> None:
-        """Let go of released buttons that are not there any more; part of a reset.
+        """Forget released buttons that have left the graph; part of a reset.
 
         One that said it is pressed and went away stays: only `clear` lets go of it.
         """

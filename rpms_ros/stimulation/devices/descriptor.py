@@ -1,11 +1,11 @@
-"""A descriptor that several threads may hold, and none of them closes under the others."""
+"""A descriptor that several threads hold and none of them closes while another uses it."""
 
 import contextlib
 import os
 
 
 class Descriptor:
-    """A descriptor that is closed when nobody holds it any more, and never under somebody's hands.
+    """A descriptor that is closed when no thread holds it any more.
 
     `silence` uses one while another thread closes the line: without a lock, which it would have
     to wait for, it must not write to a number that meanwhile stands for something else.

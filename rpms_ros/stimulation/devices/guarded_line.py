@@ -183,7 +183,7 @@ class GuardedLine:
         return True
 
     def close(self) -> None:
-        """Let the guard disarm, give back remote control and let go of the port."""
+        """Let the guard disarm, give back remote control and release the port."""
         line, guard, process = self._line, self._socket, self._guard
         if line is not None:
             self.silence()
@@ -284,7 +284,7 @@ class GuardedLine:
             self._note(packet)
 
     def _note(self, packet: Packet) -> None:
-        """Take what nobody waits for."""
+        """Take a packet that no call waits for."""
         self._unheard_ns = None
         if packet.kind == packets.DISARMED:
             self.silence()

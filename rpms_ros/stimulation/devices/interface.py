@@ -15,7 +15,7 @@ Shares = TypeVar('Shares', float, FloatArray)
 
 
 class DeviceError(StimulationError):
-    """A device did not answer, refused, or answered nonsense."""
+    """A device did not answer, refused, or gave an answer that does not fit."""
 
 
 class TooLate(DeviceError):
@@ -136,13 +136,13 @@ class Device(Protocol):
         """Set intensity zero, armed or not as it is."""
 
     def silence(self) -> None:
-        """Set intensity zero, then disarm: by any thread, at any time, waiting for nobody.
+        """Set intensity zero, then disarm: by any thread, without waiting for an answer.
 
         Also while another call hangs, also twice.
         """
 
     def close(self) -> None:
-        """Silence it and let go of it."""
+        """Silence and close it."""
 
 
 def quantized_down(intensity: Shares, steps: int) -> Shares:

@@ -22,7 +22,7 @@ _FIGURES = ('arm_s', 'prepare_s', 'real', 'trigger_s')
 
 @dataclass(frozen=True)
 class DeviceOptions:
-    """What a driver tells the device that it builds; a device takes of it what it needs.
+    """What a driver tells the device that it builds; a device uses what it needs.
 
     Attributes
     ----------

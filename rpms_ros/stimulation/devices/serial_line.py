@@ -222,7 +222,7 @@ class SerialDevice:
             raise DeviceError('expected a line that takes a silence, got one that does not')
 
     def close(self) -> None:
-        """Disarm, give back remote control, let go of the port."""
+        """Disarm, give back remote control, release the port."""
         self._silenced = next(self._silences)
         self._armed, self._set = False, None
         self._line.close()
@@ -234,7 +234,7 @@ class SerialDevice:
         return self._silenced != self._answered_silences
 
     def _begin(self) -> None:
-        """Begin anew on a quiet line: remote control, disarmed."""
+        """Start again on a quiet line: remote control, disarmed."""
         self._armed, self._set = False, None
         silenced = self._silenced
         self._line.listen()

@@ -93,7 +93,7 @@ class WireTimes:
 
 
 class SimulatedDevice:
-    """Gives pulses in mind only.
+    """Counts pulses and gives none.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class SimulatedDevice:
 
     @property
     def arm_s(self) -> float:
-        """No time at all."""
+        """0 s."""
         return 0.0
 
     @property
@@ -222,7 +222,7 @@ class SimulatedDevice:
         return self._status()
 
     def beat(self) -> None:
-        """Nobody is told."""
+        """Do nothing: there is no guard."""
 
     def rest(self) -> None:
         """Set intensity zero."""
@@ -234,7 +234,7 @@ class SimulatedDevice:
         self.intensity, self.armed = 0.0, False
 
     def close(self) -> None:
-        """Disarm and let go."""
+        """Disarm and close."""
         self.silence()
         self.opened = False
 
@@ -265,6 +265,6 @@ class SimulatedDevice:
 
 
 def build(options: DeviceOptions) -> SimulatedDevice:
-    """Return a simulated device; no option means anything to it."""
+    """Return a simulated device, which uses no option."""
     del options
     return SimulatedDevice()
