@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import tempfile
 import threading
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -80,14 +81,19 @@ def without_rights() -> Iterator[None]:
             os.seteuid(0)
 
 
+@pytest.fixture
+def public_folder() -> Iterator[Path]:
+    """A folder that every user may enter; pytest closes its own whenever another one starts."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        yield Path(folder)
+
+
 @pytest.mark.parametrize('part', ['', 'short_0.mcap', 'metadata.yaml', SUMS_NAME])
 def test_what_may_not_be_read_is_named(
-    rpms: Rpms, short_session: Path, tmp_path: Path, part: str
+    rpms: Rpms, short_session: Path, public_folder: Path, part: str
 ) -> None:
-    for folder in tmp_path.parents[:2]:
-        folder.chmod(0o755)
-    tmp_path.chmod(0o755)
-    path = tmp_path / 'bag'
+    path = public_folder / 'bag'
     shutil.copytree(short_session, path)
     (path / part).chmod(0)
     with without_rights():
