@@ -1,4 +1,4 @@
-"""The identifier, and a recorder if asked for, beside somebody's own sensor and stimulator.
+"""The identifier beside somebody's own sensor and stimulator; a recorder, a live page if asked.
 
 ros2 launch rpms_ros identifier.launch.py force:=/ft_sensor/wrench axis:=x best_effort:=true
 """
@@ -29,6 +29,7 @@ PARAMETERS = (
     ('use_sim_time', 'use_sim_time', 'Follow /clock, as of a recording that is played.'),
 )
 OF_THE_RECORDER = ('best_effort_force', 'use_sim_time')
+OF_THE_LIVE_PAGE = ('axis', 'sign', 'quantity', 'use_sim_time')
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -38,6 +39,7 @@ def generate_launch_description() -> LaunchDescription:
     declared += [(name, '', f'{doc} Empty: as the files say.') for name, _, doc in PARAMETERS]
     declared += [
         ('parameters', '', 'YAML of parameters that replace those of config/.'),
+        ('live', 'false', 'Serve the live page as well, at http://127.0.0.1:8765/.'),
         ('record', 'false', 'Record as well.'),
         ('path', '', 'Folder of the recording; empty makes a name.'),
     ]
@@ -46,7 +48,7 @@ def generate_launch_description() -> LaunchDescription:
             name,
             default_value=default,
             description=doc,
-            choices=['true', 'false'] if name == 'record' else None,
+            choices=['true', 'false'] if name in ('live', 'record') else None,
         )
         for name, default, doc in declared
     ]
@@ -70,6 +72,9 @@ def nodes(context: LaunchContext) -> list[Node]:
         own = {key: value for key, value in chosen.items() if key in OF_THE_RECORDER}
         own |= {'path': given('path')} if given('path') else {}
         started.append(node('recorder', given, own))
+    if given('live') == 'true':
+        own = {key: value for key, value in chosen.items() if key in OF_THE_LIVE_PAGE}
+        started.append(node('live_page', given, own))
     return started
 
 

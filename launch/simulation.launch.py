@@ -1,4 +1,4 @@
-"""Simulated muscle, stimulator driver, identifier, and a recorder if asked for.
+"""Simulated muscle, stimulator driver, identifier; a recorder, a live page if asked.
 
 ros2 launch rpms_ros simulation.launch.py namespace:=left_leg schedule:=uniform_random record:=true
 """
@@ -29,6 +29,7 @@ ARGUMENTS = (
         'YAML file or name of a kind, run once everybody listens. Empty: a goal is waited for.',
     ),
     ('parameters', '', 'YAML of parameters that replace those of config/.'),
+    ('live', 'false', 'Serve the live page as well, at http://127.0.0.1:8765/.'),
     ('record', 'false', 'Record as well.'),
     ('path', '', 'Folder of the recording; empty makes a name.'),
 )
@@ -41,7 +42,7 @@ def generate_launch_description() -> LaunchDescription:
             name,
             default_value=default,
             description=doc,
-            choices=['true', 'false'] if name == 'record' else None,
+            choices=['true', 'false'] if name in ('live', 'record') else None,
         )
         for name, default, doc in ARGUMENTS
     ]
@@ -71,6 +72,9 @@ def nodes(context: LaunchContext) -> list[Node]:
     }
     if record:
         chosen['recorder'] = some(given, path='path')
+    if given('live') == 'true':
+        # nobody waits for a page: it only looks
+        chosen['live_page'] = some(given, quantity='quantity')
     return [node(name, given, parameters) for name, parameters in chosen.items()]
 
 

@@ -153,10 +153,12 @@
     }
     if (frame.force) { plots.addForce(frame.force); }
     if (frame.pulses) { plots.addPulses(frame.pulses); }
+    if (frame.disturbance) { plots.addEffort(frame.disturbance); }
     for (const name of ['estimate', 'driver', 'topics', 'stop']) {
       if (frame[name]) { known[name] = frame[name]; }
     }
-    if (frame.stop) { pressedHere = ''; }
+    // that a stop has failed is shown until one is pressed, also over a new connection
+    if (frame.stop && (frame.stop.pressed || !pressedHere.startsWith('NOT'))) { pressedHere = ''; }
     changed = true;
   }
   function update(now) {

@@ -8,6 +8,7 @@ const plots = (function () {
     .getPropertyValue(name).trim();
   const force = { epoch: -1, first: 0, width: 0.005, time: [], low: [], high: [], modelled: [] };
   const pulses = { time: [], intensity: [] };
+  const effort = { time: [], lower: [], upper: [], value: [] };
   let marks = [], span = 10;
 
   const end = () => force.time.length ? force.time[force.time.length - 1] : 0;
@@ -60,6 +61,9 @@ const plots = (function () {
     [{ series: [2, 1], fill: colour('--measured') }], { draw: [drawMarks] }),
     pulses: make('pulse-plot', PULSES, 'time / s', 'intensity', { x, y: { range: [0, 1] } },
       [{}, { show: true, points: { show: false }, stroke: 'transparent' }], [], { draw: [drawPulses] }),
+    effort: make('effort-plot', PULSES, 'time / s', 'force / N', { x },
+      [{}, line('lower', '--change', 0.5), line('upper', '--change', 0.5),
+        line('value', '--change', 2)], [{ series: [2, 1], fill: colour('--changeband') }], { draw: [drawMarks] }),
     curve: make('curve-plot', CURVE, 'intensity', 'force / N',
       { x: { time: false, range: [0, 1] } }, [{}, line('lower', '--modelled', 0.5),
         line('upper', '--modelled', 0.5), line('curve', '--modelled', 2)], banded, {}),
@@ -71,6 +75,7 @@ const plots = (function () {
   function clear() {
     for (const name of ['time', 'low', 'high', 'modelled']) { force[name] = []; }
     pulses.time = []; pulses.intensity = [];
+    for (const name of Object.keys(effort)) { effort[name] = []; }
   }
   function addForce(part) {
     const gap = part.first - force.first - force.time.length;
@@ -95,6 +100,22 @@ const plots = (function () {
     const old = pulses.time.findIndex((time) => time >= end() - KEPT * force.width);
     if (old > 0) { pulses.time.splice(0, old); pulses.intensity.splice(0, old); }
   }
+  /* The band is that of 95 %: twice the standard deviation, nearly. */
+  function addEffort(part) {
+    for (const [time, value, deviation] of part) {
+      if (effort.time.length && time <= effort.time[effort.time.length - 1]) {
+        for (const name of Object.keys(effort)) { effort[name] = []; }
+      }
+      effort.time.push(time); effort.value.push(value);
+      effort.lower.push(value - 1.96 * deviation); effort.upper.push(value + 1.96 * deviation);
+    }
+    const old = effort.time.findIndex((time) => time >= end() - KEPT * force.width);
+    if (old > 0) { for (const name of Object.keys(effort)) { effort[name].splice(0, old); } }
+    if (element('effort').hidden && effort.time.length) {
+      element('effort').hidden = false;
+      resize();
+    }
+  }
   const visible = (name) => {
     const start = Math.max(0, force.time.length - Math.ceil(span / force.width) - 1);
     return force[name].slice(start);
@@ -102,6 +123,8 @@ const plots = (function () {
   function drawForce() {
     made.force.setData(['time', 'low', 'high', 'modelled'].map(visible));
     made.pulses.setData([[inView()[0], inView()[1]], [0, 0]]);
+    const from = Math.max(0, effort.time.findIndex((time) => time >= inView()[0]) - 1);
+    made.effort.setData(['time', 'lower', 'upper', 'value'].map((name) => effort[name].slice(from)));
   }
   const none = (part) => part.along.map(() => null);
   function drawCurve(name, part) {
@@ -117,7 +140,9 @@ const plots = (function () {
   }
   function unit(name) {
     const label = `${name === 'N' ? 'force' : 'torque'} / ${name}`;
-    for (const one of [made.force, made.curve, made.response]) { one.axes[1].label = label; }
+    for (const one of [made.force, made.effort, made.curve, made.response]) {
+      one.axes[1].label = label;
+    }
   }
   const newest = (name) => {
     for (let i = force[name].length - 1; i >= 0; i -= 1) {
@@ -129,6 +154,7 @@ const plots = (function () {
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
     for (const one of Object.values(made)) { one.redraw(false, true); }
   });
-  return { addForce, addPulses, drawForce, drawCurve, newest, resize, unit, force, pulses, made,
+  return { addForce, addPulses, addEffort, drawForce, drawCurve, newest, resize, unit, force, pulses,
+    effort, made,
     mark: (list) => { marks = list; }, show: (seconds) => { span = seconds; } };
 })();

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.live.disturbance_course import DisturbanceCourse
 from rpms_ros.live.driver_view import STOPPED
 from rpms_ros.live.driver_view import driver_view
 from rpms_ros.live.estimate_view import estimate_view
@@ -45,6 +46,7 @@ class Cursor(NamedTuple):
     driver: int = 0
     topics: int = 0
     stop: int = 0
+    disturbance: int = 0
 
 
 class LiveSession:
@@ -83,6 +85,7 @@ class LiveSession:
         self._bad_pulses = 0
         self._estimate: Estimate | None = None
         self._estimate_count = 0
+        self._disturbance = DisturbanceCourse()
         self._driver: dict[str, Any] | None = None
         self._driver_count = 0
         self._topic_views: list[dict[str, Any]] = []
@@ -90,6 +93,11 @@ class LiveSession:
         self._next_topics = -math.inf
         self._stop: dict[str, Any] = {'pressed': False, 'text': ''}
         self._stop_count = 1
+
+    @property
+    def stop_pressed(self) -> bool:
+        """Whether the stop of the page is pressed."""
+        return bool(self._stop['pressed'])
 
     @property
     def stopped(self) -> bool:
@@ -114,6 +122,7 @@ class LiveSession:
         self._estimate = estimate
         self._estimate_count += 1
         self._model.estimate(estimate)
+        self._disturbance.add(estimate)
 
     def driver(self, message: Any) -> None:
         """Take an rpms_msgs/DriverStatus."""
@@ -167,6 +176,9 @@ class LiveSession:
         # times of pulses and changes count from the first sample
         if self._pulse_count > cursor.pulse and self._begun:
             parts['pulses'] = self._pulse_part(cursor)
+        if self._disturbance.count > cursor.disturbance and self._begun:
+            have = cursor.disturbance if cursor.epoch == self._epoch else 0
+            parts['disturbance'] = self._disturbance.since(have, self._origin_ns)
         if self._estimate is not None and self._estimate_count > cursor.estimate:
             parts['estimate'] = estimate_view(self._estimate, self._origin_ns)
         if self._driver_count > cursor.driver:
@@ -197,6 +209,7 @@ class LiveSession:
             driver=self._driver_count,
             topics=self._topic_count,
             stop=self._stop_count,
+            disturbance=self._disturbance.count if self._begun else cursor.disturbance,
         )
 
     def _force_part(self, cursor: Cursor) -> dict[str, Any]:

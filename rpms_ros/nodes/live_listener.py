@@ -32,6 +32,8 @@ from rpms_ros.live.serialized_force import forces_of
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.overridable import overridden
+from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.taking import Taker
 
 _Data = TypeVar('_Data', bytes, list[bytes])
@@ -99,6 +101,7 @@ class LiveListener:
             enable_rosout=False,
         )
         self._takers = {key: self._taker(key) for key in TYPES}
+        warn_of_unused(node)
         self._unread: list[bytes] = []
         self._next_estimate = -math.inf
 
@@ -129,7 +132,9 @@ class LiveListener:
     def _taker(self, key: str) -> Taker:
         _, kind, _ = TYPES[key]
         name = self._session.topics[key].name
-        return Taker(self._node.create_subscription(kind, name, _served_by_nobody, qos.VIEW))
+        # overrides of the quality of service are parameters of the page
+        chosen = overridden(self._page, kind, name, qos.VIEW)
+        return Taker(self._node.create_subscription(kind, name, _served_by_nobody, chosen))
 
     def _heard(self, key: str, now: float) -> list[bytes]:
         found = self._takers[key].take_data(_MOST)

@@ -3,12 +3,14 @@
 The thread of the server hears the topics and draws; the executor serves the rest.
 """
 
+import time
 from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.node import Node
@@ -23,6 +25,11 @@ from rpms_ros.live.access import token_of
 from rpms_ros.live.modelled import warm_up
 from rpms_ros.live.server import LiveServer
 from rpms_ros.live.session import LiveSession
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.diagnostics import PERIOD_S
+from rpms_ros.nodes.diagnostics import Health
+from rpms_ros.nodes.diagnostics import diagnostics_message
+from rpms_ros.nodes.live_diagnostics import live_health
 from rpms_ros.nodes.live_listener import LiveListener
 from rpms_ros.nodes.live_listener import expected_topics
 from rpms_ros.nodes.live_stop import LiveStop
@@ -33,7 +40,6 @@ from rpms_ros.nodes.parameters import parameter
 from rpms_ros.nodes.runner import run
 
 PORT = 8765
-_GRAPH_PERIOD = 1.0
 
 
 @dataclass(frozen=True)
@@ -98,15 +104,17 @@ class LivePage(Node):
         unit = UNITS[settings.quantity]
         self.session = LiveSession(title, expected_topics(self), bool(token), unit)
         self.stop = LiveStop(self, self._is_stopped, self._tell) if token else None
+        self._health: Health | None = None
         self.listener = LiveListener(self, self.session, axis, settings.quantity)
         self.server = LiveServer(
             self.session, self.listener.listen, access, self.stop, settings.address, settings.port
         )
         warm_up()
+        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
         self.server.start()
         self._look()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_GRAPH_PERIOD, self._look, clock=steady)
+        self.create_timer(PERIOD_S, self._look, clock=steady)
         logger_of(self).info(
             f'{self.server.url} shows {title}; '
             + ('its stop needs the token' if token else 'it only shows')
@@ -121,7 +129,7 @@ class LivePage(Node):
         Node.destroy_node(self)
 
     def _look(self) -> None:
-        """Look at the graph, and at the server, once a second."""
+        """Look at the graph, and at the server, once a second; say how the page is."""
         if self.server.failure is not None:
             raise NodeError(f'expected the page to be served, got {self.server.failure!r}')
         found = self.listener.endpoints()
@@ -129,8 +137,19 @@ class LivePage(Node):
         def take_over() -> None:
             for key, endpoints in found.items():
                 self.session.topics[key].endpoints(endpoints)
+            # the session belongs to the thread of the server
+            self._health = live_health(self.session, len(self.server.browsers), time.monotonic())
 
         self.server.call(take_over)
+        if self._health is not None:
+            self._diagnostics.publish(
+                diagnostics_message(
+                    f'{self.get_fully_qualified_name()}: live page',
+                    self.server.url,
+                    self.get_clock().now().to_msg(),
+                    self._health,
+                )
+            )
 
     def _is_stopped(self) -> bool:
         return self.session.stopped

@@ -118,8 +118,10 @@ NODES: dict[str, Interfaces] = {
         publish=(topics.FORCE, topics.TRUTH, topics.DIAGNOSTICS, '/clock'),
         subscribe=(topics.PULSES,),
     ),
-    # a page that was given no token neither publishes nor calls
-    'live_page': Interfaces(publish=(topics.EMERGENCY_STOP,), call=(topics.EMERGENCY_STOP,)),
+    # a page that was given no token has no stop to publish or to call
+    'live_page': Interfaces(
+        publish=(topics.EMERGENCY_STOP, topics.DIAGNOSTICS), call=(topics.EMERGENCY_STOP,)
+    ),
     'live_page_watch': Interfaces(
         subscribe=(topics.PULSES, topics.FORCE, topics.ESTIMATE, topics.DRIVER_STATUS),
         plain=True,

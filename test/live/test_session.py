@@ -142,6 +142,31 @@ def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start
     assert view['reasons'] == ['one intensity only']
 
 
+def test_the_disturbance_is_a_course_of_its_own(session, make_estimate, start_ns):
+    feed(session, start_ns, 0, 1500)
+    session.advance(0.0)
+
+    def told(milliseconds, value, deviation=0.1):
+        stamp_ns = start_ns + milliseconds * MILLISECOND
+        session.estimate(
+            make_estimate(stamp_ns=stamp_ns, disturbance=value, disturbance_deviation=deviation)
+        )
+
+    told(200, 1.0)
+    told(400, math.nan)
+    told(500, 5.0, 0.0)  # not known
+    told(600, 2.0, 0.2)
+    cursor, frame = session.frame(Cursor())
+    assert valid(frame)['disturbance'] == [[0.2, 1.0, 0.1], [0.6, 2.0, 0.2]]
+    told(800, 3.0)
+    cursor, frame = session.frame(cursor)
+    assert valid(frame)['disturbance'] == [[0.8, 3.0, 0.1]]
+    # a stamp from before begins anew, so that times ascend
+    told(700, 4.0)
+    assert valid(session.frame(cursor)[1])['disturbance'] == [[0.7, 4.0, 0.1]]
+    assert valid(session.frame(Cursor())[1])['disturbance'] == [[0.7, 4.0, 0.1]]
+
+
 def test_numbers_that_are_not_finite_are_null(session, make_estimate, make_status, start_ns):
     bad = np.full(101, math.nan)
     session.estimate(

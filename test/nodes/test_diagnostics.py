@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 
+from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.nodes import qos
@@ -15,6 +17,7 @@ from rpms_ros.nodes import recorder_health as health_module
 from rpms_ros.nodes.diagnostics import RecentChange
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.recorder_health import recorder_health
@@ -36,9 +39,7 @@ class Listener:
         self.newest |= {status.name: status for status in message.status}
 
 
-def test_two_legs_have_eight_statuses_of_different_names_and_hardware(
-    graph, tmp_path: Path
-) -> None:
+def test_two_legs_have_ten_statuses_of_different_names_and_hardware(graph, tmp_path: Path) -> None:
     listener = Listener(graph)
     for leg in ('left', 'right'):
         for kind in (PlantSimulator, StimulatorDriver, Identifier):
@@ -47,16 +48,17 @@ def test_two_legs_have_eight_statuses_of_different_names_and_hardware(
             lambda leg=leg, **options: Recorder(namespace=leg, **options),
             path=str(tmp_path / leg),
         )
-    graph.wait_for(lambda: len(listener.newest) == 8)
-    tasks = ('simulation', 'stimulator', 'identification', 'recording')
-    nodes = ('plant_simulator', 'stimulator_driver', 'identifier', 'recorder')
+        graph.add(lambda leg=leg, **options: LivePage(namespace=leg, **options), port=0)
+    graph.wait_for(lambda: len(listener.newest) == 10)
+    tasks = ('simulation', 'stimulator', 'identification', 'recording', 'live page')
+    nodes = ('plant_simulator', 'stimulator_driver', 'identifier', 'recorder', 'live_page')
     assert set(listener.newest) == {
         f'/{leg}/{node}: {task}'
         for leg in ('left', 'right')
         for node, task in zip(nodes, tasks, strict=True)
     }
     hardware = {status.hardware_id for status in listener.newest.values()}
-    assert len(hardware) == 8
+    assert len(hardware) == 10
     assert all(hardware)
 
 
@@ -72,6 +74,40 @@ def test_a_simulator_warns_of_a_wrong_pulse_and_the_warning_clears(graph) -> Non
     assert listener.newest[name].message == 'simulating; a pulse was wrong or late'
     plant._recent._changed_ns -= 10 * SECOND
     graph.wait_for(lambda: listener.newest[name].level == DiagnosticStatus.OK)
+
+
+def test_a_live_page_tells_what_it_cannot_show_and_a_stop_that_nobody_confirms(graph) -> None:
+    listener = Listener(graph)
+    page = graph.add(lambda **options: LivePage('x' * 16, **options), port=0)
+    name = '/live_page: live page'
+    force = listener.node.create_publisher(WrenchStamped, 'force', qos.FORCE)
+    estimate = listener.node.create_publisher(MuscleEstimate, 'estimate', qos.ESTIMATE)
+
+    def said(level: bytes, message: str) -> bool:
+        stamp = listener.node.get_clock().now().nanoseconds
+        force.publish(messages.force_message(stamp, 1.0, messages.AXES['z'], MESSAGE_TYPES))
+        status = listener.newest.get(name)
+        return status is not None and (status.level, status.message) == (level, message)
+
+    graph.wait_for(lambda: name in listener.newest)
+    assert listener.newest[name].level == DiagnosticStatus.STALE
+    assert listener.newest[name].message == 'no force'
+    graph.wait_for(lambda: said(DiagnosticStatus.OK, 'showing'))
+    assert [value.key for value in listener.newest[name].values][:3] == [
+        'browsers',
+        'driver',
+        '/force [Hz]',
+    ]
+    graph.wait_for(lambda: estimate.get_subscription_count() > 0)
+    estimate.publish(MuscleEstimate(nonlinear_names=['u_thr']))
+    graph.wait_for(lambda: said(DiagnosticStatus.WARN, 'cannot show all of /estimate'))
+    page.stop.press()
+    graph.wait_for(
+        lambda: said(DiagnosticStatus.WARN, 'stop pressed, not confirmed by the driver')
+    )
+    page.stop.let_go()
+    estimate.publish(MuscleEstimate())
+    graph.wait_for(lambda: said(DiagnosticStatus.OK, 'showing'))
 
 
 def test_a_change_is_recent_for_ten_seconds() -> None:

@@ -20,6 +20,7 @@ from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
 from rpms_ros.nodes import qos
 from rpms_ros.nodes.identifier import Identifier
+from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
@@ -27,6 +28,7 @@ from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 ROOT = Path(__file__).resolve().parents[2]
 KINDS: dict[str, Callable[..., Node]] = {
     'identifier': Identifier,
+    'live_page': LivePage,
     'plant_simulator': PlantSimulator,
     'recorder': Recorder,
     'stimulator_driver': StimulatorDriver,
@@ -113,7 +115,10 @@ def test_without_arguments_the_files_of_config_hold(graph, load) -> None:
 
 def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Path) -> None:
     own = tmp_path / 'own.yaml'
-    own.write_text('/**: {ros__parameters: {repetition_rate: 30.0, estimator: recursive}}')
+    own.write_text(
+        '/**: {ros__parameters: {repetition_rate: 30.0, estimator: recursive}}\n'
+        '/**/live_page: {ros__parameters: {port: 0}}'
+    )
     launched = load(
         'identifier',
         namespace='left_leg',
@@ -126,11 +131,12 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
         best_effort='true',
         use_sim_time='true',
         parameters=str(own),
+        live='true',
         record='true',
         path=str(tmp_path / 'session'),
     )
     nodes = launched.add_to(graph)
-    identifier, recorder = nodes['identifier'], nodes['recorder']
+    identifier, recorder, page = (nodes[name] for name in ('identifier', 'recorder', 'live_page'))
     settings = identifier.settings
     assert identifier.get_fully_qualified_name() == '/left_leg/identifier'
     assert (settings.estimator, settings.axis, settings.sign) == ('horizon', '0.6,0,0.8', -1)
@@ -139,6 +145,8 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
     assert settings.repetition_rate == 30.0
     assert recorder.settings.best_effort_force
     assert recorder.path == tmp_path / 'session'
+    shown = page.settings
+    assert (shown.axis, shown.sign, shown.quantity, shown.port) == ('0.6,0,0.8', -1, 'torque', 0)
     for node in nodes.values():
         assert node.get_parameter('use_sim_time').value
         assert node.resolve_topic_name('force') == '/cell/wrench'
@@ -150,7 +158,10 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
     schedule = tmp_path / 'short.yaml'
     schedule.write_text('segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 2.0}]')
     own = tmp_path / 'own.yaml'
-    own.write_text(f'/**/stimulator_driver: {{ros__parameters: {{{PATIENT}}}}}')
+    own.write_text(
+        f'/**/stimulator_driver: {{ros__parameters: {{{PATIENT}}}}}\n'
+        '/**/live_page: {ros__parameters: {port: 0}}'
+    )
     launched = load(
         'simulation',
         namespace='ward/left_leg',
@@ -160,6 +171,7 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
         quantity='torque',
         schedule=str(schedule),
         parameters=str(own),
+        live='true',
         record='true',
         path=str(tmp_path / 'session'),
     )
@@ -173,6 +185,9 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
     graph.wait_for(lambda: bool(statuses) and statuses[-1].pulses_delivered == 40, 30.0)
     graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20, 30.0)
     assert (estimates[-1].unit, estimates[-1].estimator) == ('N m', 'horizon')
+    page = nodes['live_page'].session
+    graph.wait_for(lambda: page.topics['pulses'].count == 40)
+    assert page.unit == 'N m'
     nodes['recorder'].close()
     counts = nodes['recorder'].counts
     assert counts['pulses'].messages == 40

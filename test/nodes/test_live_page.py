@@ -324,6 +324,59 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
     assert browser.complaints() == []
 
 
+def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, browser):
+    """A muscle that tires, a sudden change, and a patient who pulls."""
+    other = graph.add(lambda **options: Node('other', **options))
+    estimates = other.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE)
+    forces = other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
+    begun_ns, sent, axis = 10**18, [0], (0.0, 0.0, 1.0)
+
+    def send():
+        for _ in range(50):
+            sent[0] += 1
+            stamp_ns = begun_ns + sent[0] * 1_000_000
+            forces.publish(messages.force_message(stamp_ns, 2.0, axis, MESSAGE_TYPES))
+        message = MuscleEstimate(
+            estimator='tracking',
+            unit='N',
+            disturbance=1.0 + 0.01 * sent[0] % 1.0,
+            disturbance_deviation=0.1,
+            rate_names=['force_percent'],
+            rate=[-2.5],
+            rate_lower=[-3.0],
+            rate_upper=[-2.0],
+        )
+        message.header = messages.header_message(stamp_ns, '', MESSAGE_TYPES)
+        if sent[0] > 1000:
+            message.changes, message.change_kinds = 1, ['gain']
+            message.change_ago = [(stamp_ns - begun_ns) * 1e-9 - 0.75]
+        estimates.publish(message)
+
+    graph.wait_for(
+        lambda: estimates.get_subscription_count() * forces.get_subscription_count() > 0
+    )
+    browser.open(page.server.url)
+    browser.wait_for("document.getElementById('connection').textContent === 'connected'")
+    assert browser.evaluate("document.getElementById('effort').hidden")
+    timer = other.create_timer(0.05, send)
+    graph.wait_for(lambda: browser.evaluate('plots.effort.time.length > 5'), 60.0)
+    assert not browser.evaluate("document.getElementById('effort').hidden")
+    time_s, lower, value, upper = browser.evaluate(
+        '["time", "lower", "value", "upper"].map((name) => plots.effort[name])'
+    )
+    assert time_s == sorted(set(time_s))
+    half = [(c - a) / 2 for a, c in zip(lower, upper, strict=True)]
+    # 95 % of a normal distribution lie within 1.96 standard deviations
+    assert half == pytest.approx([0.196] * len(half))
+    assert 1.0 <= min(value) <= max(value) <= 2.0
+    graph.wait_for(lambda: browser.text('#change-list li') == 'gain at 0.75 s')
+    assert browser.text('#rate-rows tr') == 'force_percent-2.5-3 to -2'
+    width = "document.querySelector('#effort-plot canvas').getBoundingClientRect().width"
+    assert browser.evaluate(width) > 500
+    timer.cancel()
+    assert browser.complaints() == []
+
+
 NASTY = '<img src=x onerror=alert(1)></td><script>document.title="taken"</script>\u202e'
 
 
@@ -410,6 +463,18 @@ def test_the_stop_of_the_page_asks_for_the_token(graph, page, browser):
     enter('wrong-horse-battery')
     browser.evaluate("document.getElementById('stop').click()")
     browser.wait_for("document.getElementById('stopped').textContent.includes('NOT STOPPED')")
+    # a new connection tells the state of the stop once more, which is no answer to this
+    for stream in list(page.server.browsers):
+        page.server.call(stream.close)
+    browser.wait_for("document.body.classList.contains('lost')")
+    browser.wait_for("!document.body.classList.contains('lost')")
+    # the first frame, which has it, is drawn
+    streams = page.server.browsers
+    graph.wait_for(lambda: any(one.ready and one.cursor.topics for one in streams))
+    browser.evaluate("document.getElementById('topic-rows').replaceChildren()")
+    # ... and all texts are written anew
+    browser.wait_for("document.getElementById('topic-rows').childElementCount > 0")
+    assert 'NOT STOPPED' in browser.text('#stopped')
     browser.wait_for("!document.getElementById('unlock').hidden")
     assert page.stop._button is None
     enter(TOKEN)

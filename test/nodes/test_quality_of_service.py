@@ -14,6 +14,7 @@ from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.recorder import Recorder
 
 RELIABILITY = 'qos_overrides./force.subscription.reliability'
@@ -23,12 +24,22 @@ def built(kind: type[Node], tmp_path: Path) -> Callable[..., Node]:
     """Return how a node is made, a recorder with a folder of its own."""
     if kind is Identifier:
         return Identifier
+    if kind is LivePage:
+        return lambda **options: LivePage(cli_args=['--ros-args', '-p', 'port:=0'], **options)
     path = [f'path:={tmp_path / "session"}']
     arguments = [part for value in path for part in ('-p', value)]
     return lambda **options: Recorder(cli_args=['--ros-args', *arguments], **options)
 
 
-@pytest.mark.parametrize('kind', [Identifier, Recorder])
+def test_a_live_page_may_be_told_to_hear_reliably(graph, tmp_path: Path) -> None:
+    page = graph.add(built(LivePage, tmp_path), **{RELIABILITY: 'reliable'})
+    (info,) = page.get_subscriptions_info_by_topic('/force')
+    assert info.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+    (info,) = page.get_subscriptions_info_by_topic('/pulses')
+    assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+
+
+@pytest.mark.parametrize('kind', [Identifier, Recorder, LivePage])
 def test_a_user_may_replace_the_quality_of_the_force(
     graph, tmp_path: Path, capfd: pytest.CaptureFixture[str], kind: type[Node]
 ) -> None:
