@@ -42,6 +42,7 @@ const plots = (function () {
       u.ctx.save();
       u.ctx.fillStyle = colour('--change')();
       u.ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+      u.ctx.textAlign = 'left';
       u.ctx.textBaseline = 'top';
       u.ctx.fillText(kind, at + 4 * devicePixelRatio, u.bbox.top);
       u.ctx.restore();

@@ -158,10 +158,7 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
     schedule = tmp_path / 'short.yaml'
     schedule.write_text('segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 2.0}]')
     own = tmp_path / 'own.yaml'
-    own.write_text(
-        f'/**/stimulator_driver: {{ros__parameters: {{{PATIENT}}}}}\n'
-        '/**/live_page: {ros__parameters: {port: 0}}'
-    )
+    own.write_text(f'/**/stimulator_driver: {{ros__parameters: {{{PATIENT}}}}}')
     launched = load(
         'simulation',
         namespace='ward/left_leg',
@@ -171,7 +168,6 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
         quantity='torque',
         schedule=str(schedule),
         parameters=str(own),
-        live='true',
         record='true',
         path=str(tmp_path / 'session'),
     )
@@ -185,13 +181,22 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
     graph.wait_for(lambda: bool(statuses) and statuses[-1].pulses_delivered == 40, 30.0)
     graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20, 30.0)
     assert (estimates[-1].unit, estimates[-1].estimator) == ('N m', 'horizon')
-    page = nodes['live_page'].session
-    graph.wait_for(lambda: page.topics['pulses'].count == 40)
-    assert page.unit == 'N m'
     nodes['recorder'].close()
     counts = nodes['recorder'].counts
     assert counts['pulses'].messages == 40
     assert counts['accepted_schedule'].messages == 1
+
+
+def test_the_simulation_is_shown_on_a_page_that_nobody_waits_for(
+    graph, load, tmp_path: Path
+) -> None:
+    own = tmp_path / 'own.yaml'
+    own.write_text('/**/live_page: {ros__parameters: {port: 0}}')
+    launched = load('simulation', live='true', quantity='torque', parameters=str(own))
+    assert launched.nodes['plant_simulator']['parameters'][-1]['minimum_subscribers'] == 1
+    assert launched.nodes['stimulator_driver']['parameters'][-1]['minimum_subscribers'] == 2
+    page = graph.add(launched._builder('live_page'))
+    assert page.session.unit == 'N m'
 
 
 def test_without_a_schedule_the_driver_waits_for_a_goal(load) -> None:

@@ -369,7 +369,7 @@ def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, b
     # 95 % of a normal distribution lie within 1.96 standard deviations
     assert half == pytest.approx([0.196] * len(half))
     assert 1.0 <= min(value) <= max(value) <= 2.0
-    graph.wait_for(lambda: browser.text('#change-list li') == 'gain at 0.75 s')
+    graph.wait_for(lambda: browser.text('#change-list') == 'gain at 0.75 s', 60.0)
     assert browser.text('#rate-rows tr') == 'force_percent-2.5-3 to -2'
     width = "document.querySelector('#effort-plot canvas').getBoundingClientRect().width"
     assert browser.evaluate(width) > 500
