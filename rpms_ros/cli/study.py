@@ -15,10 +15,13 @@ _DESCRIPTION = """\
 Identifies many recordings and writes one table, results.csv and results.parquet, with a row for
 each: what was found, or why it failed.  A study that was interrupted goes on where it stopped;
 what failed is tried again.  The table does not depend on the number of processes.
+A page, index.html, has verdicts, spread between recordings and all numbers; with --one-person
+threshold, force and T_a over the dates of the sessions, and what changed since the last.
 """
 _EXAMPLES = """\
   rpms study sessions/* --out study
   rpms study sessions --out study --jobs 8          every recording below the folder
+  rpms study ada/* --out weeks --one-person         sessions of one person by their dates
   rpms study sessions --out study --scheduler tcp://cluster:8786
 exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that is not good,
 2 not possible
@@ -28,12 +31,21 @@ exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that i
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
     """Add the command to the command line."""
     parser = add_command(
-        subparsers, 'study', run, 'many recordings, one table', _DESCRIPTION, _EXAMPLES
+        subparsers,
+        'study',
+        run,
+        'many recordings, one table and one page',
+        _DESCRIPTION,
+        _EXAMPLES,
     )
     parser.add_argument(
         'bags', type=Path, nargs='+', metavar='BAG', help='recordings, or folders of recordings'
     )
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='of the table')
+    text = 'the recordings are sessions of one person: order them by their dates'
+    parser.add_argument('--one-person', action='store_true', help=text)
+    text = 'write the page of `rpms report` for each recording too, and link to it'
+    parser.add_argument('--reports', action='store_true', help=text)
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         '--jobs', type=int, metavar='N', help='processes (default: one a processor)'
@@ -67,8 +79,10 @@ def run(arguments: argparse.Namespace) -> int:
         sign=arguments.sign,
         max_memory=arguments.max_memory,
         expected_force=arguments.expected_force,
+        reports=str(arguments.out / 'reports') if arguments.reports else None,
     )
     table = StudyTable(arguments.out, found_recordings(arguments.bags, arguments.out), options)
+    table.one_person = arguments.one_person
     waiting = table.waiting()
     with progress('identifying', len(waiting), 'recordings', arguments.quiet) as advance:
         try:

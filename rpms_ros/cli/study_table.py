@@ -15,15 +15,16 @@ from pathlib import Path
 from rpms_ros.cli.study_work import Row
 from rpms_ros.cli.study_work import StudyOptions
 from rpms_ros.cli.study_work import columns
+from rpms_ros.cli.study_work import replace_text
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import spreadsheet_text
 from rpms_ros.recording.files import READERS
 
-_VERSION = 1
+_VERSION = 2
 
 
 # By these a folder or a file is known as something that a command of this package has written.
-_RESULTS = {'result.json', 'report.json', 'results.csv', 'results.parquet', 'rows'}
+_RESULTS = {'index.html', 'result.json', 'report.json', 'results.csv', 'results.parquet', 'rows'}
 _RESULT_FILES = ('.html', '.png', '.svg', '.json', '.csv', '.parquet', '.yaml', '.md', '.txt')
 
 
@@ -81,12 +82,15 @@ class StudyTable:
         Rows of other options are not used again.
     remarks : list of str
         What could not be written.
+    one_person : bool
+        Whether the recordings are sessions of one person.
     """
 
     folder: Path
     recordings: Sequence[Path]
     options: StudyOptions
     remarks: list[str] = field(default_factory=list)
+    one_person: bool = False
 
     def __post_init__(self) -> None:
         self._rows: dict[Path, Row] = {}
@@ -118,10 +122,10 @@ class StudyTable:
         """Take a row and, unless it is a failure, keep it for the next time."""
         self._rows[path] = row
         if row['status'] == 'ok':
-            _replace(self._kept / self._name(path), json.dumps(row))
+            replace_text(self._kept / self._name(path), json.dumps(row))
 
     def write(self) -> None:
-        """Write results.csv and results.parquet.
+        """Write results.csv, results.parquet and index.html.
 
         Raises
         ------
@@ -131,6 +135,7 @@ class StudyTable:
         try:
             self._write_csv()
             self._write_parquet()
+            self._write_page()
         except OSError as error:
             raise RecordingError(f'expected to write into {self.folder}, got {error}') from error
 
@@ -157,12 +162,27 @@ class StudyTable:
         parquet.write_table(table, part)
         part.replace(self.folder / 'results.parquet')
 
+    def _write_page(self) -> None:
+        from rpms_ros.report.group import as_group_page
+        from rpms_ros.report.group import group_document
+
+        title = self.folder.resolve().name
+        document = group_document(self.rows(), title, self.one_person)
+        try:
+            page = as_group_page(document, self.folder)
+        except ModuleNotFoundError:
+            self.remarks.append('index.html left out: it needs the extra rpms_ros[report]')
+            return
+        replace_text(self.folder / 'index.html', page)
+
     def _kept_row(self, path: Path) -> Row | None:
         try:
             row: Row = json.loads((self._kept / self._name(path)).read_text())
         except (OSError, ValueError):
             return None
-        return row
+        # somebody may have removed its page
+        page = row.get('report')
+        return row if page is None or Path(page).is_file() else None
 
     def _name(self, path: Path) -> str:
         """Return a name that changes with the recording, the options and the columns."""
@@ -179,10 +199,3 @@ class StudyTable:
 def _cell(value: object) -> object:
     """Return a value that no spreadsheet takes for a formula."""
     return spreadsheet_text(value) if isinstance(value, str) else value
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file as a whole or not at all."""
-    part = path.with_suffix('.part')
-    part.write_text(text)
-    part.replace(path)

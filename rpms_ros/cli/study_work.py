@@ -1,7 +1,9 @@
 """The row of each recording of a study, computed by local processes or a Dask cluster."""
 
+import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -14,16 +16,24 @@ from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.errors import ReportError
 from rpms_ros.errors import RpmsError
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.verdict import VerdictSettings
+from rpms_ros.recording import Recording
 from rpms_ros.recording import Topics
 from rpms_ros.recording import read_recording
+from rpms_ros.recording.reading import held_bytes
 from rpms_ros.report.identified import IdentificationOptions
 from rpms_ros.report.identified import identified
+from rpms_ros.report.recorded import recorded_messages
+from rpms_ros.report.result import IdentificationResult
 from rpms_ros.report.result import result_of
 from rpms_ros.schema import plain
 
@@ -52,6 +62,8 @@ class StudyOptions(IdentificationOptions):
         What reading may take [bytes]; None for the default.
     expected_force : float
         Largest force that the muscles can have [N], for the verdict.
+    reports : str or None
+        Folder for a report page of each recording; None for none.
     """
 
     pulses_topic: str = 'pulses'
@@ -60,20 +72,23 @@ class StudyOptions(IdentificationOptions):
     sign: int = 1
     max_memory: int | None = None
     expected_force: float = 200.0
+    reports: str | None = None
 
 
 def columns() -> dict[str, type]:
     """Return the names of the columns and the type of their values."""
     numbers = ['duration_s', 'rate_hz', 'output_error_n', 'output_error_of_range', *_PARAMETERS]
-    numbers += [f'steady_force_{share}' for share in _CURVE_SHOWN]
+    numbers += ['u_thr_lower', 'u_thr_upper', 'confidence']
+    for share in _CURVE_SHOWN:
+        numbers += [f'steady_force_{share}{end}' for end in ('', '_lower', '_upper')]
     numbers += ['peak_force', 'time_to_peak_s']
     numbers += ['train_rate_hz', 'train_peak_force', 'train_fit_percent']
     for name in dict.fromkeys((*_WITH_INTERVAL, *_TRAIN_INTERVALS)):
         numbers += [name, f'{name}_lower', f'{name}_upper']
     texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str}
     texts |= {'verdict': str, 'reasons': str, 'estimator': str}
-    texts |= {'train_model': str}
-    counts: dict[str, type] = {'samples': int, 'pulses': int}
+    texts |= {'train_model': str, 'session_hash': str, 'report': str}
+    counts: dict[str, type] = {'samples': int, 'pulses': int, 'start_ns': int}
     return texts | counts | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
 
 
@@ -84,12 +99,61 @@ def work(path: str, options: StudyOptions) -> Row:
         recording = read_recording(
             path, topics, options.axis, options.sign, memory=options.max_memory
         )
-        session = identified(recording, options, most_estimates=1)
+        session = identified(recording, options, most_estimates=None if options.reports else 1)
         settings = VerdictSettings(expected_force=options.expected_force)
-        document = plain(result_of(recording, session, settings))
+        result = result_of(recording, session, settings)
+        row = _row(plain(result))
+        row['start_ns'] = int(recording.forces.stamp_ns.min())
+        if options.reports:
+            row['report'] = str(_write_report(path, options, recording, session, result))
     except RpmsError as error:
         return failure(str(error))
-    return _row(document)
+    return row
+
+
+def _write_report(
+    path: str,
+    options: StudyOptions,
+    recording: Recording,
+    session: IdentifiedSession,
+    result: IdentificationResult,
+) -> Path:
+    """Write the report page of a recording, as `rpms report` makes it; return its place."""
+    # the extra rpms_ros[report]
+    from rpms_ros.report.session import analyse
+    from rpms_ros.report.session import as_document
+    from rpms_ros.report.session import as_page
+
+    analysis = analyse(
+        Path(path).resolve().name,
+        recording,
+        recorded_messages(path, memory=options.max_memory, held=held_bytes(recording)),
+        session,
+        result,
+        lambda: estimator_by_name(
+            options.estimator, options.preset, options.seed, options.rate_hz
+        ),
+    )
+    place = Path(options.reports or '', f'{_file_name(path)}.html')
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        replace_text(place, as_page(analysis, as_document(analysis)))
+    except OSError as error:
+        raise ReportError(f'expected to write {place}, got {error}') from error
+    return place
+
+
+def _file_name(path: str) -> str:
+    """Return a name for the page of a recording: readable, and not that of another one."""
+    plain_name = re.sub(r'[^A-Za-z0-9_-]', '_', Path(path).name)[:60]
+    return f'{plain_name}-{hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:8]}'
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write a file as a whole or not at all."""
+    part = path.with_suffix('.part')
+    part.write_text(text, encoding='utf-8')
+    part.replace(path)
 
 
 def failure(reason: str) -> Row:
@@ -103,7 +167,10 @@ def _row(document: dict[str, Any]) -> Row:
     row: Row = {name: document[name] for name in scalars}
     row |= document['recruitment'] or {}
     if curve:
-        row |= {f'steady_force_{share}': curve['force'][share] for share in _CURVE_SHOWN}
+        for name, end in (('force', ''), ('lower', '_lower'), ('upper', '_upper')):
+            if values := curve.get(name):
+                row |= {f'steady_force_{share}{end}': values[share] for share in _CURVE_SHOWN}
+    row |= _threshold_interval(document)
     for name, found in document.get('physiology', {}).items():
         row |= {name: found['value']}
         row |= {f'{name}_{end}': found[end] for end in ('lower', 'upper')}
@@ -122,6 +189,16 @@ def _row(document: dict[str, Any]) -> Row:
         'faults': json.dumps(document['faults'], sort_keys=True),
         'notes': '; '.join(document['notes']),
     }
+
+
+def _threshold_interval(document: dict[str, Any]) -> Row:
+    """Return the ends of the interval of the threshold, as far as the data determine it."""
+    value = (document['recruitment'] or {}).get('u_thr')
+    deviation = (document.get('deviation') or {}).get('u_thr')
+    if value is None or deviation is None or not document.get('confidence'):
+        return {}
+    half = NormalDist().inv_cdf(0.5 + 0.5 * document['confidence']) * deviation
+    return {'u_thr_lower': value - half, 'u_thr_upper': value + half}
 
 
 def _of_dynamics(found: dict[str, Any]) -> Row:

@@ -13,6 +13,7 @@ from pyarrow import parquet
 from rpms_ros.cli import main
 from rpms_ros.cli.study_table import found_recordings
 from rpms_ros.cli.study_work import columns
+from rpms_ros.report.session.page import embedded
 
 Rpms = Callable[..., tuple[int, str, str]]
 COUNT = 4
@@ -207,3 +208,43 @@ def test_a_verdict_that_is_not_good_is_told(rpms: Rpms, sessions: Path, tmp_path
     assert 'no: the force comes out negative' in err
     (row,) = table_of(tmp_path)
     assert (row['status'], row['verdict']) == ('ok', 'no')
+
+
+def test_a_page_has_verdicts_and_links(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+    out = tmp_path / 'out'
+    bags = [sessions / 'session_0', sessions / 'session_1', tmp_path / 'nothing']
+    rpms('study', *bags, '--out', out, '--jobs', 1, '--one-person')
+    document = embedded((out / 'index.html').read_text(encoding='utf-8'), 'group')
+    assert document['one_person'] is True
+    assert document['verdicts'] == {'good': 2, 'doubtful': 0, 'no': 0, 'failed': 1}
+    first = document['recordings'][0]
+    assert first['date'] is None or first['date'].startswith('2023-11-14')
+    assert first['report'] is None
+    again = found_recordings([out, *bags[:2]])
+    assert again == bags[:2]
+
+
+def test_reports_are_written_once_and_linked(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+    options = ('study', sessions / 'session_0', '--out', tmp_path, '--jobs', 1, '--reports')
+    assert rpms(*options)[0] == 0
+    (row,) = table_of(tmp_path)
+    report = Path(row['report'])
+    assert 'session_0' in report.name
+    assert '<h1>session_0</h1>' in report.read_text(encoding='utf-8')
+    page = (tmp_path / 'index.html').read_text(encoding='utf-8')
+    assert f'href="./reports/{report.name}"' in page
+    assert '1 done before' in rpms(*options)[1]
+    report.unlink()
+    assert '0 done before' in rpms(*options)[1]
+    assert report.is_file()
+
+
+def test_intervals_are_in_the_table(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
+    rpms(
+        'study', sessions / 'session_0', '--out', tmp_path, '--jobs', 1, '--estimator', 'batch'
+    )  # fmt: skip
+    (row,) = table_of(tmp_path)
+    for name in ('u_thr', 'steady_force_50', 'steady_force_100'):
+        assert float(row[f'{name}_lower']) < float(row[name]) < float(row[f'{name}_upper'])
+    assert int(row['start_ns']) == 1_700_000_000_000_000_000
+    assert len(row['session_hash']) == 64

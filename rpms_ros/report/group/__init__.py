@@ -1,0 +1,6 @@
+"""One page on many recordings: of several people, or of one person over weeks."""
+
+from rpms_ros.report.group.document import group_document
+from rpms_ros.report.group.page import as_group_page
+
+__all__ = ['as_group_page', 'group_document']

@@ -1,0 +1,195 @@
+"""The page on many recordings: what it counts, compares and draws, and that it stays one page."""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpms_ros.report.group import as_group_page
+from rpms_ros.report.group import group_document
+from rpms_ros.report.group.measured import Measured
+from rpms_ros.report.group.measured import change
+from rpms_ros.report.group.measured import spread_of
+from rpms_ros.report.group.page import link
+from rpms_ros.report.group.page import stated
+from rpms_ros.report.session.page import embedded
+
+DAY_NS = 86_400_000_000_000
+START_NS = 1_700_000_000_000_000_000
+HOSTILE = '</script><script>alert(1)</script>$x$'
+
+
+def row(number: int, **change: Any) -> dict[str, Any]:
+    """A row of a study, one day after the one before."""
+    return {
+        'recording': f'ada/visit{number}',
+        'status': 'ok',
+        'reason': None,
+        'verdict': 'good',
+        'reasons': 'explains 99 %',
+        'session_hash': f'hash {number}',
+        'start_ns': START_NS + number * DAY_NS,
+        'confidence': 0.95,
+        'u_thr': 0.4,
+        'u_thr_lower': 0.39,
+        'u_thr_upper': 0.41,
+        'steady_force_50': 4.0,
+        'steady_force_50_lower': 3.9,
+        'steady_force_50_upper': 4.1,
+        'steady_force_100': 10.0 + number,
+        'steady_force_100_lower': 9.9 + number,
+        'steady_force_100_upper': 10.1 + number,
+        'twitch_time_constant_s': 0.04,
+        'twitch_time_constant_s_lower': None,
+        'twitch_time_constant_s_upper': None,
+        **change,
+    }
+
+
+def changes(document: dict[str, Any]) -> dict[str, Any]:
+    return {one['column']: one for one in document['changes']}
+
+
+def test_sessions_are_ordered_by_their_dates_and_compared() -> None:
+    rows = [row(5), row(1), row(2)]
+    document = group_document(rows, 'Ada', one_person=True)
+    assert [one['name'] for one in document['recordings']] == ['visit1', 'visit2', 'visit5']
+    assert [one['day'] for one in document['recordings']] == [0.0, 1.0, 4.0]
+    told = changes(document)
+    force = told['steady_force_100']
+    assert force['now']['value'] == 15.0
+    assert force['last']['change']['value'] == pytest.approx(3.0)
+    # two intervals of 0.1 N either way
+    assert force['last']['change']['lower'] == pytest.approx(3.0 - 0.1 * np.sqrt(2.0))
+    assert (force['last']['beyond'], force['first']['beyond']) == (True, True)
+    assert force['first']['session'] == 1
+    assert told['u_thr']['last']['beyond'] is False
+    assert told['twitch_time_constant_s']['last']['beyond'] is None
+    assert document['remarks'] == []
+
+
+def test_what_must_not_be_used_is_not_there() -> None:
+    bad = row(3, verdict='no', reasons='wrong sign', steady_force_100=-99.0)
+    failed = {'recording': 'ada/x', 'status': 'failed', 'reason': 'nothing', 'verdict': None}
+    document = group_document([row(1), bad, failed], 'Ada', one_person=True)
+    assert document['verdicts'] == {'good': 1, 'doubtful': 0, 'no': 1, 'failed': 1}
+    assert '-99' not in json.dumps(document)
+    assert document['recordings'][1]['measured']['steady_force_100'] is None
+    assert changes(document)['steady_force_100']['now']['value'] == 11.0
+    assert changes(document)['steady_force_100']['last'] is None
+    assert [one['reasons'] for one in document['recordings'][1:]] == ['wrong sign', 'nothing']
+
+
+def test_a_recording_that_is_given_twice_and_a_missing_date_are_named() -> None:
+    rows = [row(1), row(2, session_hash='hash 1', start_ns=5)]
+    document = group_document(rows, 'Ada', one_person=True)
+    first, second = document['remarks']
+    assert first.startswith('ada/visit1, ada/visit2 hold the same pulses and forces')
+    assert second.startswith('Not every session has a date')
+    assert document['recordings'][1]['date'] is None
+
+
+def test_spread_beyond_the_intervals() -> None:
+    equal = [Measured(5.0, 4.0, 6.0)] * 4
+    spread = spread_of(equal)
+    assert spread is not None
+    assert (spread.count, spread.deviation, spread.between) == (4, 0.0, 0.0)
+    # errors that are small beside the spread leave all of it
+    far = [Measured(value, value - 1e-6, value + 1e-6) for value in (1.0, 2.0, 6.0)]
+    spread = spread_of(far)
+    assert spread is not None
+    assert spread.between == pytest.approx(np.std([1.0, 2.0, 6.0], ddof=1), rel=1e-6)
+    assert spread_of([]) is None
+    single = spread_of([Measured(1.0)])
+    assert single is not None
+    assert (single.deviation, single.between) == (None, None)
+
+
+def test_the_moment_estimate_finds_the_spread_of_drawn_subjects() -> None:
+    random = np.random.default_rng(1)
+    true = random.normal(10.0, 2.0, 4000)
+    error = random.uniform(0.5, 3.0, 4000)
+    values = true + random.normal(size=4000) * error
+    found = [
+        Measured(v, v - 1.96 * s, v + 1.96 * s)
+        for v, s in zip(values.tolist(), error.tolist(), strict=True)
+    ]
+    spread = spread_of(found)
+    assert spread is not None
+    # 4000 subjects tell a standard deviation of 2 to about 2 %; three of these
+    assert spread.between == pytest.approx(2.0, rel=0.06)
+    assert spread.deviation is not None
+    assert spread.deviation > 2.5
+
+
+def test_a_change_without_intervals_has_none() -> None:
+    assert change(Measured(3.0), Measured(1.0, 0.5, 1.5)) == Measured(2.0)
+    assert stated({'value': 1.0, 'lower': None, 'upper': None}) == '1'
+    assert stated(None) == 'not known'
+
+
+def page(rows: list[dict[str, Any]], one_person: bool = False) -> str:
+    return as_group_page(group_document(rows, HOSTILE, one_person), Path('out/study'))
+
+
+@pytest.mark.parametrize('one_person', [False, True])
+def test_hostile_names_stay_text(one_person: bool) -> None:
+    rows = [
+        row(1, recording=f'a/{HOSTILE}', reasons=HOSTILE),
+        row(2, recording='javascript:alert(1)'),
+    ]
+    text = page(rows, one_person)
+    assert 'alert(1)</script>' not in text.replace('\\u003c/script\\u003e', '')
+    assert text.count('<script') == 1
+    assert 'href="javascript' not in text
+    assert embedded(text, 'group')['title'] == HOSTILE
+
+
+@pytest.mark.parametrize('count', [0, 1, 200])
+@pytest.mark.parametrize('one_person', [False, True])
+def test_any_number_of_recordings_is_a_page_below_the_limit(count: int, one_person: bool) -> None:
+    text = page([row(number) for number in range(count)], one_person)
+    assert len(text.encode()) < 1.5e6
+    assert text.count('class="grade good"') == count
+    assert re.findall(r'(?:src|href)="(?!data:|#|\./)', text) == []
+
+
+def test_a_browser_shows_it_on_a_phone(beside: Callable[[str], Any], tmp_path: Path) -> None:
+    (tmp_path / 'index.html').write_text(page([row(1), row(2)], one_person=True))
+    with beside('devtools').Browser(tmp_path / 'profile') as browser:
+        for dark in (False, True):
+            browser.screen(390, dark=dark)
+            browser.open(f'file://{tmp_path}/index.html')
+            assert browser.complaints() == []
+            # tables scroll in themselves, the page does not
+            assert browser.evaluate('document.documentElement.scrollWidth <= innerWidth')
+            assert browser.evaluate('document.images[0].naturalWidth > 0')
+            assert browser.evaluate('document.images[0].alt.length > 20')
+        asked = [one for one in browser.requested() if not one.startswith(('file:', 'data:'))]
+        assert asked == []
+        assert browser.evaluate('document.querySelectorAll("details[open]").length') == 0
+        browser.evaluate('document.querySelector("a[href=\\"#r2\\"]").click()')
+        browser.wait_for('document.querySelectorAll("details[open]").length === 1')
+
+
+def test_links_are_relative_to_the_page(tmp_path: Path) -> None:
+    assert link(str(tmp_path / 'a b'), tmp_path / 'study') == './../a%20b'
+
+
+def test_rows_without_any_number() -> None:
+    none = dict.fromkeys(name for name in row(1) if name.startswith(('u_', 'steady', 'twitch')))
+    for one_person in (False, True):
+        text = page([{**row(1), **none}], one_person)
+        assert 'in no recording' in text
+
+
+def test_intervals_are_scaled_with_their_numbers() -> None:
+    document = group_document([row(1)], 'Ada', one_person=False)
+    found = document['recordings'][0]['measured']['u_thr']
+    assert found == pytest.approx({'value': 40.0, 'lower': 39.0, 'upper': 41.0})
+    assert replace(Measured(**found), value=1.0).half_width == pytest.approx(1.0)
