@@ -108,7 +108,9 @@ class Identification:
                 ends = (value / factor, value * factor)
             found[name] = Parameter(value, *ends, '1', flags.get(name, ''))
         for name, stated in (self.result.physiology or {}).items():
-            found[name] = Parameter(stated.value, stated.lower, stated.upper, _unit(name))
+            found[name] = Parameter(
+                stated.value, stated.lower, stated.upper, _unit(name, self.result.unit)
+            )
         return found
 
     def force_at(self, intensity: float) -> Stated:
@@ -247,6 +249,6 @@ class Identification:
         return dict(self.result.faults)
 
 
-def _unit(name: str) -> str:
+def _unit(name: str, force: str) -> str:
     """Return the unit in which a number of the response is given; its name ends with it."""
-    return {'s': 's', 'n': 'N'}.get(name.rpartition('_')[2], '1')
+    return {'s': 's', 'n': force}.get(name.rpartition('_')[2], '1')

@@ -44,6 +44,7 @@ def load(
     force_topic: str = 'force',
     axis: str | Sequence[float] = 'z',
     sign: int = 1,
+    quantity: str = 'force',
 ) -> Session:
     """Return the session that a file or folder holds.
 
@@ -81,6 +82,8 @@ def load(
         direction.  Recordings only.
     sign : int
         -1 where the sensor shows the muscle's pull as negative, else 1.
+    quantity : str
+        What of a recorded wrench is read: ``force``, or ``torque``; then all forces are in N m.
 
     Returns
     -------
@@ -145,7 +148,7 @@ def load(
             f'{place}'
         )
     topics = Topics(pulses_topic, force_topic)
-    recording = read_recording(place, topics, axis, sign)
+    recording = read_recording(place, topics, axis, sign, quantity=quantity)
     name = (place.resolve() if place.is_dir() else place).stem
     return Session(name=name, recording=recording, topics=topics)
 

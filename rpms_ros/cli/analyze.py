@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
@@ -70,6 +71,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         help='the recordings are parts of one session: put them one after another in time',
     )
     add_reading_options(parser)
+    add_quantity_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -82,7 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
     sessions = [(recording.pulses, recording.forces) for recording in recordings]
     if arguments.together:
         sessions, names = [_joined(sessions)], [f'{names[0]} to {names[-1]}']
-    analyses = [_analyzed(pulses, forces, arguments) for pulses, forces in sessions]
+    unit = recordings[0].unit
+    analyses = [
+        replace(_analyzed(pulses, forces, arguments), unit=unit) for pulses, forces in sessions
+    ]
     documents = [analysis_document(analysis) for analysis in analyses]
     if arguments.json:
         print(json.dumps(documents if len(documents) > 1 else documents[0], allow_nan=False))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.cli.options import COMPILING
 from rpms_ros.cli.options import INCOMPLETE
 from rpms_ros.cli.options import SUCCESS
@@ -13,6 +14,7 @@ from rpms_ros.cli.options import UNUSABLE
 from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
@@ -65,6 +67,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
     add_reading_options(parser)
+    add_quantity_option(parser)
     add_estimator_options(parser)
     _add_state_options(parser)
     add_verdict_option(parser)
@@ -178,7 +181,7 @@ def as_text(document: dict[str, Any]) -> str:
     # What must not be used is not there to be copied.
     if verdict['grade'] != 'no':
         rows += _found(document)
-    rows.append(('output error', _output_error(document)))
+    rows.append(('prediction error', _output_error(document)))
     faults = (f'{name} {count}' for name, count in document['faults'].items())
     rows.append(('faults', ', '.join(faults) or 'none'))
     rows.append(('verdict', f'{verdict["grade"]}: {"; ".join(verdict["reasons"])}'))
@@ -188,21 +191,23 @@ def as_text(document: dict[str, Any]) -> str:
 def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the rows of what was identified; nothing that the data do not tell."""
     rows = []
+    unit = document['unit']
+    what = QUANTITIES[unit]
     if document['curve']:
         known = {name: one for name, one in document['recruitment'].items() if one is not None}
         shown = '  '.join(f'{name} {value:.4g}' for name, value in known.items())
         rows.append(('recruitment', shown or 'no parameter is determined by the data'))
         rows += [
             (
-                '' if index else f'steady force at {document["rate_hz"]:g} Hz',
-                f'{_at(document["curve"], share)} at intensity {share:g}',
+                '' if index else f'steady {what} at {document["rate_hz"]:g} Hz',
+                f'{_at(document["curve"], share, unit)} at intensity {share:g}',
             )
             for index, share in enumerate(_CURVE_SHOWN)
         ]
     else:
         rows.append(('recruitment', 'cannot be told from one intensity'))
     if 'dynamics' in document:
-        return rows + _dynamics(document['dynamics'])
+        return rows + _dynamics(document['dynamics'], unit)
     for name, found in document.get('physiology', {}).items():
         interval = f'{found["lower"]:.4g} to {found["upper"]:.4g}'
         rows.append((name, f'{found["value"]:.4g}  ({interval})'))
@@ -212,11 +217,11 @@ def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
     response = document['impulse_response']
     peak = max(response['force'])
     time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
-    rows.append(('one pulse', f'peak {peak:.4g} N after {time_ms:.0f} ms'))
+    rows.append(('one pulse', f'peak {peak:.4g} {unit} after {time_ms:.0f} ms'))
     return rows
 
 
-def _dynamics(found: dict[str, Any]) -> list[tuple[str, str]]:
+def _dynamics(found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
     """Return the rows of trains of one intensity."""
     count, onset = found['trains'], found['onset_s']
     rows = [
@@ -224,10 +229,10 @@ def _dynamics(found: dict[str, Any]) -> list[tuple[str, str]]:
             'trains',
             (
                 f'{count} of {found["pulses"]} pulses at {found["rate_hz"]:.4g} Hz, '
-                f'peak {found["peak_force"]:.4g} N'
+                f'peak {found["peak_force"]:.4g} {unit}'
             ),
         ),
-        ('onset of force', _milliseconds(onset) if onset else 'hidden by noise'),
+        (f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'),
         ('T_a', f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}'),
         ('latency of the model', _milliseconds(found['latency_s'])),
         (
@@ -254,15 +259,21 @@ def _output_error(document: dict[str, Any]) -> str:
     """Return the output error in words."""
     newton, of_range = document['output_error_n'], document['output_error_of_range']
     if newton is None:
-        return 'no usable force'
-    share = 'no force' if of_range is None else f'{100 * of_range:.3g} % of the force range'
-    return f'{newton:.3g} N, {share} (before learning, after settling)'
+        return f'no usable {QUANTITIES[document["unit"]]}'
+    what = QUANTITIES[document['unit']]
+    share = (
+        f'no {what}' if of_range is None else f'{100 * of_range:.3g} % of the range of the {what}'
+    )
+    return (
+        f'{newton:.3g} {document["unit"]}, {share} (root mean square after settling, each sample '
+        'predicted before it was learnt)'
+    )
 
 
-def _at(curve: dict[str, list[float]], share: float) -> str:
+def _at(curve: dict[str, list[float]], share: float, unit: str) -> str:
     """Return the force at an intensity, with its interval if there is one."""
     place = round(share * (len(curve['force']) - 1))
-    force = f'{curve["force"][place]:.4g} N'
+    force = f'{curve["force"][place]:.4g} {unit}'
     if 'lower' not in curve:
         return force
     return f'{force} ({curve["lower"][place]:.4g} to {curve["upper"][place]:.4g})'

@@ -125,6 +125,18 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_quantity_option(parser: argparse.ArgumentParser) -> None:
+    """Add what the sensor measures."""
+    add_option(
+        parser,
+        '--quantity',
+        'force',
+        'what the sensor measures; of an isometric dynamometer the torque of the wrench is read '
+        'instead of its force, and everything is in N m',
+        choices=('force', 'torque'),
+    )
+
+
 def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
     """Return a recording as the options say."""
     from rpms_ros.recording import read_recording
@@ -137,6 +149,7 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
             arguments.sign,
             advance,
             arguments.max_memory,
+            getattr(arguments, 'quantity', 'force'),
         )
 
 

@@ -15,6 +15,7 @@ from rpms_ros.cli.options import COMPILING
 from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
@@ -66,6 +67,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         help='an item of the reporting checklist that the recording does not know',
     )
     add_reading_options(parser)
+    add_quantity_option(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
 

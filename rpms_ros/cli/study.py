@@ -7,6 +7,7 @@ from pathlib import Path
 from rpms_ros.cli.identify import add_estimator_options
 from rpms_ros.cli.identify import add_verdict_option
 from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import warn
@@ -56,6 +57,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         help='of a Dask cluster, whose workers see the recordings under the same names',
     )
     add_reading_options(parser)
+    add_quantity_option(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
 
@@ -77,6 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         force_topic=arguments.force_topic,
         axis=arguments.axis,
         sign=arguments.sign,
+        quantity=arguments.quantity,
         max_memory=arguments.max_memory,
         expected_force=arguments.expected_force,
         reports=str(arguments.out / 'reports') if arguments.reports else None,

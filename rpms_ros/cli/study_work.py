@@ -58,6 +58,8 @@ class StudyOptions(IdentificationOptions):
         Axis of the force.
     sign : int
         1 or -1.
+    quantity : str
+        ``force`` or ``torque``: then every force of the table is in N m.
     max_memory : int or None
         What reading may take [bytes]; None for the default.
     expected_force : float
@@ -70,6 +72,7 @@ class StudyOptions(IdentificationOptions):
     force_topic: str = 'force'
     axis: str = 'z'
     sign: int = 1
+    quantity: str = 'force'
     max_memory: int | None = None
     expected_force: float = 200.0
     reports: str | None = None
@@ -87,7 +90,7 @@ def columns() -> dict[str, type]:
         numbers += [name, f'{name}_lower', f'{name}_upper']
     texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str}
     texts |= {'verdict': str, 'reasons': str, 'estimator': str}
-    texts |= {'train_model': str, 'session_hash': str, 'report': str}
+    texts |= {'train_model': str, 'unit': str, 'session_hash': str, 'report': str}
     counts: dict[str, type] = {'samples': int, 'pulses': int, 'start_ns': int}
     return texts | counts | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
 
@@ -97,7 +100,12 @@ def work(path: str, options: StudyOptions) -> Row:
     try:
         topics = Topics(options.pulses_topic, options.force_topic)
         recording = read_recording(
-            path, topics, options.axis, options.sign, memory=options.max_memory
+            path,
+            topics,
+            options.axis,
+            options.sign,
+            memory=options.max_memory,
+            quantity=options.quantity,
         )
         session = identified(recording, options, most_estimates=None if options.reports else 1)
         settings = VerdictSettings(expected_force=options.expected_force)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import verdict_of_data
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
@@ -156,7 +157,8 @@ def verdict_of(
         What trains of one intensity told: then this is the result that is judged.
     """
     settings = settings or VerdictSettings()
-    reasons = list(verdict_of_data.reasons(pulses, forces, settings.expected_force))
+    unit = session.last.unit
+    reasons = list(verdict_of_data.reasons(pulses, forces, settings.expected_force, unit))
     if any(grade == NO for grade, _ in reasons):
         return of_reasons(reasons, '')
     if dynamics is not None and not session.last.curve_known:
@@ -170,8 +172,9 @@ def verdict_of(
     reasons += _of_the_fit(session, pulses, part, found, settings)
     reasons += _of_the_estimator(session, pulses, settings)
     praise = (
-        f'the identified muscle explains {100 * found.explained:.3g} % of the force, its error is '
-        f'{found.error:.2g} N, {100 * found.error / span:.2g} % of the range'
+        f'the identified muscle explains {100 * found.explained:.3g} % of the '
+        f'{QUANTITIES[unit]}, its error is {found.error:.2g} {unit}, '
+        f'{100 * found.error / span:.2g} % of the range'
     )
     return of_reasons(reasons, praise)
 
@@ -226,22 +229,25 @@ def _of_the_estimate(
         why = 'sign or axis of the sensor is wrong (--sign, --axis)'
         if found.explained < settings.least_explained:
             why = 'the estimator has not converged'
-        yield NO, f'the force comes out negative, {worst:.3g} N: {why}'
+        yield NO, f'the force comes out negative, {worst:.3g} {last.unit}: {why}'
         return
-    yield from _of_the_explanation(found, span, settings)
+    yield from _of_the_explanation(found, span, settings, last.unit)
     swing = -float(response.min()) / extreme
     if swing > settings.deepest_swing:
         grade = NO if swing > settings.worst_swing else DOUBTFUL
         yield (
             grade,
-            f'the response to a pulse swings to {response.min():.3g} N: a muscle only pulls',
+            (
+                f'the response to a pulse swings to {response.min():.3g} {last.unit}: a muscle '
+                'only pulls'
+            ),
         )
     if len(last.curve_lower) and not last.curve_lower[-1] > 0.0:
         yield NO, 'the force at full intensity cannot be told from nothing'
 
 
 def _of_the_explanation(
-    found: Restated, span: float, settings: VerdictSettings
+    found: Restated, span: float, settings: VerdictSettings, unit: str
 ) -> Iterator[Reason]:
     """Yield a reason if the stated force misses too much of the measured one."""
     missed = max(found.error**2 - found.noise**2, 0.0) ** 0.5
@@ -253,8 +259,8 @@ def _of_the_explanation(
         return
     share = 100 * max(found.explained, 0.0)
     text = (
-        f'the identified muscle explains {share:.2g} % of the force, its '
-        f'error is {missed:.2g} N, {100 * missed / span:.2g} % of the range'
+        f'the identified muscle explains {share:.2g} % of the {QUANTITIES[unit]}, its '
+        f'error is {missed:.2g} {unit}, {100 * missed / span:.2g} % of the range'
     )
     if 0.0 < found.gain < 0.8 or found.gain > 1.25:
         text += f'; its force would fit best {found.gain:.2g} times as large'
@@ -279,7 +285,8 @@ def _of_the_fit(
         yield (
             DOUBTFUL,
             (
-                f'the residual is not white: {slow:.2g} N of it, {100 * slow / span:.2g} % of the '
+                f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
+                f'{100 * slow / span:.2g} % of the '
                 'range of the force, is no noise of the sensor'
             ),
         )
@@ -288,7 +295,7 @@ def _of_the_fit(
     if drift > settings.largest_drift * span:
         yield (
             DOUBTFUL,
-            f'the baseline drifts by {60 * found.slope:.2g} N a minute',
+            f'the baseline drifts by {60 * found.slope:.2g} {session.last.unit} a minute',
         )
     foretold = _foretold(session, pulses)
     if foretold is not None:
@@ -355,5 +362,8 @@ def _of_the_estimator(
         if 0.5 * (upper - lower) > settings.widest_interval * abs(force):
             yield (
                 DOUBTFUL,
-                f'the force at intensity {top:.2g} is known only as {lower:.3g} to {upper:.3g} N',
+                (
+                    f'the force at intensity {top:.2g} is known only as {lower:.3g} to '
+                    f'{upper:.3g} {last.unit}'
+                ),
             )

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
@@ -18,7 +19,7 @@ _MOST_PULSES_HZ = 200.0
 
 
 def reasons(
-    pulses: PulseTrain, forces: ForceTrace, expected_force: float
+    pulses: PulseTrain, forces: ForceTrace, expected_force: float, unit: str = 'N'
 ) -> Iterator[tuple[str, str]]:
     """Yield grade and sentence for everything that cannot be what was measured.
 
@@ -28,6 +29,8 @@ def reasons(
         The recording.
     expected_force : float
         Largest force that the muscle can have [N].
+    unit : str
+        Of the force: ``N``, or ``N m`` of a torque.
     """
     force = forces.force[np.isfinite(forces.force)]
     if not np.any(pulses.intensity > 0.0) and not np.isnan(pulses.intensity).any():
@@ -42,9 +45,9 @@ def reasons(
         yield (
             'doubtful',
             (
-                f'the force spans {span:.4g} N, more than the {expected_force:g} N that are '
-                'expected: are these grams or millinewtons, or has this muscle a higher '
-                '--expected-force?'
+                f'the {QUANTITIES[unit]} spans {span:.4g} {unit}, more than the '
+                f'{expected_force:g} {unit} that are expected: are these grams or millinewtons, or '
+                'has this muscle a higher --expected-force?'
             ),
         )
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
@@ -20,8 +22,8 @@ from rpms_ros.recording.scan import Scan
 from rpms_ros.recording.scan import TopicFacts
 from rpms_ros.recording.schedules import RecordedSchedule
 from rpms_ros.recording.schedules import ScheduleReading
-from rpms_ros.recording.topic_reading import FORCE_TYPES
 from rpms_ros.recording.topic_reading import PULSE_TYPES
+from rpms_ros.recording.topic_reading import SENSOR_TYPES
 from rpms_ros.recording.topic_reading import TopicReading
 from rpms_ros.recording.topic_reading import TopicValues
 
@@ -95,6 +97,8 @@ class Recording:
         How many samples had been received when each pulse was.
     facts : RecordingFacts
         Everything else.
+    quantity : str
+        What the sensor measured: ``force`` [N], or ``torque``, then the forces are in N m.
     """
 
     pulses: PulseTrain
@@ -103,6 +107,12 @@ class Recording:
     force_received_ns: IntArray
     samples_before_pulse: IntArray
     facts: RecordingFacts
+    quantity: str = FORCE
+
+    @property
+    def unit(self) -> str:
+        """Unit of the forces: ``N`` or ``N m``."""
+        return UNITS[self.quantity]
 
 
 def read_facts(
@@ -129,6 +139,7 @@ def read_recording(
     sign: int = 1,
     progress: Progress | None = None,
     memory: int | None = None,
+    quantity: str = FORCE,
 ) -> Recording:
     """Return pulses and forces of a recording.
 
@@ -147,6 +158,8 @@ def read_recording(
     memory : int, optional
         What reading may take [bytes]; 1 GB and four times the size of the recording if it is not
         given.
+    quantity : str
+        What of a wrench is read: ``force``, or ``torque``, as an isometric dynamometer measures.
 
     Raises
     ------
@@ -157,10 +170,13 @@ def read_recording(
     direction = direction_of(axis)
     if sign not in (1, -1):
         raise RecordingError(f'expected sign 1 or -1, got {sign}')
+    if quantity not in SENSOR_TYPES:
+        raise RecordingError(f'expected a quantity of {", ".join(SENSOR_TYPES)}, got {quantity}')
+    types = SENSOR_TYPES[quantity]
     scan = Scan(Path(path), memory)
     pulses = TopicReading(topics.pulses, PULSE_TYPES)
     force = TopicReading(
-        topics.force, {kind: fields.along(direction) for kind, fields in FORCE_TYPES.items()}
+        topics.force, {kind: fields.along(direction) for kind, fields in types.items()}
     )
     schedules = ScheduleReading(scan.findings, scan.budget)
     for channel, records in scan.blocks(progress):
@@ -171,7 +187,7 @@ def read_recording(
     pulse_values, force_values = pulses.values(scan), force.values(scan)
     return Recording(
         _pulse_train(pulse_values),
-        _force_trace(force_values, direction, sign),
+        _force_trace(force_values, direction, sign, types[force_values.type_name].values),
         pulse_values.received_ns,
         force_values.received_ns,
         _samples_before_pulse(pulse_values, force_values),
@@ -180,6 +196,7 @@ def read_recording(
             schedules,
             {'pulses': pulse_values.frame_ids, 'force': force_values.frame_ids},
         ),
+        quantity,
     )
 
 
@@ -235,8 +252,9 @@ def _pulse_train(values: TopicValues) -> PulseTrain:
     )
 
 
-def _force_trace(values: TopicValues, direction: FloatArray, sign: int) -> ForceTrace:
-    fields = FORCE_TYPES[values.type_name].values
+def _force_trace(
+    values: TopicValues, direction: FloatArray, sign: int, fields: tuple[str, ...]
+) -> ForceTrace:
     # Components across the axis were not read.
     nothing = np.empty(0)
     components = [np.asarray(values.number.get(path, nothing), np.float64) for path in fields]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -55,11 +56,15 @@ class Fields:
 
 
 PULSE_TYPES = {PULSE: Fields(('sequence', 'intensity', 'width'), stamped=True)}
-FORCE_TYPES = {
-    WRENCH_STAMPED: Fields(tuple(f'wrench.force.{name}' for name in 'xyz'), stamped=True),
-    WRENCH: Fields(tuple(f'force.{name}' for name in 'xyz'), stamped=False),
-    FLOAT64: Fields(('data',), stamped=False),
+SENSOR_TYPES = {
+    quantity: {
+        WRENCH_STAMPED: Fields(tuple(f'wrench.{quantity}.{name}' for name in 'xyz'), stamped=True),
+        WRENCH: Fields(tuple(f'{quantity}.{name}' for name in 'xyz'), stamped=False),
+        FLOAT64: Fields(('data',), stamped=False),
+    }
+    for quantity in UNITS
 }
+"""What is read out of the messages of a sensor, by what it measures."""
 
 
 @dataclass(frozen=True)

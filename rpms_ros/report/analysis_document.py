@@ -19,7 +19,7 @@ def analysis_document(analysis: MuscleAnalysis) -> Document:
     clocks = analysis.artifacts
     document: Document = plain(
         {
-            **_fields(analysis, 'contents pulses samples sample_rate_hz noise'),
+            **_fields(analysis, 'contents pulses samples sample_rate_hz noise unit'),
             'clocks': clocks
             and {
                 'artifacts_found': clocks.found,

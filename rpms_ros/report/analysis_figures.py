@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification.analysis import FieldAnalysis
 from rpms_ros.identification.analysis import MuscleAnalysis
@@ -26,6 +27,7 @@ MEASURED = '#b0b0b0'
 COLOURS = ('#0b4f7d', '#c65d00', '#3f7f2c', '#7b4fa3', '#a8234a', '#5f5f5f')
 MARKERS = ('o', 's', '^', 'D', 'v', 'P')
 DASHES = ('-', '--', ':', '-.', (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
+_FORCE = 'force [N]'
 MOST_TRAINS = 24
 """More panels than this cannot be read on one page."""
 
@@ -47,14 +49,17 @@ def draw_analysis(folder: Path, analysis: MuscleAnalysis, title: str = '') -> tu
     ReportError
         If a file cannot be written.
     """
-    drawn = []
+    figures = {}
     if analysis.twitches:
-        drawn.append(_save(folder / 'twitches.png', draw_twitches(analysis.twitches, title)))
+        figures['twitches'] = draw_twitches(analysis.twitches, title)
     if analysis.summation:
-        drawn.append(_save(folder / 'trains.png', draw_trains(analysis.summation, title)))
+        figures['trains'] = draw_trains(analysis.summation, title)
     if analysis.recruitment:
-        drawn.append(_save(folder / 'recruitment.png', draw_field(analysis.recruitment, title)))
-    return tuple(drawn)
+        figures['recruitment'] = draw_field(analysis.recruitment, title)
+    for axes in (axes for figure in figures.values() for axes in figure.axes):
+        if axes.get_ylabel() == _FORCE:
+            axes.set_ylabel(f'{QUANTITIES[analysis.unit]} [{analysis.unit}]')
+    return tuple(_save(folder / f'{name}.png', figure) for name, figure in figures.items())
 
 
 def draw_twitches(found: TwitchAnalysis, title: str = '') -> Figure:
@@ -107,7 +112,7 @@ def _draw_example(axes: Axes, found: TwitchAnalysis) -> None:
             lw=1.2,
             label=f'order {order}',
         )
-    axes.set(xlabel='time after the pulse [ms]', ylabel='force [N]')
+    axes.set(xlabel='time after the pulse [ms]', ylabel=_FORCE)
     axes.legend(fontsize=8)
 
 
@@ -216,7 +221,7 @@ def _draw_train(axes: Axes, train: TrainAnalysis) -> None:
     end = response.onset[-1] + train.equal.latency + 12.0 * train.equal.time_constant
     axes.set_xlim(response.lag[0], min(end, response.lag[-1]))
     axes.locator_params(axis='x', nbins=5)
-    axes.set(xlabel='time [s]', ylabel='force [N]')
+    axes.set(xlabel='time [s]', ylabel=_FORCE)
 
 
 def _name(train: TrainAnalysis) -> str:

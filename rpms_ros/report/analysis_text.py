@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from collections.abc import Sequence
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification.analysis import FieldAnalysis
 from rpms_ros.identification.analysis import MuscleAnalysis
 from rpms_ros.identification.analysis import SummationAnalysis
@@ -91,11 +92,11 @@ def _train_columns(analysis: MuscleAnalysis) -> Columns:
 def _field_columns(analysis: MuscleAnalysis) -> Columns:
     if (found := analysis.recruitment) is None:
         return {}
-    values = dict(found.parameters)
+    values, what = dict(found.parameters), QUANTITIES[analysis.unit]
     return {
         'levels': str(len(found.points)),
         'known to': f'{found.worst_interval:.2%}',
-        'force at 100 %, 20 Hz [N]': f'{found.maximum_force.value:.4g}',
+        f'{what} at 100 %, 20 Hz [{analysis.unit}]': f'{found.maximum_force.value:.4g}',
         'threshold': f'{values["threshold"].value:.1%}',
         'saturation': f'{values["saturation"].value:.1%}',
     }
@@ -108,10 +109,10 @@ def _rows(analysis: MuscleAnalysis) -> list[Row]:
     rows = [
         ('recording', contents or 'no pulses'),
         (
-            'force',
+            QUANTITIES[analysis.unit],
             (
                 f'{analysis.samples} samples at {analysis.sample_rate_hz:.0f} Hz, '
-                f'noise {analysis.noise:.3g} N'
+                f'noise {analysis.noise:.3g} {analysis.unit}'
             ),
         ),
     ]
@@ -125,7 +126,7 @@ def _rows(analysis: MuscleAnalysis) -> list[Row]:
     if analysis.summation:
         rows += _train_rows(analysis.summation)
     if analysis.recruitment:
-        rows += _field_rows(analysis.recruitment)
+        rows += _field_rows(analysis.recruitment, analysis.unit)
     return rows
 
 
@@ -212,7 +213,7 @@ def _onset(found: SummationAnalysis) -> str:
     return f'{low} ms' if low == high else f'{low} to {high} ms'
 
 
-def _field_rows(found: FieldAnalysis) -> list[Row]:
+def _field_rows(found: FieldAnalysis, unit: str) -> list[Row]:
     rows = [
         (
             'recruitment',
@@ -221,7 +222,10 @@ def _field_rows(found: FieldAnalysis) -> list[Row]:
                 f'of its maximum, {found.shape_difference:.2%} from a monotone fit'
             ),
         ),
-        ('force at 100 %, 20 Hz', _interval(found.maximum_force, lambda x: f'{x:.4g} N')),
+        (
+            f'{QUANTITIES[unit]} at 100 %, 20 Hz',
+            _interval(found.maximum_force, lambda x: f'{x:.4g} {unit}'),
+        ),
     ]
     shown: dict[str, Callable[[float], str]] = {
         'threshold': lambda x: f'{x:.1%}',

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -96,7 +97,7 @@ def identified(
     settings = StreamSettings(estimate_period=_period(recording, most_estimates))
     # Only what could have run on line has to leave out the pulses that came too late for it.
     arrival = recording.samples_before_pulse if estimator.on_line else None
-    return identify(
+    session = identify(
         estimator,
         recording.pulses,
         recording.forces,
@@ -105,6 +106,10 @@ def identified(
         arrival,
         save_state=options.save_state,
     )
+    if recording.unit == session.last.unit:
+        return session
+    # as the node does
+    return replace(session, estimates=[replace(o, unit=recording.unit) for o in session.estimates])
 
 
 def compile_estimator(options: IdentificationOptions) -> None:

@@ -79,6 +79,7 @@ class IdentificationResult:
         'what a driver was about to run, as far as the recording has it'
     )
     estimator: str = documented('name of the algorithm')
+    unit: str = documented('of every force: N, or N m where the sensor measured a torque')
     samples: int = documented('force samples that were processed')
     pulses: int = documented('pulses that were used')
     duration_s: float = documented('from the first to the last force sample [s]')
@@ -144,6 +145,7 @@ def result_of(
         session_hash=session_hash(recording),
         schedules=list(recording.facts.schedules),
         estimator=last.estimator,
+        unit=last.unit,
         samples=len(session.stamp_ns),
         pulses=last.pulses,
         duration_s=float(stamps.max() - stamps.min()) / NANOSECONDS_PER_SECOND,

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.report.course import Change
 from rpms_ros.report.course import Course
 from rpms_ros.report.course import Path
@@ -29,6 +30,11 @@ def steadiness(course: Course) -> str:
     if sudden or slow:
         return ' '.join([*sudden, *slow])
     return _same(course)
+
+
+def _what(course: Course) -> str:
+    """Return force or torque."""
+    return QUANTITIES[course.estimates[-1].unit]
 
 
 def _not_told(course: Course) -> str:
@@ -71,7 +77,7 @@ def _slow(course: Course, start: float, end: float) -> str:
     if not force and not slower:
         return ''
     when = _between(course, inside)
-    told = [f'the force at full intensity {force}'] if force else []
+    told = [f'the {_what(course)} at full intensity {force}'] if force else []
     told += [f'the twitch {slower}'] if slower else []
     text = ' and '.join(told)
     return f'{text[0].upper()}{text[1:]} {when}.'
@@ -119,17 +125,17 @@ def _told(change: Change, course: Course) -> str:
     at = f'at {change.time_s:.1f} s'
     force = _step(course.force, course, change)
     if change.kind == 'baseline':
-        return f'The force at rest jumped {at}, which is not the muscle.'
+        return f'The {_what(course)} at rest jumped {at}, which is not the muscle.'
     begin = {
         'thresholds': f'The coil probably moved {at}',
-        'gain': f'The force of all intensities changed {at}',
+        'gain': f'The {_what(course)} of all intensities changed {at}',
         'dynamics': f'The response to a pulse changed its shape {at}',
     }.get(change.kind, f'Something changed {at}')
     parts = []
     if change.kind == 'thresholds' and (moved := _moved(course, change)):
         parts.append(moved)
     if force:
-        parts.append(f'the force at full intensity {force}')
+        parts.append(f'the {_what(course)} at full intensity {force}')
     return f'{begin}: {", ".join(parts)}.' if parts else f'{begin}.'
 
 

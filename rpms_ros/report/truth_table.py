@@ -4,6 +4,7 @@ import textwrap
 
 import numpy as np
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.report.course import course_of
 from rpms_ros.report.known_muscle import KnownMuscle
@@ -30,13 +31,13 @@ def truth_table(session: IdentifiedSession, truth: KnownMuscle) -> str:
     response = truth.response(time, last.stamp_ns)
     if response is not None:
         for label, one, found in (
-            ('peak of one twitch / N', response.max(), last.response_force.max()),
+            (f'peak of one twitch / {last.unit}', response.max(), last.response_force.max()),
             ('at / ms', 1e3 * time[response.argmax()], 1e3 * time[last.response_force.argmax()]),
         ):
             rows.append((label, _number(float(one)), _number(float(found))))
     if truth.comparable(last):
         steady = float(truth.full_force(now)[0])
-        rate = f'steady force at {last.repetition_rate:g} Hz / N'
+        rate = f'steady {QUANTITIES[last.unit]} at {last.repetition_rate:g} Hz / {last.unit}'
         rows.append((rate, _number(steady), _number(float(last.curve_force[-1]))))
     rows.append(('worst error of the curve', '', f'{100 * truth.error(last):.2f} %'))
     judged = truth.judged(course_of(session))
@@ -44,7 +45,7 @@ def truth_table(session: IdentifiedSession, truth: KnownMuscle) -> str:
         label = f'worst from {judged.since_s:.0f} s on, at {judged.worst_at_s:.0f} s'
         rows.append((label, '', f'{100 * judged.worst_error:.2f} %'))
     error = session.output_error
-    rows.append(('output error after settling / N', '', _number(error.newton)))
+    rows.append((f'output error after settling / {last.unit}', '', _number(error.newton)))
     rows.append(('share of the force range', '', f'{100 * error.of_range:.2f} %'))
     return textwrap.indent(table(rows[0], rows[1:]), '  ')
 

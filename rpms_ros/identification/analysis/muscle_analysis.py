@@ -36,6 +36,8 @@ class MuscleAnalysis:
         From the steady forces.
     findings : tuple of str
         What was odd, what could not be done and why; a sentence each.
+    unit : str
+        Of every force: ``N``, or ``N m`` where the sensor measured a torque.
     """
 
     contents: Mapping[str, int]
@@ -49,3 +51,4 @@ class MuscleAnalysis:
     steady: tuple[SteadyPoint, ...]
     recruitment: FieldAnalysis | None
     findings: tuple[str, ...]
+    unit: str = 'N'

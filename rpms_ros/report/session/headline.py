@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.pulses import FloatArray
@@ -193,24 +194,27 @@ def _compared(
         curve, rate = before['curve'], float(before['rate_hz'])
         if curve is None or not forces:
             return ['There is no curve in both sessions to compare.']
-        told = [_difference(force, curve) for force in forces]
+        told = [_difference(force, curve, result.unit) for force in forces]
     except (KeyError, TypeError, ValueError) as error:
         raise ReportError(
             f'expected what `rpms identify --json` or `rpms report --json` prints, got {error!r}'
         ) from error
+    if before.get('unit', 'N') != result.unit:
+        return ['One session measured a force, the other a torque: they cannot be compared.']
     if rate != result.rate_hz:
         told.append(f'The earlier curve is stated for {rate:g} Hz, this one for another rate.')
     return told
 
 
-def _difference(now: StatedForce, curve: Mapping[str, Any]) -> str:
+def _difference(now: StatedForce, curve: Mapping[str, Any], unit: str) -> str:
+    what = QUANTITIES[unit].capitalize()
     intensity = np.asarray(curve['intensity'], dtype=np.float64)
     before = at_intensity(now.intensity, intensity, np.asarray(curve['force'], dtype=np.float64))
     text = (
-        f'Force at {100 * now.intensity:g} % intensity: {now.force:.3g} N, {before:.3g} N last '
-        f'time ({100 * (now.force / before - 1.0):+.3g} %)'
+        f'{what} at {100 * now.intensity:g} % intensity: {now.force:.3g} {unit}, {before:.3g} '
+        f'{unit} last time ({100 * (now.force / before - 1.0):+.3g} %)'
         if before
-        else f'Force at {100 * now.intensity:g} % intensity: {now.force:.3g} N, none last time'
+        else f'{what} at {100 * now.intensity:g} % intensity: {now.force:.3g} {unit}, none before'
     )
     if 'lower' in curve and now.lower is not None and now.upper is not None:
         low, high = (

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros import __version__
+from rpms_ros.axis import QUANTITIES
 
 if TYPE_CHECKING:
     from rpms_ros.report.session.analysis import SessionAnalysis
@@ -36,11 +37,12 @@ def _version(name: str) -> str:
 
 def _sentence(analysis: 'SessionAnalysis') -> str:
     result, dose = analysis.result, analysis.dose
+    what = QUANTITIES[result.unit]
     parts = [
         (
             f'Recruitment and impulse response were identified with rpms_ros {__version__} '
             f'(estimator {result.estimator}) from {result.pulses} pulses and '
-            f'{result.samples} samples of isometric force over {result.duration_s:.4g} s'
+            f'{result.samples} samples of isometric {what} over {result.duration_s:.4g} s'
         )
     ]
     if dose.rate_hz and dose.intensity:
@@ -53,7 +55,7 @@ def _sentence(analysis: 'SessionAnalysis') -> str:
     if result.confidence:
         text += f' with intervals of {100 * result.confidence:g} %'
     return (
-        f'{text}. The root mean square of measured minus predicted force was '
-        f'{result.output_error_n:.2g} N ({100 * result.output_error_of_range:.2g} % of the range '
-        'of the force).'
+        f'{text}. The root mean square of measured minus predicted {what} was '
+        f'{result.output_error_n:.2g} {result.unit} ({100 * result.output_error_of_range:.2g} % '
+        f'of the range of the {what}).'
     )

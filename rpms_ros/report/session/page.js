@@ -36,8 +36,8 @@
   element('viewer').hidden = false;
   element('still').hidden = true;
   const plots = {
-    force: plot(0.7, 'force / N', [line('measured', '#a0a0a0', 3), line('modelled', '#000', 1)]),
-    residual: plot(0.4, 'residual / N', [line('measured minus modelled', '#000', 0.8)],
+    force: plot(0.7, `${traces.quantity} / ${traces.unit}`, [line('measured', '#a0a0a0', 3), line('modelled', '#000', 1)]),
+    residual: plot(0.4, `residual / ${traces.unit}`, [line('measured minus modelled', '#000', 0.8)],
       traces.residual_limit),
   };
 

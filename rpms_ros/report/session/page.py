@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.dose import TRAIN_GAP
@@ -84,6 +85,7 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
         start=_start(document['session']['start_ns']),
         traces=force_traces(analysis.session),
         captions=CAPTIONS,
+        what=QUANTITIES[analysis.result.unit],
         force_range=float(np.ptp(analysis.session.force[analysis.session.usable])),
         image=lambda name: f'data:image/svg+xml,{quote(as_svg(name, analysis), safe=_KEPT)}',
         file=lambda name: Markup((_HERE / name).read_text(encoding='utf-8')),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.output_error import settled
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -65,6 +66,8 @@ def force_traces(session: IdentifiedSession) -> dict[str, Any]:
     traces: dict[str, Any] = {
         'end': float(elapsed.max()),
         'residual_limit': _residual_limit(session),
+        'unit': session.last.unit,
+        'quantity': QUANTITIES[session.last.unit],
         'windows': [_window(session, elapsed, window) for window in windows_of(session)],
     }
     if len(elapsed) > MOST_SAMPLES:

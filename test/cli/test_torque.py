@@ -1,0 +1,119 @@
+"""A dynamometer measures a torque: every number of every command is then in N m."""
+
+import csv
+import json
+import re
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+
+from rpms_ros import messages
+from rpms_ros.api import load
+from rpms_ros.cli import main
+from rpms_ros.errors import RecordingError
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import write_recording
+from rpms_ros.recording.definitions import WRENCH_STAMPED
+from rpms_ros.recording.definitions import known_types
+from rpms_ros.recording.writing import FurtherTopic
+
+ARM = 0.25
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten seconds: the force on ``/force``, and its torque about z on ``/dynamometer``."""
+    generator = np.random.default_rng(1)
+    pulses = PulseTrain.regular(generator.uniform(0.0, 1.0, 200), 20.0)
+    muscle = Contraction(simulation_subject(), fixed_rate_hz=20.0)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = np.arange(2500) * 4_000_000
+    force = muscle.force(stamps) + 0.02 * generator.standard_normal(len(stamps))
+    store = known_types()
+    data = [
+        bytes(
+            store.serialize_cdr(
+                messages.force_message(
+                    stamp, ARM * one, messages.AXES['z'], store.types, '', 'torque'
+                ),
+                WRENCH_STAMPED,
+            )
+        )
+        for stamp, one in zip(stamps.tolist(), force.tolist(), strict=True)
+    ]
+    path = tmp_path_factory.mktemp('torque') / 'leg'
+    further = FurtherTopic('/dynamometer', WRENCH_STAMPED, stamps.tolist(), data)
+    write_recording(path, pulses, ForceTrace(stamps, force), further=(further,))
+    return path
+
+
+OPTIONS = ['--force-topic', 'dynamometer', '--quantity', 'torque']
+
+
+def test_a_torque_is_read_where_one_is_asked_for(recording: Path) -> None:
+    force = read_recording(recording)
+    torque = load(recording, force_topic='dynamometer', quantity='torque').recording
+    np.testing.assert_array_equal(torque.forces.force, ARM * force.forces.force)
+    assert (force.unit, torque.unit) == ('N', 'N m')
+    # the wrench of a dynamometer has no force
+    assert not np.any(load(recording, force_topic='dynamometer').force.force)
+    with pytest.raises(RecordingError, match='expected a quantity of force, torque, got power'):
+        read_recording(recording, quantity='power')
+
+
+def test_identify_states_newton_metres(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    documents = []
+    for options in ([], OPTIONS):
+        main(['identify', '--quiet', '--json', str(recording), *options])
+        documents.append(json.loads(capsys.readouterr().out))
+    force, torque = documents
+    assert (force['unit'], torque['unit']) == ('N', 'N m')
+    # scale moves only what is linear; the solver stops at a step, not at the last bit
+    np.testing.assert_allclose(
+        torque['curve']['force'], ARM * np.array(force['curve']['force']), atol=1e-3
+    )
+    main(['identify', '--quiet', str(recording), *OPTIONS])
+    said = capsys.readouterr().out
+    assert 'steady torque at 20 Hz' in said
+    assert re.search(r'at 20 Hz +2\.\d+ N m \(|0\.0\d+ N m', said)
+    assert not re.search(r'\d N[ ,](?!m)', said)
+    assert 'force' not in said
+
+
+def test_the_page_shows_newton_metres(recording: Path, tmp_path: Path) -> None:
+    path = tmp_path / 'page.html'
+    main(['report', '--quiet', str(recording), '--out', str(path), *OPTIONS])
+    page = unquote(path.read_text(encoding='utf-8'))
+    for text in ('Steady torque at 100 % intensity', 'torque / N m', 'residual / N m', ' N m '):
+        assert text in page
+    for text in ('force / N', 'residual / N<'):
+        assert text not in page
+    assert '"quantity": "torque"' in page
+
+
+def test_analyze_shows_newton_metres(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(['analyze', '--quiet', str(recording), *OPTIONS, '--out', str(tmp_path)])
+    said = capsys.readouterr().out
+    assert re.search(r'torque +2500 samples at 250 Hz, noise 0\.0\d+ N m', said)
+    assert json.loads((tmp_path / 'result.json').read_text())['unit'] == 'N m'
+
+
+def test_a_study_reads_the_torque(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / 'study'
+    options = ['--quiet', '--jobs', '1', '--out', str(out), *OPTIONS]
+    assert main(['study', str(recording), *options]) in (0, 1)
+    with (out / 'results.csv').open(newline='') as file:
+        (row,) = csv.DictReader(file)
+    assert row['unit'] == 'N m'
+    # noise of 0.2 % of the range, ten seconds
+    assert float(row['steady_force_100']) == pytest.approx(ARM * 10.0, rel=0.02)
