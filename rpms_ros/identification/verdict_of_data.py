@@ -46,8 +46,8 @@ def reasons(
             'doubtful',
             (
                 f'the {QUANTITIES[unit]} spans {span:.4g} {unit}, more than the '
-                f'{expected_force:g} {unit} that are expected: are these grams or millinewtons, or '
-                'has this muscle a higher --expected-force?'
+                f'{expected_force:g} {unit} that are expected: are these grams or millinewtons, '
+                'or has this muscle a higher --expected-force?'
             ),
         )
 

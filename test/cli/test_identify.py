@@ -30,6 +30,7 @@ KEYS = [
     'session_hash',
     'schedules',
     'estimator',
+    'unit',
     'samples',
     'pulses',
     'duration_s',
