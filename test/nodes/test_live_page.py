@@ -110,6 +110,23 @@ def test_the_stop_stops_a_real_driver_holds_it_and_lets_go(graph, page, driven):
     assert driver.controller.delivered == delivered
 
 
+def test_the_stop_button_in_the_browser_stops_a_real_driver(graph, page, driven, browser):
+    _, driver = driven
+    browser.open(f'{page.server.url}#token={TOKEN}')
+    graph.wait_for(lambda: driver.controller.delivered >= 5, 60.0)
+    graph.wait_for(lambda: browser.text('#state').startswith('running'))
+    browser.evaluate("document.getElementById('stop').click()")
+    graph.wait_for(lambda: browser.text('#state').startswith('stopped'))
+    delivered = driver.controller.delivered
+    graph.wait_for(lambda: 'the driver confirms it' in browser.text('#stopped'))
+    browser.wait_for("!document.getElementById('let-go').hidden")
+    browser.evaluate("document.getElementById('let-go').click()")
+    graph.wait_for(lambda: page.stop._button is None)
+    # let go of here, stopped there
+    assert browser.text('#state').startswith('stopped')
+    assert driver.controller.delivered == delivered
+
+
 def test_a_driver_still_asks_for_a_button(graph, page):
     driver = graph.add(
         StimulatorDriver, require_stop_button=True, require_operator=False, **PATIENT

@@ -1,0 +1,64 @@
+"""`rpms demo --live` as a stranger starts it: a curve in the browser, and nothing to press."""
+
+import signal
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+
+import pytest
+
+RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
+# a machine under load may have to compile first
+PATIENCE = 180.0
+
+
+@pytest.fixture
+def demo(tmp_path):
+    """The demo with its page, and the address that it printed."""
+    with socket.create_server(('127.0.0.1', 0)) as bound:
+        free_port = bound.getsockname()[1]
+    process = subprocess.Popen(
+        [*RPMS, 'demo', '--live', str(free_port), '--out', str(tmp_path / 'demo')],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    said = [process.stdout.readline() for _ in range(2)]
+    yield process, said[1].strip().rpartition(' ')[2]
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+
+
+def answers(url):
+    """Whether somebody serves there."""
+    try:
+        with urllib.request.urlopen(url, timeout=10) as answer:
+            return bool(answer.status == 200)
+    except OSError:
+        return False
+
+
+def test_a_curve_appears_and_the_page_only_shows(demo, beside, wait_for, tmp_path):
+    process, url = demo
+    wait_for(lambda: answers(url), PATIENCE)
+    with beside('devtools').Browser(tmp_path / 'profile') as browser:
+        browser.screen(1100)
+        browser.open(url)
+        running = "document.getElementById('state').textContent.startsWith('running')"
+        browser.wait_for(running, PATIENCE)
+        browser.wait_for("document.getElementById('curve-text').textContent.includes(' N')", 60.0)
+        browser.wait_for('plots.force.modelled.some((value) => value !== null)', 60.0)
+        # the curve is a line on its canvas
+        drawn = browser.evaluate('plots.made.curve.data[3].length')
+        assert drawn > 50
+        assert not browser.evaluate("document.getElementById('read-only').hidden")
+        assert browser.evaluate("document.getElementById('controls').hidden")
+        assert browser.complaints() == []
+    with pytest.raises(urllib.error.HTTPError, match='403'):
+        urllib.request.urlopen(urllib.request.Request(f'{url}stop', method='POST'), timeout=10)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert 'Traceback' not in errors
