@@ -25,6 +25,7 @@ FLAGS = (
     '--disable-dev-shm-usage',
     '--remote-debugging-port=0',
 )
+AXE = Path(__file__).parent / 'axe_core' / 'axe.min.js'
 PATIENCE = 60.0
 
 
@@ -135,6 +136,17 @@ class Browser:
                 windowsVirtualKeyCode=code,
                 text=text if kind == 'keyDown' else '',
             )
+
+    def accessibility_faults(self):
+        """Return what axe-core finds wrong with the page as it is now: rule and first element.
+
+        All rules of axe-core count, those of WCAG 2.2 A and AA and what it calls best practice.
+        What it cannot decide by itself, such as contrast on a picture, is not a finding.
+        """
+        if not self.evaluate('typeof axe !== "undefined"'):
+            self.evaluate(AXE.read_text(encoding='utf-8') + ';1')
+        found = self.evaluate('axe.run(document).then((found) => found.violations)')
+        return [(one['id'], one['help'], one['nodes'][0]['html'][:200]) for one in found]
 
     def complaints(self):
         """Return what the page has complained of: exceptions, errors, warnings of the console."""

@@ -324,6 +324,7 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
             # WCAG 2.2, level AA for small text
             assert least >= 4.5, (dark, whose)
             assert browser.evaluate('document.documentElement.scrollWidth - innerWidth') <= 0
+            assert browser.accessibility_faults() == [], (dark, width)
     assert browser.evaluate(UNLABELLED) == []
     assert browser.evaluate(UNCAPTIONED) == 0
     assert browser.evaluate('document.documentElement.lang') == 'en'
@@ -339,6 +340,15 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
     graph.wait_for(lambda: page.stop._button is not None)
     graph.wait_for(lambda: browser.text('#stopped') == UNCONFIRMED)
     assert browser.complaints() == []
+    # what finds nothing does look
+    browser.evaluate(
+        "document.documentElement.removeAttribute('lang');"
+        "document.getElementById('force-plot').removeAttribute('aria-label')"
+    )
+    assert {rule for rule, *_ in browser.accessibility_faults()} == {
+        'html-has-lang',
+        'role-img-alt',
+    }
 
 
 def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, browser):
@@ -391,6 +401,7 @@ def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, b
     width = "document.querySelector('#effort-plot canvas').getBoundingClientRect().width"
     assert browser.evaluate(width) > 500
     timer.cancel()
+    assert browser.accessibility_faults() == []
     assert browser.complaints() == []
 
 

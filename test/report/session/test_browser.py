@@ -6,7 +6,9 @@ import os
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -176,6 +178,28 @@ def test_both_lines_are_on_the_canvas(noted: dict[str, Any]) -> None:
     # a line across some thousand pixels, and one three times as thick behind it
     assert noted['pixels']['black'] > 500
     assert noted['pixels']['grey'] > 500
+
+
+@pytest.mark.parametrize('dark', [False, True])
+def test_nobody_is_kept_from_reading_it(
+    beside: Callable[[str], ModuleType], tmp_path: Path, page: str, dark: bool
+) -> None:
+    """Contrast, names, alternatives, headings, landmarks, tables, as axe-core finds them."""
+    path = tmp_path / 'report.html'
+    path.write_text(page, encoding='utf-8')
+    with beside('devtools').Browser(tmp_path / 'profile') as shown:
+        for width in (360, 1100):
+            shown.screen(width, dark=dark)
+            shown.open(path.as_uri())
+            assert shown.accessibility_faults() == [], width
+        # every control can be reached and is seen where it is
+        controls = shown.evaluate(
+            'document.querySelectorAll(\'button:not([disabled]), a[href], [tabindex="0"]\').length'
+        )
+        shown.press('Tab')
+        assert shown.evaluate('document.activeElement !== document.body')
+        assert controls > 3
+        assert shown.evaluate('getComputedStyle(document.activeElement).outlineStyle') != 'none'
 
 
 def test_a_long_session_shows_its_envelope_until_every_sample_fits(
