@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.io import savemat
 
@@ -183,6 +184,53 @@ def test_matlab_matrix_with_a_rate(tmp_path: Path) -> None:
     expect_the_session(*imported(path))
     savemat(path, {'data': np.column_stack((FORCE, GATE))})
     expect_the_session(*imported(path, sampling_rate_hz=1000.0, force='data 1', pulse='data 2'))
+
+
+def spike2_matlab(**change: Any) -> dict[str, Any]:
+    """Channels as Spike2 exports them to MATLAB: a waveform each of force and gate, and events."""
+    waveform = {
+        'title': 'Force',
+        'comment': '',
+        'interval': 0.001,
+        'scale': 1.0,
+        'offset': 0.0,
+        'units': 'N',
+        'start': 0.25,
+        'length': COUNT,
+        'values': FORCE[:, None],
+    }
+    event = {
+        'title': 'Trigger',
+        'comment': '',
+        'resolution': 1e-6,
+        'length': len(ONSETS),
+        'times': 0.25 + TIME[ONSETS][:, None],
+    }
+    return {'leg_Ch1': {**waveform, **change}, 'leg_Ch3': event, 'file': {'name': 'leg.smrx'}}
+
+
+def test_spike2_matlab(tmp_path: Path) -> None:
+    path = tmp_path / 'leg.mat'
+    savemat(path, spike2_matlab())
+    file = read_signals(path)
+    assert file.kind == 'Spike2 MATLAB'
+    assert [one.name for one in file.signals] == ['Force']
+    assert [one.name for one in file.events] == ['Trigger']
+    expect_the_session(*imported(path), late_s=0.25)
+    savemat(path, spike2_matlab(title='', units='mN'))
+    assert [one.name for one in read_signals(path).signals] == ['leg_Ch1']
+    expect_the_session(*imported(path), scale=1e-3, late_s=0.25)
+    savemat(path, spike2_matlab(interval=0.0))
+    with pytest.raises(RecordingError, match=r'expected a waveform with an interval above 0 s'):
+        read_signals(path)
+
+
+def test_pandas_writes_what_is_imported(tmp_path: Path) -> None:
+    frame = pd.DataFrame(dict(zip(HEAD, (TIME, FORCE, GATE), strict=True)))
+    frame.to_excel(tmp_path / 'a.xlsx', index=False)
+    frame.to_csv(tmp_path / 'a.csv', sep=';', decimal=',', index=False, encoding='utf-16')
+    for name in ('a.xlsx', 'a.csv'):
+        expect_the_session(*imported(tmp_path / name))
 
 
 def test_matlab_7_3(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """MATLAB files: vectors and columns of matrices, in structures too; version 5 and 7.3 (HDF5)."""
 
 from collections.abc import Iterator
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.signals import unit_of
 from rpms_ros.recording.importing.signals import unlike
+from rpms_ros.recording.importing.spike2_matlab import spike2_channels
 
 _HDF5 = b'\x89HDF'
 _RATES = ('fs', 'samplerate', 'samplingrate', 'sampling_rate', 'sample_rate', 'rate', 'srate')
@@ -21,7 +23,7 @@ _MOST_COLUMNS = 64
 
 
 def read_matlab(path: Path) -> SignalFile:
-    """Return every vector of numbers in the file, named by its place.
+    """Return every vector of numbers in the file, named by its place; of Spike2 its channels.
 
     Raises
     ------
@@ -32,7 +34,11 @@ def read_matlab(path: Path) -> SignalFile:
         head = file.read(1024)
     hdf5 = _HDF5 in head
     try:
-        items = list(_from_hdf5(path) if hdf5 else _from_version_5(path))
+        if not hdf5:
+            content = loadmat(str(path), squeeze_me=True, struct_as_record=False)
+            if (channels := spike2_channels(path, content)) is not None:
+                return channels
+        items = list(_from_hdf5(path) if hdf5 else _from_version_5(content))
     except RecordingError:
         raise
     # scipy and h5py raise whatever the damage leads to
@@ -67,8 +73,7 @@ def _columns(name: str, array: 'np.ndarray[Any, Any]') -> Iterator[tuple[str, An
                 yield f'{name} {index + 1}', np.ascontiguousarray(column, dtype=np.float64)
 
 
-def _from_version_5(path: Path) -> Iterator[tuple[str, Any]]:
-    content = loadmat(str(path), squeeze_me=True, struct_as_record=False)
+def _from_version_5(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for name, value in content.items():
         if not name.startswith('__'):
             yield from _walked(name, value)
