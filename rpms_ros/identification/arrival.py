@@ -1,6 +1,7 @@
 """A recording into a stream, in the order in which it arrived."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,11 +16,61 @@ BLOCK = 10_000
 _BLOCK_NS = nanoseconds(5.0)
 
 
+@dataclass(frozen=True)
+class Foreign:
+    """Messages of publishers that are not listened to.
+
+    Attributes
+    ----------
+    samples_before_sample : ndarray of int64 (samples,)
+        How many samples that count came before each of theirs, ascending.
+    onset_ns : ndarray of int64 (pulses,)
+        Onsets of their pulses [ns].
+    samples_before_pulse : ndarray of int64 (pulses,)
+        How many samples that count came before each of their pulses, ascending.
+    """
+
+    samples_before_sample: IntArray
+    onset_ns: IntArray
+    samples_before_pulse: IntArray
+
+    def __len__(self) -> int:
+        return len(self.samples_before_sample) + len(self.onset_ns)
+
+    def between(self, start: int, stop: int) -> 'Foreign':
+        """Return what came after `start` samples and before there were `stop`, counted from it."""
+        samples = slice(*np.searchsorted(self.samples_before_sample, (start, stop)).tolist())
+        pulses = slice(*np.searchsorted(self.samples_before_pulse, (start, stop)).tolist())
+        return Foreign(
+            self.samples_before_sample[samples] - start,
+            self.onset_ns[pulses],
+            self.samples_before_pulse[pulses] - start,
+        )
+
+    def among(self, counts: IntArray) -> 'Foreign':
+        """Return what came between the samples of a part.
+
+        `counts` (samples + 1,) is how many of the part are among the first 0, 1, ... samples.
+        """
+        samples, pulses = (
+            counts[before] for before in (self.samples_before_sample, self.samples_before_pulse)
+        )
+        here = (pulses > 0) & (pulses < counts[-1])
+        return Foreign(
+            samples[(samples > 0) & (samples < counts[-1])], self.onset_ns[here], pulses[here]
+        )
+
+
+_NOTHING = np.empty(0, dtype=np.int64)
+NO_FOREIGN = Foreign(_NOTHING, _NOTHING, _NOTHING)
+
+
 def feed(
     stream: IdentificationStream,
     pulses: PulseTrain,
     forces: ForceTrace,
     samples_before_pulse: IntArray | None = None,
+    foreign: Foreign = NO_FOREIGN,
 ) -> Iterator[int]:
     """Add a recording to a stream block by block; yield how many samples each block had.
 
@@ -31,6 +82,8 @@ def feed(
         The recording, in the order in which it was recorded.
     samples_before_pulse : ndarray of int64 (pulses,) or None
         How many samples had come when each pulse came; None: pulses come in time.
+    foreign : Foreign
+        What came of other publishers.
     """
     if samples_before_pulse is None:
         gap_ns = nanoseconds(stream.settings.longest_gap)
@@ -40,11 +93,12 @@ def feed(
     start = 0
     while start < len(forces):
         stop = _block_end(forces.stamp_ns, start)
-        first, last = np.searchsorted(before, (start, stop)).tolist()
-        if stop == len(forces):
-            last = len(pulses)
+        # What came after the last sample belongs to the last block.
+        end = stop if stop < len(forces) else stop + 1
+        first, last = np.searchsorted(before, (start, end)).tolist()
         block = ForceTrace(forces.stamp_ns[start:stop], forces.force[start:stop])
-        add_in_order(stream, pulses[first:last], block, before[first:last] - start)
+        others = foreign.between(start, end)
+        add_in_order(stream, pulses[first:last], block, before[first:last] - start, others)
         yield stop - start
         start = stop
     if not len(forces):
@@ -80,7 +134,11 @@ def _block_end(stamp_ns: IntArray, start: int) -> int:
 
 
 def add_in_order(
-    stream: IdentificationStream, pulses: PulseTrain, forces: ForceTrace, before: IntArray
+    stream: IdentificationStream,
+    pulses: PulseTrain,
+    forces: ForceTrace,
+    before: IntArray,
+    foreign: Foreign = NO_FOREIGN,
 ) -> None:
     """Add samples to a stream, and pulses in the order in which they came between them.
 
@@ -92,19 +150,27 @@ def add_in_order(
         In the order in which they came.
     before : ndarray of int64 (pulses,)
         How many of the samples had come when each pulse came, ascending.
+    foreign : Foreign
+        What came of other publishers meanwhile.
     """
     stamps, values = forces.stamp_ns, forces.force
-    if not len(pulses) or (len(stamps) and stream.takes_early(pulses, stamps, before)):
+    if not len(foreign) and (
+        not len(pulses) or (len(stamps) and stream.takes_early(pulses, stamps, before))
+    ):
         # None of them is late: what matters is that they are there.
         stream.add_pulses(pulses)
         stream.add_forces(forces)
         return
     begin = 0
-    for index, end in enumerate(before.tolist()):
-        if end > begin:
-            stream.add_forces(ForceTrace(stamps[begin:end], values[begin:end]))
-            begin = end
-        stream.add_pulses(pulses[index : index + 1])
+    places = (before, foreign.samples_before_sample, foreign.samples_before_pulse)
+    for end in np.unique(np.concatenate(places)).tolist():
+        stream.add_forces(ForceTrace(stamps[begin:end], values[begin:end]))
+        begin = end
+        first, last = np.searchsorted(before, (end, end + 1)).tolist()
+        for index in range(first, last):
+            stream.add_pulses(pulses[index : index + 1])
+        here = foreign.between(end, end + 1)
+        stream.add_foreign(len(here.samples_before_sample), here.onset_ns)
     stream.add_forces(ForceTrace(stamps[begin:], values[begin:]))
 
 

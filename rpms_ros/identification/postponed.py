@@ -21,10 +21,10 @@ class PostponedFaults(Restorable):
         self._counter = counter
         self._waiting = {}
 
-    def add(self, name: str, after_ns: int | None) -> None:
-        """Keep a fault that was found after a stamp; None: before the first."""
+    def add(self, name: str, after_ns: int | None, count: int = 1) -> None:
+        """Keep faults that were found after a stamp; None: before the first."""
         key = (_LONG_AGO if after_ns is None else after_ns, name)
-        self._waiting[key] = self._waiting.get(key, 0) + 1
+        self._waiting[key] = self._waiting.get(key, 0) + count
 
     def add_now(self, name: str, count: int) -> None:
         """Count faults at once."""

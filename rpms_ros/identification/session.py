@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.arrival import NO_FOREIGN
+from rpms_ros.identification.arrival import Foreign
 from rpms_ros.identification.arrival import feed
 from rpms_ros.identification.checkpoint import save
 from rpms_ros.identification.estimate import Estimate
@@ -86,6 +88,7 @@ def identify(
     samples_before_pulse: IntArray | None = None,
     sinks: Sequence[Monitor] = (),
     save_state: Path | None = None,
+    foreign: Foreign = NO_FOREIGN,
 ) -> IdentifiedSession:
     """Run an estimator over a recording, as it would have run on line.
 
@@ -107,6 +110,8 @@ def identify(
         Are handed all samples, predictions and estimates too.
     save_state : Path or None
         Where the state after the last sample is saved; see `checkpoint`.
+    foreign : Foreign
+        What came of publishers that are not listened to.
 
     Returns
     -------
@@ -124,7 +129,7 @@ def identify(
     trace = _Trace()
     stream = IdentificationStream(estimator, settings, [*sinks, trace])
     estimates: list[Estimate] = []
-    for taken in feed(stream, pulses, forces, samples_before_pulse):
+    for taken in feed(stream, pulses, forces, samples_before_pulse, foreign):
         estimates += stream.advance()
         if progress is not None:
             progress(taken)

@@ -18,8 +18,6 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
-# Pulses of other publishers that are looked at, of those that come together.
-_MOST_EXCLUDED = 1000
 # Earlier than any stamp [ns].
 _BEFORE_ALL = -(2**63)
 
@@ -68,10 +66,6 @@ class StreamInput(RestorableWithSettings):
         """What went wrong so far, by name, in samples that still wait too."""
         return self._postponed.counts()
 
-    def count_fault(self, name: str, count: int = 1) -> None:
-        """Count faults that were found before the data came here."""
-        self._counter.add(name, count)
-
     def add_pulses(self, pulses: PulseTrain) -> None:
         """Add pulses, in any order, valid or not."""
         newest_ns = self._intake.newest_ns
@@ -88,16 +82,19 @@ class StreamInput(RestorableWithSettings):
             self._postponed.add(faults.PULSE_LATE, newest_ns)
             self.exclude(onset_ns, onset_ns + self._memory_ns)
 
-    def exclude_pulses(self, onset_ns: IntArray) -> None:
-        """Do not learn while pulses (pulses,) of a publisher that is not believed may act.
+    def add_foreign(self, samples: int, onset_ns: IntArray) -> None:
+        """Count messages of publishers that are not believed, in the order of arrival.
 
-        They are counted.  If they were given, they are part of the force; if not, the force goes
-        on without them, and nobody knows.
+        Nothing is learnt while pulses with these onsets (pulses,) may act.  If they were given,
+        they are part of the force; if not, the force goes on without them, and nobody knows.
         """
-        self._counter.add(faults.PULSE_PUBLISHERS, len(onset_ns))
         newest_ns = self._intake.newest_ns
+        if samples:
+            self._postponed.add(faults.FORCE_PUBLISHERS, newest_ns, samples)
+        if len(onset_ns):
+            self._postponed.add(faults.PULSE_PUBLISHERS, newest_ns, len(onset_ns))
         near_ns = onset_ns if newest_ns is None else onset_ns[onset_ns <= newest_ns + FAR_NS]
-        for onset in near_ns[-_MOST_EXCLUDED:].tolist():
+        for onset in near_ns.tolist():
             self.exclude(onset, onset + self._memory_ns)
 
     def hold(self) -> None:

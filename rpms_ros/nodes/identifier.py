@@ -24,7 +24,6 @@ from rpms_ros import messages
 from rpms_ros.axis import UNITS
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import faults as names
 from rpms_ros.identification.arrival import add_in_order
 from rpms_ros.identification.checkpoint import load
 from rpms_ros.identification.checkpoint import save
@@ -154,11 +153,8 @@ class Identifier(Node):
         heard = self._hearing.heard(self._senders.best_effort_alone)
         if len(heard.forces):
             self._heard = time.monotonic()
-        self.stream.count_fault(names.FORCE_PUBLISHERS, heard.foreign_samples)
-        if len(heard.foreign_onset_ns):
-            self.stream.exclude_pulses(heard.foreign_onset_ns)
         # In the order of arrival, as a recorder writes them and a replay reads them.
-        add_in_order(self.stream, heard.pulses, heard.forces, heard.before)
+        add_in_order(self.stream, heard.pulses, heard.forces, heard.before, heard.foreign)
 
     def _process(self) -> None:
         self._take()

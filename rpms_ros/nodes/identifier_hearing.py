@@ -5,7 +5,6 @@ subscriptions belong to a second node that is in no executor; what has come is t
 when the identifier looks.
 """
 
-from typing import Any
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +17,15 @@ from rclpy.serialization import deserialize_message
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.axis import Axis
+from rpms_ros.identification.arrival import Foreign
 from rpms_ros.identification.first_publisher import FirstPublisher
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
-from rpms_ros.nodes.overridable import overridden
+from rpms_ros.nodes.overridable import subscribe
+from rpms_ros.nodes.overridable import taken_from
 from rpms_ros.nodes.taking import Taken
 from rpms_ros.nodes.taking import Taker
+from rpms_ros.nodes.taking import drained
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import Pulse
@@ -31,9 +33,6 @@ from rpms_ros.pulses import PulseTrain
 
 SUFFIX = '_hearing'
 """What the name of the second node adds to the identifier's."""
-
-# More than the queues hold is taken at the next look.
-_MOST = 20_000
 
 
 class Heard(NamedTuple):
@@ -45,17 +44,14 @@ class Heard(NamedTuple):
         Of the publishers that are listened to.
     before : ndarray of int64 (pulses,)
         How many of the samples came before each pulse.
-    foreign_samples : int
-        Samples of other publishers.
-    foreign_onset_ns : ndarray of int64 (pulses,)
-        Onsets of pulses of other publishers [ns].
+    foreign : Foreign
+        What came of other publishers.
     """
 
     pulses: PulseTrain
     forces: ForceTrace
     before: IntArray
-    foreign_samples: int
-    foreign_onset_ns: IntArray
+    foreign: Foreign
 
 
 class Hearing:
@@ -92,11 +88,11 @@ class Hearing:
             enable_rosout=False,
         )
         # Overrides of the quality of service are parameters of the identifier.
-        chosen = overridden(node, PulseMessage, topics.PULSES, qos.PULSES)
-        self._pulses = self._taker(PulseMessage, topics.PULSES, chosen)
-        chosen = overridden(node, WrenchStamped, topics.FORCE, profile)
-        self._force = self._taker(WrenchStamped, topics.FORCE, chosen)
-        self._told_best_effort = chosen.reliability is ReliabilityPolicy.BEST_EFFORT
+        pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
+        self._pulses = Taker(pulses)
+        force = subscribe(node, self._node, WrenchStamped, topics.FORCE, profile)
+        self._force = Taker(force)
+        self._told_best_effort = force.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
         self._best_effort: Taker | None = None
         # What has come meanwhile is heard: a publisher may have waited for this subscription.
         self._listen_to_the_first()
@@ -108,7 +104,9 @@ class Hearing:
 
     def hear_best_effort(self) -> None:
         """Subscribe to the force best effort too."""
-        self._best_effort = self._taker(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
+        name = self._named.resolve_topic_name(topics.FORCE)
+        second = taken_from(self._node, WrenchStamped, name, qos.FORCE_BEST_EFFORT)
+        self._best_effort = Taker(second)
 
     def _listen_to_the_first(self) -> None:
         self._force_from = FirstPublisher(self._silence_ns)
@@ -119,7 +117,7 @@ class Hearing:
         self._listen_to_the_first()
         for taker in (self._force, self._pulses, self._best_effort):
             if taker is not None:
-                _drained(taker)
+                drained(taker)
 
     def heard(self, best_effort_alone: bool) -> Heard:
         """Return what has come since the last look.
@@ -128,30 +126,28 @@ class Hearing:
         there only if all of its publishers are best effort.
         """
         # Pulses last: none is handed over later than a sample that came after it.
-        forces = _drained(self._force)
+        forces = drained(self._force)
         if self._best_effort is not None:
-            besides = _drained(self._best_effort)
+            besides = drained(self._best_effort)
             forces += besides if best_effort_alone else []
         own, samples, foreign = self._own_forces(forces)
         pulses: list[Pulse] = []
         came_ns: list[int] = []
         onsets: list[int] = []
-        for taken in _drained(self._pulses):
+        others_came_ns: list[int] = []
+        for taken in drained(self._pulses):
             pulse = messages.pulse_of(deserialize_message(taken.data, PulseMessage))
             if self._pulses_from.counts(taken.identity, pulse.onset_ns):
                 pulses.append(pulse)
                 came_ns.append(taken.received_ns)
             else:
                 onsets.append(pulse.onset_ns)
-        # A clock that is set back within a look must not change the order within a topic.
-        arrival = np.maximum.accumulate(np.array(own, dtype=np.int64))
-        before = np.searchsorted(arrival, np.array(came_ns, dtype=np.int64))
+                others_came_ns.append(taken.received_ns)
         return Heard(
             PulseTrain.of(pulses),
             samples,
-            np.maximum.accumulate(before),
-            foreign,
-            np.array(onsets, dtype=np.int64),
+            _places(own, came_ns),
+            Foreign(foreign, np.array(onsets, dtype=np.int64), _places(own, others_came_ns)),
         )
 
     def close(self) -> None:
@@ -161,9 +157,10 @@ class Hearing:
                 taker.close()
         self._node.destroy_node()
 
-    def _own_forces(self, forces: list[Taken]) -> tuple[list[int], ForceTrace, int]:
-        """Return when samples came, the samples, and how many are of other publishers."""
+    def _own_forces(self, forces: list[Taken]) -> tuple[list[int], ForceTrace, IntArray]:
+        """Return when samples came, the samples, and after how many of them those of others."""
         came_ns: list[int] = []
+        others: list[int] = []
         stamps: list[int] = []
         values: list[float] = []
         for taken in forces:
@@ -174,20 +171,15 @@ class Hearing:
                 came_ns.append(taken.received_ns)
                 stamps.append(stamp_ns)
                 values.append(force)
+            else:
+                others.append(len(stamps))
         trace = ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
-        return came_ns, trace, len(forces) - len(stamps)
-
-    def _taker(self, kind: type, topic: str, profile: QoSProfile) -> Taker:
-        name = self._named.resolve_topic_name(topic)
-        return Taker(self._node.create_subscription(kind, name, _served_by_nobody, profile))
+        return came_ns, trace, np.array(others, dtype=np.int64)
 
 
-def _drained(taker: Taker) -> list[Taken]:
-    found: list[Taken] = []
-    while len(found) < _MOST and (taken := taker.take()) is not None:
-        found.append(taken)
-    return found
-
-
-def _served_by_nobody(_message: Any) -> None:
-    """Do nothing; rclpy asks for a callback."""
+def _places(forces_came_ns: list[int], came_ns: list[int]) -> IntArray:
+    """Return how many samples came before each of other messages (messages,), ascending."""
+    # A clock that is set back within a look must not change the order within a topic.
+    arrival = np.maximum.accumulate(np.array(forces_came_ns, dtype=np.int64))
+    before = np.searchsorted(arrival, np.array(came_ns, dtype=np.int64))
+    return np.maximum.accumulate(before)

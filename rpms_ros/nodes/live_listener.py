@@ -32,7 +32,7 @@ from rpms_ros.live.serialized_force import forces_of
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
-from rpms_ros.nodes.overridable import overridden
+from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.taking import Taker
 
@@ -133,8 +133,7 @@ class LiveListener:
         _, kind, _ = TYPES[key]
         name = self._session.topics[key].name
         # overrides of the quality of service are parameters of the page
-        chosen = overridden(self._page, kind, name, qos.VIEW)
-        return Taker(self._node.create_subscription(kind, name, _served_by_nobody, chosen))
+        return Taker(subscribe(self._page, self._node, kind, name, qos.VIEW))
 
     def _heard(self, key: str, now: float) -> list[bytes]:
         found = self._takers[key].take_data(_MOST)
@@ -181,7 +180,3 @@ class LiveListener:
             for publishes, one in found
             if publishes or one.node_name != own
         ]
-
-
-def _served_by_nobody(_message: Any) -> None:
-    """Do nothing; rclpy asks for a callback, and messages are taken."""

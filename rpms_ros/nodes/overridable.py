@@ -5,7 +5,6 @@ qos_overrides:
     subscription: {reliability: best_effort, depth: 100}
 """
 
-from collections.abc import Callable
 from copy import copy
 from typing import Any
 
@@ -14,9 +13,9 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos_overriding_options import _declare_qos_parameters
 from rclpy.subscription import Subscription
 
 from rpms_ros.errors import NodeError
@@ -26,53 +25,47 @@ PREFIX = 'qos_overrides.'
 
 
 def subscribe(
-    node: Node,
-    kind: Any,
-    topic: str,
-    callback: Callable[..., None],
-    profile: QoSProfile,
-    raw: bool = False,
+    named: Node, hearing: Node, kind: Any, topic: str, profile: QoSProfile
 ) -> Subscription:
-    """Create a subscription with this profile, unless the node's parameters say otherwise.
+    """Create a subscription of one node, as the parameters of another say.
 
-    With `raw` the callback is handed bytes.
+    Nothing else subscribes on the way, so that a publisher that finds a subscription has found
+    the one that takes its messages.
+
+    Parameters
+    ----------
+    named : Node
+        Whose parameters and names of topics count.
+    hearing : Node
+        Whose subscription it is; it is in no executor.
+    kind : type
+        Message class.
+    topic : str
+        Name, as the first node knows it.
+    profile : QoSProfile
+        What is asked for if the parameters say nothing.
 
     Raises
     ------
     NodeError
         If what they say is no quality of service.
     """
+    name = named.resolve_topic_name(topic)
     options = QoSOverridingOptions.with_default_policies(callback=_judged)
+    # rclpy writes what the parameters say into the profile that it is given
+    chosen = copy(profile)
     try:
-        # rclpy writes what the parameters say into the profile that it is given
-        own = copy(profile)
-        return node.create_subscription(
-            kind, topic, callback, own, qos_overriding_options=options, raw=raw
-        )
+        _declare_qos_parameters(Subscription, named, name, chosen, options)
+        return taken_from(hearing, kind, name, chosen)
     except (InvalidParameterTypeException, InvalidQosOverridesError, RuntimeError) as error:
-        name = node.resolve_topic_name(topic)
         raise NodeError(
             f'expected {PREFIX}{name} with a quality of service, got {error}'
         ) from error
 
 
-def is_best_effort(subscription: Subscription) -> bool:
-    """Return whether a subscription asks for no more than best effort."""
-    return bool(subscription.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT)
-
-
-def overridden(node: Node, kind: Any, topic: str, profile: QoSProfile) -> QoSProfile:
-    """Return the profile with which a node would subscribe to a topic, as its parameters say.
-
-    Raises
-    ------
-    NodeError
-        If what they say is no quality of service.
-    """
-    tried = subscribe(node, kind, topic, lambda _message: None, profile)
-    chosen: QoSProfile = tried.qos_profile
-    node.destroy_subscription(tried)
-    return chosen
+def taken_from(node: Node, kind: Any, name: str, profile: QoSProfile) -> Subscription:
+    """Create a subscription whose messages are taken from it: no callback does anything."""
+    return node.create_subscription(kind, name, _served_by_nobody, profile)
 
 
 def warn_of_unused(node: Node) -> None:
@@ -87,3 +80,7 @@ def _judged(profile: QoSProfile) -> SetParametersResult:
     fits = profile.depth >= 1
     reason = '' if fits else f'expected a depth of 1 or more, got {profile.depth}'
     return SetParametersResult(successful=fits, reason=reason)
+
+
+def _served_by_nobody(_message: Any) -> None:
+    """Stand where rclpy wants a callback."""

@@ -126,8 +126,8 @@ NODES: dict[str, Interfaces] = {
         subscribe=(topics.PULSES, topics.FORCE, topics.ESTIMATE, topics.DRIVER_STATUS),
         plain=True,
     ),
-    'recorder': Interfaces(
-        publish=(topics.DIAGNOSTICS,),
+    'recorder': Interfaces(publish=(topics.DIAGNOSTICS,)),
+    'recorder_hearing': Interfaces(
         subscribe=(
             topics.PULSES,
             topics.PULSES_COMMANDED,
@@ -138,6 +138,7 @@ NODES: dict[str, Interfaces] = {
             topics.DRIVER_STATUS,
             topics.ACCEPTED_SCHEDULE,
         ),
+        plain=True,
     ),
 }
 """What each node does, by its name."""
@@ -149,7 +150,7 @@ ENCLAVES: dict[str, tuple[str, ...]] = {
     'identifier': ('identifier', 'identifier_hearing'),
     'plant_simulator': ('plant_simulator',),
     'live_page': ('live_page', 'live_page_watch'),
-    'recorder': ('recorder',),
+    'recorder': ('recorder', 'recorder_hearing'),
 }
 """Nodes of one process share an enclave."""
 

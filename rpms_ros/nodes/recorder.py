@@ -1,4 +1,4 @@
-"""Node that records topics as they come: raw bytes, nothing deserialised.
+"""Node that records topics as they come: raw bytes, nothing deserialised, each by its publisher.
 
 What has come is handed to the operating system every `flush_period`: a recorder that is killed
 leaves all but the last of it readable.  The topics of this package are heard from the start; the
@@ -7,9 +7,10 @@ type of any other is learnt from whoever publishes it.
 
 import json
 import time
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
-from rclpy.subscription import Subscription
 
 from rpms_msgs.msg import AcceptedSchedule
 from rpms_msgs.msg import DriverStatus
@@ -36,8 +36,6 @@ from rpms_ros.nodes.diagnostics import PERIOD_S
 from rpms_ros.nodes.diagnostics import diagnostics_message
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.overridable import is_best_effort
-from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import declare_parameters
@@ -48,10 +46,12 @@ from rpms_ros.nodes.recorded_types import offered_qos
 from rpms_ros.nodes.recorded_types import subscription_qos
 from rpms_ros.nodes.recorded_types import type_name_of
 from rpms_ros.nodes.recorder_health import recorder_health
+from rpms_ros.nodes.recorder_hearing import RecorderHearing
 from rpms_ros.nodes.runner import run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
 from rpms_ros.recording.checksums import read_key
+from rpms_ros.recording.verifying import LOST_KEY
 from rpms_ros.recording.verifying import PUBLISHERS_KEY
 
 _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
@@ -64,6 +64,8 @@ _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     topics.DRIVER_STATUS: (DriverStatus, qos.STATUS),
     topics.ACCEPTED_SCHEDULE: (AcceptedSchedule, qos.ACCEPTED_SCHEDULE),
 }
+# How often what has come is taken [s].
+_LISTENING_PERIOD = 0.01
 # How often the types of other topics are looked for [s].
 _LOOK_PERIOD = 0.2
 _MOST_NAMES = 100
@@ -127,36 +129,6 @@ class TopicCount:
         return round(span * rate) + 1 - self.messages
 
 
-@dataclass
-class Heard:
-    """A topic that is recorded.
-
-    Attributes
-    ----------
-    first : Subscription
-        The one that was made at the start.
-    kind : type
-        Message class.
-    take : callable
-        Takes the bytes of a message.
-    second : Subscription, optional
-        Hears best effort, where nobody publishes in another way.
-    alone : bool
-        Whether nobody does.
-    """
-
-    first: Subscription
-    kind: Any
-    take: Callable[[bytes], None]
-    second: Subscription | None = None
-    alone: bool = False
-
-    def take_alone(self, data: bytes) -> None:
-        """Take a message that the first subscription does not receive."""
-        if self.alone:
-            self.take(data)
-
-
 class Recorder(Node):
     """Recorder of a session; keyword arguments go to `rclpy.node.Node`."""
 
@@ -174,7 +146,10 @@ class Recorder(Node):
         self._publisher_counts: dict[str, int] = {}
         self._unknown: list[str] = []
         self._refused: list[str] = []
-        self._heard: dict[str, Heard] = {}
+        self._kinds: dict[str, Any] = {}
+        self._numbers: dict[tuple[str, str], int] = {}
+        self._lost: dict[str, int] = {}
+        self._hearing = RecorderHearing(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
         try:
             self._subscribe_to_known()
@@ -183,6 +158,7 @@ class Recorder(Node):
             self.destroy_node()
             raise
         steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LISTENING_PERIOD, self._take, clock=steady)
         self.create_timer(self.settings.flush_period, self._flush, clock=steady)
         self.create_timer(PERIOD_S, self._report, clock=steady)
         if self._unknown:
@@ -244,45 +220,54 @@ class Recorder(Node):
     def _subscribe(self, name: str, kind: Any, profile: QoSProfile) -> None:
         if name == topics.FORCE and self.settings.best_effort_force:
             profile = qos.FORCE_BEST_EFFORT
-        topic: int | None = None
-        count = self.counts[name]
-        stamped = 'header' in list(kind.get_fields_and_field_types())[:1]
+        self._hearing.hear(name, kind, profile)
+        self._kinds[name] = kind
         self._publisher_counts[name] = 0
 
-        def take(data: bytes) -> None:
-            nonlocal topic
-            if self._closed:
-                return
-            now_ns = time.time_ns()
-            if topic is None:
+    def _take(self) -> None:
+        """Write what has come, in the order of its arrival."""
+        if self._closed:
+            return
+        for message in self._hearing.heard():
+            kind = self._kinds[message.topic]
+            key = message.topic, message.publisher
+            if key not in self._numbers:
                 # By now it is known how it is published.
-                topic = self._add_topic(name, kind)
-            count.take(messages.stamp_of_bytes(data) if stamped else now_ns)
-            self._writer.append(topic, now_ns, data)
-
-        self._heard[name] = Heard(subscribe(self, kind, name, take, profile, raw=True), kind, take)
+                self._numbers[key] = self._add_topic(kind, *key)
+            stamped = 'header' in list(kind.get_fields_and_field_types())[:1]
+            count = self.counts[message.topic]
+            stamp_ns = messages.stamp_of_bytes(message.data) if stamped else message.received_ns
+            count.take(stamp_ns)
+            self._writer.append(self._numbers[key], message.received_ns, message.data)
 
     def _hear_best_effort(self) -> None:
         """Subscribe best effort to what a reliable subscription does not receive."""
-        for name, heard in self._heard.items():
+        for name in self._kinds:
             infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
-            heard.alone = bool(infos) and all(
+            alone = bool(infos) and all(
                 one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
             )
-            if heard.alone and heard.second is None and not is_best_effort(heard.first):
-                heard.second = self.create_subscription(
-                    heard.kind, name, heard.take_alone, subscription_qos(infos), raw=True
-                )
+            if self._hearing.set_alone(name, alone, partial(subscription_qos, infos)):
                 logger_of(self).warning(
                     f'{self.resolve_topic_name(name)} is published best effort: it is recorded, '
                     'and messages may be lost'
                 )
+
+    def _warn_of_lost(self) -> None:
+        """Say what came and was not kept: its queue was full, or the network lost it."""
+        lost = self._hearing.lost
+        for name, count in lost.items():
+            if count != self._lost.get(name):
+                topic = self.resolve_topic_name(name)
+                logger_of(self).warning(f'{count} messages of {topic} were lost so far')
+        self._lost = lost
 
     def _report(self) -> None:
         """Look at who publishes, and say how the recorder is."""
         if self._closed:
             return
         self._hear_best_effort()
+        self._warn_of_lost()
         name = self.get_fully_qualified_name()
         counts = {topic: count.messages for topic, count in self.counts.items()}
         self._diagnostics.publish(
@@ -290,15 +275,15 @@ class Recorder(Node):
                 f'{name}: recording',
                 f'recording {self.path.resolve()}',
                 messages.time_message(time.time_ns(), MESSAGE_TYPES),
-                recorder_health(self.path, counts, self._refused),
+                recorder_health(self.path, counts, self._refused, self._lost),
             )
         )
 
-    def _add_topic(self, name: str, kind: Any) -> int:
+    def _add_topic(self, kind: Any, name: str, publisher: str) -> int:
         type_name = type_name_of(kind)
         profiles = offered_qos(self.get_publishers_info_by_topic(name))
         return self._writer.add_topic(
-            self.resolve_topic_name(name), type_name, profiles, definition_of(type_name)
+            self.resolve_topic_name(name), type_name, profiles, definition_of(type_name), publisher
         )
 
     def _flush(self) -> None:
@@ -315,6 +300,9 @@ class Recorder(Node):
         """Write what is left and the index, and end the recording."""
         if self._closed:
             return
+        # What waits has come as well.
+        with suppress(RecordingError):
+            self._take()
         self._closed = True
         counts = {
             self.resolve_topic_name(name): count
@@ -322,6 +310,9 @@ class Recorder(Node):
             if count
         }
         self._writer.custom[PUBLISHERS_KEY] = json.dumps(counts)
+        lost = {self.resolve_topic_name(name): n for name, n in self._hearing.lost.items()}
+        self._writer.custom[LOST_KEY] = json.dumps(lost)
+        self._hearing.close()
         try:
             self._writer.close()
         except RecordingError as error:

@@ -13,7 +13,9 @@ LEAST_ROOM = 1_000_000_000
 """Bytes on the disk; with less a session of an hour may not fit."""
 
 
-def recorder_health(path: Path, counts: Mapping[str, int], missing: Sequence[str]) -> Health:
+def recorder_health(
+    path: Path, counts: Mapping[str, int], missing: Sequence[str], lost: Mapping[str, int]
+) -> Health:
     """Return the health of a recorder.
 
     Parameters
@@ -24,11 +26,14 @@ def recorder_health(path: Path, counts: Mapping[str, int], missing: Sequence[str
         Messages so far, by topic.
     missing : sequence of str
         Topics that are published and not recorded.
+    lost : mapping of str to int
+        Messages that came and were not kept, by topic.
     """
     free = shutil.disk_usage(path).free
     total = sum(counts.values())
     level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; nothing has come yet'
     faults = [f'not recorded: {", ".join(missing)}'] if missing else []
+    faults += [f'{count} messages of {name} lost' for name, count in lost.items()]
     if free < LEAST_ROOM:
         faults.append(f'{free / 1e6:.0f} MB are left on the disk')
     if faults:

@@ -14,6 +14,8 @@ from rpms_ros.errors import NodeError
 _OK, _NOTHING = 0, 401
 _IDENTITY_BYTES = 16
 _FIRST_BYTES = 256
+# More than the queues hold is taken at the next look.
+_MOST = 20_000
 
 
 class _Bytes(ctypes.Structure):
@@ -146,3 +148,11 @@ class Taker:
     def close(self) -> None:
         """Let go of the memory."""
         self._free(self._to_bytes)
+
+
+def drained(taker: Taker | None) -> list[Taken]:
+    """Return what waits in a subscription, none without one."""
+    found: list[Taken] = []
+    while taker is not None and len(found) < _MOST and (taken := taker.take()) is not None:
+        found.append(taken)
+    return found

@@ -14,6 +14,7 @@ from rpms_ros.recording.compression import DECOMPRESSORS
 from rpms_ros.recording.compression import unpacked
 from rpms_ros.recording.crc import crc32
 from rpms_ros.recording.findings import Findings
+from rpms_ros.recording.mcap_records import PUBLISHER
 from rpms_ros.recording.mcap_records import RECORD_HEAD
 from rpms_ros.recording.mcap_records import Content
 from rpms_ros.recording.mcap_records import Frame
@@ -161,7 +162,8 @@ class McapFile:
         number, schema = content.number('H'), content.number('H')
         topic, serialization = content.text(), content.text()
         name, encoding, text = self._schemas.get(schema, ('', '', ''))
-        self.channels[number] = Channel(topic, name, text, encoding, serialization)
+        publisher = _publisher(content)
+        self.channels[number] = Channel(topic, name, text, encoding, serialization, publisher)
 
     def _check_end(self, frame: Frame, chunked: bool) -> None:
         """Compare what was read with the checksums and the count at the end of the file."""
@@ -178,3 +180,17 @@ class McapFile:
         # What is in chunks has been checked chunk by chunk.
         if not chunked and not mcap.data_fits(self._data, frame):
             self._findings.add('wrong_checksum', f'the checksum of {self._path.name} does not fit')
+
+
+def _publisher(content: Content) -> str:
+    """Return the identity in the notes of a channel, empty if there is none."""
+    try:
+        end = content.number('I') + content.position
+        while content.position < end:
+            name, value = content.text(), content.text()
+            if name == PUBLISHER:
+                return value
+    except struct.error:
+        # Notes that are cut short: the channel can be used without them.
+        pass
+    return ''

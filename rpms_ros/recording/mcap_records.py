@@ -19,6 +19,8 @@ from rpms_ros.recording.records import ByteArray
 from rpms_ros.recording.records import Records
 from rpms_ros.recording.records import gather
 
+PUBLISHER = 'publisher'
+"""Name in the notes of a channel under which the identity of its publisher stands."""
 MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
 CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA = range(8, 13)

@@ -10,6 +10,7 @@ from typing import cast
 from mcap.writer import CompressionType
 from mcap.writer import Writer
 
+from rpms_ros.recording.mcap_records import PUBLISHER
 from rpms_ros.recording.metadata import TopicEntry
 from rpms_ros.recording.metadata import qos_text
 
@@ -54,11 +55,11 @@ class McapFileWriter:
             self._schemas[channel.type_name] = self._writer.register_schema(
                 channel.type_name, channel.definition_encoding, channel.definition.encode()
             )
+        notes = {'offered_qos_profiles': qos_text(topic.qos), 'topic_type_hash': topic.digest}
+        if channel.publisher:
+            notes[PUBLISHER] = channel.publisher
         number = self._writer.register_channel(
-            channel.topic,
-            channel.serialization,
-            self._schemas[channel.type_name],
-            {'offered_qos_profiles': qos_text(topic.qos), 'topic_type_hash': topic.digest},
+            channel.topic, channel.serialization, self._schemas[channel.type_name], notes
         )
         self._counts[number] = 0
         return number

@@ -74,7 +74,7 @@ def metadata_of(
         'storage_identifier': storage,
         'relative_file_paths': [file_name],
         **span,
-        'topics_with_message_count': [_topic(topic) for topic in topics],
+        'topics_with_message_count': _topics(topics),
         'compression_format': '',
         'compression_mode': '',
         'files': [{'path': file_name, **span}],
@@ -83,7 +83,18 @@ def metadata_of(
     }
 
 
-def _topic(topic: TopicEntry) -> dict[str, Any]:
+def _topics(topics: Sequence[TopicEntry]) -> list[dict[str, Any]]:
+    """Return one entry a topic and type, however many publishers it has."""
+    counts: dict[tuple[str, str], int] = {}
+    first: dict[tuple[str, str], TopicEntry] = {}
+    for topic in topics:
+        key = topic.channel.topic, topic.channel.type_name
+        first.setdefault(key, topic)
+        counts[key] = counts.get(key, 0) + topic.count
+    return [_topic(topic, counts[key]) for key, topic in first.items()]
+
+
+def _topic(topic: TopicEntry, count: int) -> dict[str, Any]:
     return {
         'topic_metadata': {
             'name': topic.channel.topic,
@@ -92,7 +103,7 @@ def _topic(topic: TopicEntry) -> dict[str, Any]:
             'offered_qos_profiles': dump_qos_v9(list(topic.qos)),
             'type_description_hash': topic.digest,
         },
-        'message_count': topic.count,
+        'message_count': count,
     }
 
 

@@ -11,12 +11,17 @@ import numpy as np
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
+from rpms_ros.identification.arrival import NO_FOREIGN
+from rpms_ros.identification.arrival import Foreign
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording.axis import direction_of
 from rpms_ros.recording.axis import force_along
+from rpms_ros.recording.publishers import foreign_messages
+from rpms_ros.recording.publishers import listened
+from rpms_ros.recording.publishers import samples_before
 from rpms_ros.recording.scan import Progress
 from rpms_ros.recording.scan import Scan
 from rpms_ros.recording.scan import TopicFacts
@@ -83,6 +88,9 @@ class RecordingFacts:
 class Recording:
     """Pulses and forces in the order in which they were received.
 
+    Of several publishers of a topic, those of the one that the identifier listens to: the first,
+    until it has been silent for a second.
+
     Attributes
     ----------
     pulses : PulseTrain
@@ -99,6 +107,8 @@ class Recording:
         Everything else.
     quantity : str
         What the sensor measured: ``force`` [N], or ``torque``, then the forces are in N m.
+    foreign : Foreign
+        What came of other publishers.
     """
 
     pulses: PulseTrain
@@ -108,6 +118,7 @@ class Recording:
     samples_before_pulse: IntArray
     facts: RecordingFacts
     quantity: str = FORCE
+    foreign: Foreign = NO_FOREIGN
 
     @property
     def unit(self) -> str:
@@ -184,45 +195,37 @@ def read_recording(
         scan.budget.keep(pulses.take(channel, records) + force.take(channel, records))
     if not any(facts.count for facts in scan.topics.values()):
         raise RecordingError(f'expected messages in {path}, got none')
-    pulse_values, force_values = pulses.values(scan), force.values(scan)
+    all_pulses, all_forces = pulses.values(scan), force.values(scan)
+    pulse_values, other_pulses = listened(all_pulses, scan.findings, 'pulses')
+    force_values, other_forces = listened(all_forces, scan.findings, 'force')
     return Recording(
         _pulse_train(pulse_values),
         _force_trace(force_values, direction, sign, types[force_values.type_name].values),
         pulse_values.received_ns,
         force_values.received_ns,
-        _samples_before_pulse(pulse_values, force_values),
+        samples_before(pulse_values, force_values),
         _facts(
             scan,
             schedules,
-            {'pulses': pulse_values.frame_ids, 'force': force_values.frame_ids},
+            {'pulses': all_pulses.frame_ids, 'force': all_forces.frame_ids},
         ),
         quantity,
+        foreign_messages(force_values, other_forces, other_pulses),
     )
 
 
 def held_bytes(recording: Recording) -> int:
     """Return what the arrays of a recording take [bytes]."""
     pulses, forces = recording.pulses, recording.forces
+    foreign = recording.foreign
     arrays = (
+        *(foreign.samples_before_sample, foreign.onset_ns, foreign.samples_before_pulse),
         *(pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width),
         *(forces.stamp_ns, forces.force),
         *(recording.pulse_received_ns, recording.force_received_ns),
         recording.samples_before_pulse,
     )
     return sum(array.nbytes for array in arrays)
-
-
-def _samples_before_pulse(pulses: TopicValues, force: TopicValues) -> IntArray:
-    """Return how many samples were received before each pulse (pulses,).
-
-    Where the clock of reception was set back, only the order of the recording tells.  Otherwise
-    the times do, since a recording may also have been written one topic after the other; a pulse
-    comes before a sample of the same time.
-    """
-    rising = all((np.diff(topic.received_ns) >= 0).all() for topic in (pulses, force))
-    if rising:
-        return np.searchsorted(force.received_ns, pulses.received_ns, side='left')
-    return np.searchsorted(force.place, pulses.place)
 
 
 def _facts(

@@ -28,6 +28,8 @@ class Channel:
         ``ros2msg`` or ``ros2idl``.
     serialization : str
         ``cdr`` wherever this package can decode.
+    publisher : str
+        Identity of who published the messages, empty if the recording does not tell.
     """
 
     topic: str
@@ -35,6 +37,7 @@ class Channel:
     definition: str = ''
     definition_encoding: str = 'ros2msg'
     serialization: str = 'cdr'
+    publisher: str = ''
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,7 @@ def _expect_tables(connection: apsw.Connection) -> None:
             "SELECT name FROM sqlite_master WHERE sql LIKE 'create virtual%'"
         )
     ]
-    for name in ('topics', 'messages', 'message_definitions', 'metadata', 'schema'):
+    for name in ('topics', 'messages', 'message_definitions', 'publishers', 'metadata', 'schema'):
         if kinds.get(name, 'table') != 'table' or name in virtual:
             raise apsw.SQLError(f'{name} is no plain table')
 
@@ -160,8 +160,18 @@ def _channels(connection: apsw.Connection) -> dict[int, Channel]:
         definitions = {
             name: (text, encoding) for name, text, encoding in connection.execute(query)
         }
+    publishers: dict[int, str] = {}
+    if 'publishers' in tables:
+        query = "SELECT topic_id, identity FROM publishers WHERE typeof(identity) = 'text'"
+        publishers = dict(connection.execute(query))
     query = 'SELECT id, name, type, serialization_format FROM topics'
     return {
-        number: Channel(topic, kind, *definitions.get(kind, ('', 'ros2msg')), serialization)
+        number: Channel(
+            topic,
+            kind,
+            *definitions.get(kind, ('', 'ros2msg')),
+            serialization,
+            publishers.get(number, ''),
+        )
         for number, topic, kind, serialization in connection.execute(query)
     }

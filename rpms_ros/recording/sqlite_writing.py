@@ -8,7 +8,7 @@ from rpms_ros.recording.metadata import VERSION
 from rpms_ros.recording.metadata import TopicEntry
 from rpms_ros.recording.metadata import qos_text
 
-# The tables of rosbag2's version 4 and, behind them, who wrote them.
+# The tables of rosbag2's version 4, besides who published, and behind them who wrote them.
 _TABLES = """
 PRAGMA journal_mode = WAL;
 PRAGMA synchronous = NORMAL;
@@ -22,6 +22,7 @@ CREATE TABLE topics(
 CREATE TABLE message_definitions(
   id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
   encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE publishers(topic_id INTEGER PRIMARY KEY, identity TEXT NOT NULL);
 CREATE TABLE messages(
   id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
   data BLOB NOT NULL);
@@ -69,8 +70,12 @@ class SqliteFileWriter:
                 topic.digest,
             ),
         )
+        number = int(cursor.lastrowid or 0)
+        if channel.publisher:
+            row = (number, channel.publisher)
+            self._connection.execute('INSERT INTO publishers VALUES (?, ?)', row)
         self._connection.commit()
-        return int(cursor.lastrowid or 0)
+        return number
 
     def append(self, topic: int, time_ns: int, message: bytes | memoryview) -> None:
         """Take one message; it is written with the next `flush`, or earlier if many wait."""

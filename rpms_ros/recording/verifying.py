@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +28,8 @@ from rpms_ros.recording.session_hash import session_hash
 OK, FAULT, UNKNOWN = 'ok', 'FAULT', 'unknown'
 PUBLISHERS_KEY = 'publishers'
 """Name in `custom_data` under which a recorder notes how many publishers a topic had."""
+LOST_KEY = 'lost_messages'
+"""Name in `custom_data` under which a recorder notes what came and was not kept."""
 # Longer steps between stamps are gaps: more than jitter makes of one sampling interval.
 _LONGEST_STEP = 1.75
 _SEQUENCES = 2**32
@@ -89,7 +92,8 @@ def verify(
     findings += [
         Finding('session', FAULT, text) for text in recording.facts.remarks if text not in seen
     ]
-    findings += [*_clock(recording), *_gaps(recording), *_doubles(recording), *_values(recording)]
+    findings += [*_clock(recording), *_gaps(recording), *_lost(facts)]
+    findings += [*_doubles(recording), *_values(recording)]
     if audit is not None:
         findings += _audit(recording, audit)
     return [*findings, Finding('hash', OK, session_hash(recording))]
@@ -195,6 +199,13 @@ def _clock(recording: Recording) -> list[Finding]:
             text = f'{name}: {back} steps back, the furthest by {furthest:.6g} s'
             findings.append(Finding('clock', FAULT, text))
     return findings or [Finding('clock', OK, 'no step back')]
+
+
+def _lost(facts: RecordingFacts) -> Iterator[Finding]:
+    """Say what the recorder did not keep, by its own count."""
+    with suppress(AttributeError, KeyError, TypeError, ValueError, RecursionError):
+        for topic, count in json.loads(facts.custom[LOST_KEY]).items():
+            yield Finding('gaps', FAULT, printable(f'{int(count)} messages of {topic} were lost'))
 
 
 def _gaps(recording: Recording) -> Iterator[Finding]:

@@ -127,6 +127,7 @@ class RecordingWriter:
         type_name: str,
         qos: Sequence[Qos] = (),
         definition: tuple[str, str] | None = None,
+        publisher: str = '',
     ) -> int:
         """Return the number of a new topic, for `append`.
 
@@ -138,9 +139,16 @@ class RecordingWriter:
             Quality of service that its publishers offer.
         definition : (str, str), optional
             Text and hash of the type, if it is not one that the package knows.
+        publisher : str
+            Identity of its publisher, if it is known; another one of the same topic is added as
+            a topic of its own.
         """
         text, digest = definition or written_definition(type_name)
-        entry = TopicEntry(Channel(name, type_name, text), digest, qos)
+        for other in self._topics.values():
+            if (other.channel.topic, other.channel.type_name) == (name, type_name):
+                # Readers take channels of one topic for one only if they are described alike.
+                qos = other.qos
+        entry = TopicEntry(Channel(name, type_name, text, publisher=publisher), digest, qos)
         try:
             number = self._file.add_topic(entry)
         except _REFUSALS as error:

@@ -105,6 +105,7 @@ def identified(
         progress,
         arrival,
         save_state=options.save_state,
+        foreign=recording.foreign,
     )
     if recording.unit == session.last.unit:
         return session

@@ -270,10 +270,10 @@ def test_a_sensor_that_gives_nan_alone_is_counted_while_it_lasts() -> None:
     assert run.estimates == []
 
 
-def test_a_fault_found_before_the_stream_is_counted() -> None:
+def test_messages_of_others_are_counted() -> None:
     run = Run()
-    run.stream.count_fault('force_not_finite', 2)
-    assert run.stream.fault_counts == {'force_not_finite': 2}
+    run.stream.add_foreign(2, np.array([START_NS], dtype=np.int64))
+    assert run.stream.fault_counts == {'force_publishers': 2, 'pulse_publishers': 1}
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ from rpms_ros.pulses import Pulse
 from rpms_ros.recording import read_facts
 from rpms_ros.recording import read_recording
 from rpms_ros.recording.definitions import described_type
+from rpms_ros.recording.verifying import verify
 
 MILLISECOND = 1_000_000
 SAMPLES = 2000
@@ -173,3 +174,39 @@ def test_missing_samples_are_seen_by_the_stamps() -> None:
 def test_a_type_that_is_not_installed_is_named() -> None:
     with pytest.raises(RecordingError, match='expected an installed lab_msgs/msg/Jaw, got No mod'):
         message_class('lab_msgs/msg/Jaw')
+
+
+def test_publishers_are_told_apart(graph, tmp_path: Path) -> None:
+    first, second = Source(graph), Source(graph)
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    for source in (first, second):
+        source.wait_for_listeners()
+    graph.wait_for(lambda: recorder.count_publishers('force') == 2)
+    first.send(1)
+    graph.wait_for(lambda: recorder.counts['force'].messages == 1)
+    second.send(100)
+    graph.wait_for(lambda: recorder.counts['force'].messages == 101)
+    graph.wait_for(lambda: recorder.counts['pulses'].messages == 3)
+    recorder.close()
+    recording = read_recording(tmp_path / 'session')
+    assert len(recording.forces) == 1
+    np.testing.assert_array_equal(recording.foreign.samples_before_sample, np.ones(100))
+    assert len(recording.foreign.onset_ns) == 2
+    assert recording.facts.faults == {'several_publishers': 102}
+
+
+def test_what_a_full_queue_loses_is_counted(graph, tmp_path: Path) -> None:
+    source = Source(graph)
+    recorder = graph.add(Recorder, path=str(tmp_path / 'session'))
+    source.wait_for_listeners()
+    source.send(1)
+    graph.wait_for(lambda: recorder.counts['force'].messages == 1)
+    # The recorder does not look meanwhile.
+    depth = qos.FORCE.depth
+    source.send(depth + 100)
+    graph.wait_for(lambda: recorder.counts['force'].messages == 1 + depth)
+    recorder._report()
+    assert recorder._lost == {'force': 100}
+    recorder.close()
+    lines = [str(one.text) for one in verify(tmp_path / 'session') if one.state == 'FAULT']
+    assert '100 messages of /force were lost' in lines
