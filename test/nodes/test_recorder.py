@@ -96,16 +96,18 @@ def test_a_killed_recorder_leaves_what_was_flushed(
         [sys.executable, '-c', code, *arguments],
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
     ) as process:
-        source.wait_for_listeners()
-        source.send(SAMPLES)
 
         def everything_flushed() -> bool:
             files = list(path.glob('*.mcap'))
             # 100 bytes a sample at least
             return bool(files) and files[0].stat().st_size > 100 * SAMPLES
 
-        wait_for(everything_flushed)
-        process.send_signal(signal.SIGKILL)
+        try:
+            source.wait_for_listeners()
+            source.send(SAMPLES)
+            wait_for(everything_flushed, 60.0)
+        finally:
+            process.send_signal(signal.SIGKILL)
     assert not (path / 'metadata.yaml').exists()
     recording = read_recording(path)
     assert len(recording.forces) > SAMPLES // 2
