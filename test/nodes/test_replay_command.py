@@ -13,8 +13,8 @@ import yaml
 from rpms_ros import messages
 from rpms_ros.cli import main
 from rpms_ros.identification import Estimate
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+from rpms_ros.nodes.identifier_parameters import build_stream
 from rpms_ros.nodes.replayer import ReplaySettings
 from rpms_ros.recording import Recording
 from rpms_ros.recording import RecordingWriter
@@ -47,7 +47,8 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def live_estimates(recording: Recording) -> list[Estimate]:
-    stream = IdentificationStream(RecursiveEstimator())
+    # As the node does where nothing is said.
+    stream = build_stream(IdentifierParameters())
     stream.add_pulses(recording.pulses)
     stream.add_forces(recording.forces)
     return stream.advance()
