@@ -25,7 +25,6 @@ NAMES = (
     'rate_offset',
     'zero_offset',
 )
-INTENSITY_NUMBERS = 4
 CENTRE = np.array([0.48, 0.98, np.log(5.0), np.log(4.0), 25.0, np.log(0.05), -0.321 / 0.0597, 0.0])
 # Spread over people (Table 6), and over what a bend can be told apart at all.
 SPREAD = np.array([0.15, 0.15, 0.5, 0.8, 8.0, 0.8, 5.0, 0.05])

@@ -37,7 +37,6 @@ _FROM_ZERO_S = 1.0
 _TURNAROUND_S = 0.003
 _TEMPERATURE_INTERVAL_NS = 2 * _SECOND
 _FRAME_LENGTH = 3
-_POWER_LENGTH = 5
 # The protocol has no word on whether a trigger gave a pulse.
 _NEVER_VERIFIED = frozenset({'delivery'})
 
