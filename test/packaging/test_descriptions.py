@@ -171,7 +171,6 @@ def test_executables_go_where_ros2_run_looks() -> None:
 ROSDEP = {
     'matplotlib': 'python3-matplotlib',
     'jinja2': 'python3-jinja2',
-    'numba': 'python3-numba',
     'numpy': 'python3-numpy',
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
@@ -207,8 +206,15 @@ def test_the_image_is_built_as_the_page_builds_a_workspace() -> None:
     for step in steps:
         assert step in lines
     assert 'FROM ros:jazzy-ros-base' in lines
-    pinned = re.findall(r'`python3 -m pip install (mcap==[\d.]+)`', readme)
-    assert f'pip install --break-system-packages {pinned[0]}' in lines
+    (pinned,) = re.findall(r'`python3 -m pip install (mcap==[\d.]+ numba==[\d.]+)`', readme)
+    assert f'pip install --break-system-packages {pinned}' in lines
+    assert pinned in (ROOT / 'CONTRIBUTING.md').read_text()
+    assert set(pinned.split()) <= set((ROOT / 'requirements' / 'rpms.lock').read_text().split())
+
+
+def test_rosdep_is_not_asked_for_what_ubuntu_lacks() -> None:
+    # Ubuntu 24.04 has no package of numba, so that `rosdep install` would end with an error
+    assert 'python3-numba' not in depends(package_xml(ROOT), 'depend', 'exec_depend')
 
 
 def test_locks_pin_every_package_once() -> None:
