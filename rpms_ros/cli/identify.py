@@ -46,6 +46,7 @@ exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 
 """
 # Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
 PRESETS = ('people', 'paper_table_4', 'paper_table_5')
+_FOLLOWS = 'tracking'
 _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
 # More than a figure has pixels across; a minute and a half has all of its estimates.
 _MOST_ESTIMATES = 1000
@@ -154,7 +155,8 @@ def run(arguments: argparse.Namespace) -> int:
     with progress('identifying', samples, 'samples', arguments.quiet) as advance:
         # Figures show a path of estimates; the result is the last one.
         # A state that is gone on with on line is made with the period on line.
-        few = _MOST_ESTIMATES if arguments.out else 1
+        # So does the answer to the question whether the muscle changed.
+        few = _MOST_ESTIMATES if arguments.out or arguments.estimator == _FOLLOWS else 1
         most = None if arguments.save_state else few
         session = identified(recording, options, advance, most)
     document = plain(result_of(recording, session, settings))
@@ -181,6 +183,8 @@ def as_text(document: dict[str, Any]) -> str:
     # What must not be used is not there to be copied.
     if verdict['grade'] != 'no':
         rows += _found(document)
+    if verdict['grade'] != 'no' and 'steadiness' in document:
+        rows.append(('the muscle', document['steadiness']))
     rows.append(('prediction error', _output_error(document)))
     faults = (f'{name} {count}' for name, count in document['faults'].items())
     rows.append(('faults', ', '.join(faults) or 'none'))

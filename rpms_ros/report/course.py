@@ -18,7 +18,7 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.schema import documented
 
-MOST_SHOWN = 400
+MOST_SHOWN = 300
 """Of more estimates, evenly spaced ones are drawn: a page has no more pixels."""
 # Until then an estimator still learns; of a shorter session the first fifth [s].
 _SETTLING = 10.0

@@ -30,6 +30,9 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import Recording
 from rpms_ros.recording import session_hash
 from rpms_ros.recording.schedules import RecordedSchedule
+from rpms_ros.report.course import Change
+from rpms_ros.report.course import course_of
+from rpms_ros.report.steadiness import steadiness
 from rpms_ros.schema import documented
 
 ONE_INTENSITY = (
@@ -104,6 +107,16 @@ class IdentificationResult:
         'trains of one intensity at their own rate; null where there is a curve, or no train',
         default=None,
     )
+    steadiness: str | None = documented(
+        'whether the muscle stayed the same, in words; of an estimator that follows changes',
+        default=None,
+    )
+    changes: list[Change] | None = documented('sudden changes that were found', default=None)
+    rates: dict[str, Stated] | None = documented(
+        'what changed slowly at the end, per minute: force and time constant in per cent, '
+        'thresholds as shares of the maximum',
+        default=None,
+    )
     output_error_n: float = documented(
         'root mean square of measured minus predicted force, after settling [N]'
     )
@@ -136,6 +149,7 @@ def result_of(
     dynamics = None if last.curve_known else _dynamics(recording)
     known, names = last.curve_known, last.nonlinear_names
     informed = informed_parameters(last)
+    course = course_of(session)
     flags = [IDENTIFIABILITY[flag] for flag in last.nonlinear_identifiability.tolist()]
     variance = np.maximum(np.diag(last.nonlinear_covariance), 0.0)
     response = impulse_response(recording.pulses, last)
@@ -172,6 +186,9 @@ def result_of(
         deviation=_by_name(names[: len(variance)], _deviations(variance, informed)),
         physiology=_physiology(last) or None,
         dynamics=dynamics,
+        steadiness=steadiness(course) if course.follows else None,
+        changes=course.changes or None,
+        rates=_rates(last) or None,
         output_error_n=session.output_error.newton,
         output_error_of_range=session.output_error.of_range,
         faults={**recording.facts.faults, **last.faults},
@@ -208,6 +225,14 @@ def _physiology(estimate: Estimate) -> dict[str, Stated]:
     return {
         estimate.physiology_names[index]: Stated(*rows[index].tolist())
         for index in narrowed_physiology(estimate)
+    }
+
+
+def _rates(estimate: Estimate) -> dict[str, Stated]:
+    """Return what changes slowly, a minute, by name."""
+    rows = np.stack((estimate.rate, estimate.rate_lower, estimate.rate_upper), axis=1)
+    return {
+        name: Stated(*row) for name, row in zip(estimate.rate_names, rows.tolist(), strict=True)
     }
 
 

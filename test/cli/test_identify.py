@@ -376,3 +376,20 @@ def test_a_history_law_comes_from_a_file(rpms: Rpms, short_session: Path, tmp_pa
     code, _, err = rpms('identify', short_session, *options)
     assert code == 2
     assert 'expected a facilitation of at least 0, got -0.5' in err
+
+
+def test_an_estimator_that_follows_tells_whether_the_muscle_stayed_the_same(
+    rpms: Rpms, short_session: Path
+) -> None:
+    code, out, _ = rpms('identify', short_session, '--estimator', 'tracking', '--json')
+    assert code == 0
+    document = json.loads(out)
+    assert document['steadiness'].startswith('The muscle stayed the same within')
+    rate = document['rates']['force_percent']
+    assert rate['lower'] < rate['value'] < rate['upper']
+    # ten seconds of a steady muscle do not look like one that tires within minutes
+    assert abs(rate['value']) < 10.0
+    assert 'changes' not in document
+    _, out, _ = rpms('identify', short_session, '--estimator', 'tracking')
+    assert 'the muscle' in out
+    assert 'The muscle stayed the same within' in out
