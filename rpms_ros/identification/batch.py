@@ -3,23 +3,31 @@
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
 parameters follow exactly (`rpms_ros.identification.projection`); a fit costs what its pulses
 cost, not its samples.  Fits are made when the recording has doubled, so that there is an
-a-priori prediction of every sample, and once more when an estimate is asked for.
+a-priori prediction of every sample, and once more when an estimate is asked for.  Where the
+settings say so, the samples choose latency and time constant of the functions
+(`rpms_ros.identification.projection.basis_search`).
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.basis_search import BasisSearch
+from rpms_ros.identification.projection.basis_search import basis_at
 from rpms_ros.identification.projection.block_statistics import grown
 from rpms_ros.identification.projection.data_intake import restate
+from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.fit import fit_linear
 from rpms_ros.identification.projection.problem import BaselineKnots
 from rpms_ros.identification.projection.problem import Problem
+from rpms_ros.identification.projection.sample_record import SampleRecord
 from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.projection.step import complete_equations
 from rpms_ros.identification.projection.step import improve
@@ -41,6 +49,11 @@ _FINAL_STEPS = 12
 _FINAL_TOLERANCE = 1e-9
 _ROUNDS = 2
 _START_DAMPING = 1e-2
+# How much of a recording chooses the basis, how much is too little, and when it is searched for
+# everywhere once more.
+_CHOSEN_NS = 40 * NANOSECONDS_PER_SECOND
+_LEAST_SAMPLES = 500
+_SEARCHED_AGAIN_NS = 10 * NANOSECONDS_PER_SECOND
 
 
 class BatchEstimator(ProjectionEstimator):
@@ -67,6 +80,10 @@ class BatchEstimator(ProjectionEstimator):
     _due_ns: int
     _interval_ns: int
     _fitted_samples: int
+    _place: tuple[int, int]
+    _searches: int
+    _looked_at: tuple[int, int]
+    _record: SampleRecord
 
     def __init__(
         self,
@@ -81,6 +98,30 @@ class BatchEstimator(ProjectionEstimator):
         self._due_ns = 0
         self._interval_ns = _FIRST_FIT_NS
         self._fitted_samples = 0
+        self._place = (0, 0)
+        self._searches = 0
+        self._looked_at = (0, 0)
+        self._record = SampleRecord()
+        if self.settings.choose_basis:
+            self._use(self.settings.basis)
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        super().add_pulses(onset_ns, intensity)
+        if self.settings.choose_basis and len(onset_ns):
+            weight = self._delay_line.weight[-len(onset_ns) :]
+            self._record.add_pulses(onset_ns, intensity, weight)
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act: the clock has jumped, their time is not known."""
+        super().forget_pulses()
+        self._record.jump()
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what was saved; see `Restorable.restore`."""
+        super().restore(state)
+        if self.settings.choose_basis:
+            self._use(basis_at(self.settings.basis, self._place))
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Take samples (samples,), ascending; return their a-priori prediction [N].
@@ -105,6 +146,9 @@ class BatchEstimator(ProjectionEstimator):
             part = slice(first, last)
             self._make_room(int(stamp_ns[last - 1] - stamp_ns[first]))
             self._take(stamp_ns[part], force[part], usable[part], prediction[part])
+            if self.settings.choose_basis:
+                chosen = usable[part]
+                self._record.add(stamp_ns[part][chosen], force[part][chosen])
             self._last_ns = int(stamp_ns[last - 1])
             first = last
         return prediction
@@ -149,6 +193,12 @@ class BatchEstimator(ProjectionEstimator):
         self._fitted_samples = samples
         if self.settings.baseline:
             self._place_knots()
+        self._fit_basis(scouting)
+        if self.settings.choose_basis and self._choose_basis():
+            self._fit_basis(scouting)
+
+    def _fit_basis(self, scouting: bool) -> None:
+        """Fit all samples with the basis as it is."""
         fit = self._fit
         fit.variance[0] = 0.0
         fit_linear(self._problem, fit, True)
@@ -160,6 +210,50 @@ class BatchEstimator(ProjectionEstimator):
             improve(self._problem, fit, self._trial, _FINAL_STEPS, _FINAL_TOLERANCE, False)
         complete_equations(self._problem, fit)
         restate(self._problem, self._intake, fit)
+
+    def _choose_basis(self) -> bool:
+        """Go over to the basis that explains the recording best; return whether it is another."""
+        part = self._record.window(_CHOSEN_NS)
+        if part is None or part.samples.stop - part.samples.start < _LEAST_SAMPLES:
+            return False
+        looked_at = part.samples.start, part.samples.stop
+        if looked_at == self._looked_at:
+            return False
+        self._looked_at = looked_at
+        search = BasisSearch(
+            self._record,
+            part,
+            self.settings.basis,
+            self._fit.theta,
+            self._problem.prior,
+            self.settings.knot_spacing,
+        )
+        first_ns, last_ns = self._record.span_ns(part)
+        everywhere = self._searches < 1 + (last_ns - first_ns > _SEARCHED_AGAIN_NS)
+        self._searches += everywhere
+        place = search.best(self._place, everywhere)
+        if place == self._place:
+            return False
+        self._place = place
+        basis = basis_at(self.settings.basis, place)
+        old = self._intake
+        parts = self._record.parts()
+        problem, intake, waiting = self._record.condensed(
+            basis, self._problem.prior, self._problem.baseline, parts
+        )
+        self._problem = problem
+        self._intake = old._replace(state=intake.state, fresh=intake.fresh)
+        self._delay_line.restart(*self._record.newest_pulses(waiting), basis.latency)
+        self._use(basis)
+        return True
+
+    def _use(self, basis: LaguerreBasis) -> None:
+        """Use a basis from now on."""
+        self._rate = 2.0 / basis.time_constant
+        self._delay_line.latency(basis.latency)
+        self._builder = EstimateBuilder(
+            self.name, basis, self.rate_hz, self.settings.confidence, wide=True
+        )
 
     def _scout(self, fit: Fit) -> None:
         """Try every start on the newest blocks; go on from the best if it is better over all."""

@@ -41,7 +41,8 @@ class EstimatorOptions:
     preset : str
         ``people``, or ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its
         recursion; batch and horizon with its start, and the response without a latency (Table 4)
-        or from 8 ms after the pulse on (Table 5).  `tracking` needs none.
+        or from 8 ms after the pulse on (Table 5).  With ``people`` the batch finds the latency
+        itself.  `tracking` needs none.
     seed : int
         Seed of a random start.
     rate_hz : float
@@ -80,7 +81,9 @@ def _projection(options: EstimatorOptions) -> ProjectionSettings:
 
 
 def _batch(options: EstimatorOptions) -> Estimator:
-    return BatchEstimator(_projection(options), options.rate_hz)
+    people = options.preset == PEOPLE_PRESET
+    settings = replace(_projection(options), choose_basis=people)
+    return BatchEstimator(settings, options.rate_hz)
 
 
 def _horizon(options: EstimatorOptions) -> Estimator:

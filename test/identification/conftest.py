@@ -45,3 +45,9 @@ def numpy_recursion() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope='session')
+def living_sessions(beside: Callable[[str], ModuleType]) -> ModuleType:
+    """The module of sessions in the folder of all tests: `session`, `SUBJECT`."""
+    return beside('living_sessions')

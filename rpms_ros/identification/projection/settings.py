@@ -93,6 +93,8 @@ class ProjectionSettings:
     history : TemporalSummation or None
         How a pulse's weight depends on all pulses before it, in place of `by_rate`; None: on the
         interval alone.
+    choose_basis : bool
+        Batch: let the samples choose latency and time constant, `basis` being where it begins.
     knot_spacing : float
         Batch: distance of the baseline's knots [s].
     horizon : float
@@ -115,6 +117,7 @@ class ProjectionSettings:
     baseline: bool = True
     by_rate: RateRecruitment | None = field(default_factory=RateRecruitment)
     history: TemporalSummation | None = None
+    choose_basis: bool = False
     knot_spacing: float = 15.0
     horizon: float = 20.0
     step_period: float = 0.05
