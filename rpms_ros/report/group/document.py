@@ -47,6 +47,8 @@ def group_document(
     if one_person and all(_dated(row) for row in rows):
         rows = sorted(rows, key=lambda row: int(row['start_ns']))
     first_ns = min((int(row['start_ns']) for row in rows if _dated(row)), default=0)
+    compared = [one for one in QUANTITIES if any(measured(row, one) for row in rows)]
+    compared = compared or list(QUANTITIES)
     shown = [_shown(index, row, first_ns) for index, row in enumerate(rows, 1)]
     counts = Counter(one['verdict'] for one in shown)
     confidence = next((row['confidence'] for row in rows if row.get('confidence')), 0.95)
@@ -55,10 +57,10 @@ def group_document(
         'one_person': one_person,
         'confidence': confidence,
         'verdicts': {grade: counts[grade] for grade in (*GRADES, FAILED)},
-        'quantities': [asdict(one) for one in QUANTITIES],
+        'quantities': [asdict(one) for one in compared],
         'recordings': shown,
-        'spread': [_spread(rows, one, confidence) for one in QUANTITIES],
-        'changes': [_change(shown, one) for one in QUANTITIES] if one_person else [],
+        'spread': [_spread(rows, one, confidence) for one in compared],
+        'changes': [_change(shown, one) for one in compared] if one_person else [],
         'remarks': [*remarks, *_remarks(rows, one_person)],
     }
 

@@ -38,14 +38,18 @@ def _over_dates(document: Mapping[str, Any]) -> Figure:
     recordings = document['recordings']
     days = [one['day'] for one in recordings]
     dated = None not in days and len(set(days)) == len(days)
-    figure = Figure(figsize=(11.0, 5.6), layout='constrained')
-    axes = figure.subplots(2, 2, sharex=True)
-    for place, quantity in zip(axes.flat, document['quantities'], strict=True):
-        at = [one['day'] if dated else one['number'] for one in recordings]
+    rows = -(-len(document['quantities']) // 2)
+    figure = Figure(figsize=(11.0, 2.8 * rows), layout='constrained')
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
+    at = [one['day'] if dated else one['number'] for one in recordings]
+    for place in axes.flat[len(document['quantities']) :]:
+        place.axis('off')
+    for place, quantity in zip(axes.flat, document['quantities'], strict=False):
         _points(place, recordings, quantity['column'], at, vertical=True)
         place.set_title(quantity['label'])
         place.set_ylabel(quantity['unit'])
-    for place in axes[1]:
+        place.tick_params(labelbottom=True)
+    for place in axes[-1]:
         place.set_xlabel('days after the first session' if dated else 'session')
     if at:
         margin = 0.05 * max(max(at) - min(at), 1.0)
@@ -58,7 +62,7 @@ def _by_recording(document: Mapping[str, Any]) -> Figure:
     count = len(recordings)
     named = count <= _MOST_NAMES
     figure = Figure(figsize=(11.0, 1.4 + (0.26 if named else 0.06) * count), layout='constrained')
-    axes = figure.subplots(1, len(document['quantities']), sharey=True)
+    axes = figure.subplots(1, len(document['quantities']), sharey=True, squeeze=False)[0]
     at = [one['number'] for one in recordings]
     for place, quantity, spread in zip(
         axes, document['quantities'], document['spread'], strict=True

@@ -36,7 +36,9 @@ QUANTITIES = (
     Quantity('steady_force_50', 'Force at 50 %', 'N'),
     Quantity('steady_force_100', 'Force at 100 %', 'N'),
     Quantity('twitch_time_constant_s', 'T_a', 'ms', 1e3),
+    Quantity('train_peak_force', 'Peak of trains', 'N'),
 )
+"""Those that no recording has are left out of a page."""
 
 
 @dataclass(frozen=True)

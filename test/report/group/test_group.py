@@ -188,6 +188,18 @@ def test_rows_without_any_number() -> None:
         assert 'in no recording' in text
 
 
+def test_what_no_recording_has_is_left_out() -> None:
+    none = dict.fromkeys(name for name in row(1) if name.startswith(('u_', 'steady')))
+    rows = [row(number, **none, train_peak_force=3.0 + number) for number in (1, 2, 3)]
+    document = group_document(rows, 'rats', one_person=True)
+    columns = [one['column'] for one in document['quantities']]
+    assert columns == ['twitch_time_constant_s', 'train_peak_force']
+    assert changes(document)['train_peak_force']['first']['change']['value'] == 2.0
+    for one_person in (False, True):
+        assert 'Peak of trains' in page(rows, one_person)
+        assert 'Force at 50 %' not in page(rows, one_person).split('<figure>')[0]
+
+
 def test_intervals_are_scaled_with_their_numbers() -> None:
     document = group_document([row(1)], 'Ada', one_person=False)
     found = document['recordings'][0]['measured']['u_thr']
