@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
-impulse response, parameter paths, force with zoom, residual analysis, held-out fit, faults,
+impulse response, time courses, force with zoom, residual analysis, held-out fit, faults,
 schedule and energy, session facts, and the fields of the rPMS reporting checklist.
 """
 _EXAMPLES = """\
