@@ -2,13 +2,14 @@ r"""Normal equations of a muscle that changes slowly under a disturbance, from t
 
 The force of interval j, whose middle lies ``a_j`` seconds before now, is
 
-.. math:: f_j = (1 + \gamma_j) \left( Z w + \delta_j Z D w
+.. math:: f_j = (1 + \gamma_j) \left( Z e^{\delta_j D} w
           + a_j (\sigma_1 \psi_1 + \sigma_2 \psi_2) \right) + B b
 
 with theta and w as they are *now*, gamma the relative change of the force since and delta that of
-the time constant (piecewise linear in a, nothing at a = 0), sigma the change of u_thr and u_sat a
-second, and b a piecewise linear disturbance.  D is the derivative of the Laguerre functions by
-the logarithm of their time constant,
+the logarithm of the time constant (piecewise linear in a, nothing at a = 0), sigma the change of
+u_thr and u_sat a second, and b a piecewise linear disturbance.  D is the derivative of the
+Laguerre functions by the logarithm of their time constant, so ``e^(delta D)`` stretches a response
+in time,
 
 .. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right).
 
@@ -28,6 +29,9 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 SLOPES = 2
+# Of the exponential series: the time constant changes by less than a factor of 2.  A smaller
+# change, or term, makes no difference.
+_TERMS, _NO_SLOWING = 16, 1e-10
 
 
 class Point(NamedTuple):
@@ -40,7 +44,8 @@ class Point(NamedTuple):
     linear : ndarray (functions,)
         w now.
     gain, slowing : ndarray (knots,)
-        Relative force and relative time constant at the knots of the past, against now.
+        Relative force and logarithm of the relative time constant at the knots of the past,
+        against now.
     slope : ndarray (2,)
         Change of u_thr and u_sat with the age [1/s].
     """
@@ -95,6 +100,37 @@ def slowed(linear: FloatArray) -> FloatArray:
         if index > 0:
             result[index] -= 0.5 * index * linear[index - 1]
     return result
+
+
+@numba.njit(cache=True)
+def stretched(linear: FloatArray, slowing: float) -> FloatArray:
+    """Return w (functions,) with its response stretched in time by ``e^slowing``."""
+    term, total = linear.copy(), linear.copy()
+    for order in range(1, _TERMS):
+        term = slowed(term) * (slowing / order)
+        total += term
+        if np.abs(term).max() < _NO_SLOWING:
+            break
+    return total
+
+
+@numba.njit(cache=True)
+def _stretched_columns(
+    gram: FloatArray, right: FloatArray, slowing: float, functions: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the sums of an interval with the columns of w stretched in time."""
+    part = slice(PARAMETERS, PARAMETERS + functions)
+    matrix = np.zeros((functions, functions))
+    unit = np.zeros(functions)
+    for function in range(functions):
+        unit[:] = 0.0
+        unit[function] = 1.0
+        matrix[:, function] = stretched(unit, slowing)
+    gram, right = gram.copy(), right.copy()
+    gram[:, part] = np.ascontiguousarray(gram[:, part]) @ matrix
+    gram[part] = matrix.T @ gram[part]
+    right[part] = matrix.T @ right[part]
+    return gram, right
 
 
 @numba.njit(cache=True)
@@ -226,20 +262,23 @@ def assemble(
     """
     knots = len(point.gain)
     local = PARAMETERS + len(point.linear)
-    steady = np.zeros(local + 2)
+    force = np.zeros(local + 2)
     slow = np.zeros(local + 2)
-    steady[PARAMETERS:local] = point.linear
+    force[PARAMETERS:local] = point.linear
+    # D commutes with its exponential
     slow[PARAMETERS:local] = slowed(point.linear)
     basis = np.zeros((6, local + 2))
     place = np.zeros(6, dtype=np.int64)
     for index in range(len(intervals.samples)):
         if intervals.samples[index] == 0.0:
             continue
-        gram, right = intervals.gram[index], intervals.right[index]
         age = max(now - (index + 0.5), 0.0)
         position = age / spacing
         gain = 1.0 + _at_age(point.gain, position)
-        force = steady + _at_age(point.slowing, position) * slow
+        delay = _at_age(point.slowing, position)
+        gram, right = intervals.gram[index], intervals.right[index]
+        if abs(delay) > _NO_SLOWING:
+            gram, right = _stretched_columns(gram, right, delay, len(point.linear))
         force[0] = age * point.slope[0]
         force[1] = age * point.slope[1]
         # what is left of the samples at the point, by the interval's columns

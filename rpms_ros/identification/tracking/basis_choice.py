@@ -76,6 +76,7 @@ def likelihood(
     first_ns: int,
     now_ns: int,
     length_ns: int,
+    spacing: float,
 ) -> float:
     """Return the log-likelihood of a basis for the samples since a time."""
     functions = basis.functions
@@ -90,7 +91,8 @@ def likelihood(
     trial = replace(fresh_fit(theta, functions), scales=fit.scales, variance=fit.variance)
     trial.together = fit.together
     begin_ns = int(blocks.start_ns[problem.first])
-    window = Window(begin_ns, now_ns, length_ns, 80.0, 0, no_change(functions))
+    knots = int((now_ns - begin_ns) / (spacing * length_ns) + 0.5)
+    window = Window(begin_ns, now_ns, length_ns, spacing, knots, no_change(functions))
     assert len(trial.covariance) == joint + SLOPES
     if not explained(problem, trial, alone, window, _STEPS):
         return -np.inf
@@ -109,11 +111,12 @@ def better(
     first_ns: int,
     now_ns: int,
     length_ns: int,
+    spacing: float,
 ) -> LaguerreBasis | None:
     """Return the best of the candidates if it is clearly better than the basis, else None."""
     if fit.variance <= 0.0:
         raise IdentificationError(f'expected a variance above 0, got {fit.variance}')
-    rest = (fit, knowledge, prior, first_ns, now_ns, length_ns)
+    rest = (fit, knowledge, prior, first_ns, now_ns, length_ns, spacing)
     best, most = None, likelihood(raw, basis, *rest) + _DECISION
     for candidate in candidates:
         value = likelihood(raw, candidate, *rest)

@@ -18,9 +18,11 @@ from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.identification.tracking.changes import DECISION
 from rpms_ros.identification.tracking.changes import MUSCLE
+from rpms_ros.identification.tracking.changes import NOTHING
 from rpms_ros.identification.tracking.changes import Explanation
 from rpms_ros.identification.tracking.changes import Snapshot
 from rpms_ros.identification.tracking.changes import judged
+from rpms_ros.identification.tracking.changes import quiet
 from rpms_ros.identification.tracking.intervals import Origin
 from rpms_ros.identification.tracking.knowledge import Knowledge
 from rpms_ros.identification.tracking.window_fit import Window
@@ -33,6 +35,8 @@ _NAMING_NS = 4 * NANOSECONDS_PER_SECOND
 _LEAST_KNOWN_NS = 5 * NANOSECONDS_PER_SECOND
 _LEAST_SNAPSHOTS = 8
 _CANDIDATES = 8
+# So many of the newest have to fail.
+_NEWEST = 2
 # A first look takes every second of them.
 _FIRST_LOOK = 2
 _SUSPICIOUS = 1.5
@@ -157,12 +161,23 @@ class ChangeWatch(Restorable):
         alert: Alert,
         stride: int = 1,
     ) -> Explanation | None:
-        """Return the change that explains the newest samples best, if the odds decide."""
+        """Return the change that explains the newest samples best, if the odds decide.
+
+        When it is decided: None if the muscle as it was known last explains them, because what
+        was known earlier was less.
+        """
         best = None
+        explained = 0 if stride == 1 else _NEWEST
         for before in list(self._snapshots)[-_CANDIDATES:][::-stride]:
             if before.stamp_ns < window.first_ns + _LEAST_KNOWN_NS:
                 continue
-            one = _of_muscle(_explanations(problem, before, window, prior, alert))
+            found = _explanations(problem, before, window, prior, alert)
+            if explained < _NEWEST and NOTHING in found:
+                if not quiet(found[NOTHING], before.fit.scales.disturbance):
+                    explained = _NEWEST
+                elif (explained := explained + 1) == _NEWEST:
+                    return None
+            one = _of_muscle(found)
             if one is not None and (best is None or one.odds > best.odds):
                 best = one
         return best if best is not None and best.odds >= DECISION else None

@@ -202,8 +202,8 @@ def explain(
     return Explanation(kind, fit.evidence, before, fit, known)
 
 
-def _quiet(one: Explanation, disturbance: int) -> bool:
-    """Whether samples are explained without a livelier disturbance than before."""
+def quiet(one: Explanation, disturbance: int) -> bool:
+    """Return whether samples are explained without a livelier disturbance than before."""
     return one.fit.misfit < _EXPLAINED and one.fit.scales.disturbance <= disturbance
 
 
@@ -224,7 +224,7 @@ def judged(
     lively = len(LIVELINESS) - 2
     found: dict[str, Explanation] = {}
     for kind in (NOTHING, BASELINE, *MUSCLE):
-        if doubted and kind in MUSCLE and any(_quiet(one, now) for one in found.values()):
+        if doubted and kind in MUSCLE and any(quiet(one, now) for one in found.values()):
             break
         best: Explanation | None = None
         for disturbance in sorted({now, lively}):

@@ -22,8 +22,10 @@ from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.data_intake import restate
 from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
+from rpms_ros.identification.projection.normal_equations import within_knots
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import BaselineKnots
+from rpms_ros.identification.tracking.assembly import point_at
 from rpms_ros.identification.tracking.basis_choice import better
 from rpms_ros.identification.tracking.basis_choice import conversion
 from rpms_ros.identification.tracking.basis_choice import grid
@@ -46,6 +48,8 @@ from rpms_ros.identification.tracking.raw_samples import RawSamples
 from rpms_ros.identification.tracking.report import described_fit
 from rpms_ros.identification.tracking.settings import LONGEST_BASIS
 from rpms_ros.identification.tracking.settings import TrackingSettings
+from rpms_ros.identification.tracking.tremor import Tremor
+from rpms_ros.identification.tracking.window_fit import Scales
 from rpms_ros.identification.tracking.window_fit import Window
 from rpms_ros.identification.tracking.window_fit import WindowFit
 from rpms_ros.identification.tracking.window_fit import explained
@@ -62,14 +66,15 @@ _SPARE_BLOCKS = 128
 _BLOCKS_OF_PAUSES = 4
 INTERVAL_NS = 125_000_000
 # Between two knots of the slow change, in intervals.
-_KNOT_INTERVALS = 80
+_KNOT_INTERVALS = 40
 _KNOT_S = _KNOT_INTERVALS * INTERVAL_NS / NANOSECONDS_PER_SECOND
-# The window ends where the muscle was so different that the model of its change, linear in the
-# time constant, is wrong by more than the noise.
+# The window ends where the muscle was so different that what it was then says little of now, and
+# seven functions no longer hold the stretched response.
 _LARGEST_GAIN = 0.25
-_LARGEST_SLOWING = 0.07
+_LARGEST_SLOWING = 0.25
 _SHORTEST_S = 20.0
 _STEPS, _FIRST_STEPS = 2, 6
+_RECENT_PULSES, _MOST_RATES = 100, 3
 _CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
 _CHALLENGER_STEPS = 5
 _CHALLENGER_DECISION = 3.0
@@ -111,6 +116,7 @@ class TrackingEstimator(ProjectionEstimator):
     _origin: Origin
     _watch: ChangeWatch
     _raw: RawSamples
+    _tremor: Tremor
 
     def __init__(
         self,
@@ -136,6 +142,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._origin = no_change(functions)
         self._watch = ChangeWatch()
         self._raw = RawSamples()
+        self._tremor = Tremor()
         self._use(settings.basis)
 
     @property
@@ -170,15 +177,25 @@ class TrackingEstimator(ProjectionEstimator):
                 self._step()
             part = slice(first, last)
             self._make_room(int(stamp_ns[first]), int(stamp_ns[last - 1]))
-            self._take(stamp_ns[part], force[part], usable[part], prediction[part])
-            self._raw.add(stamp_ns[part], force[part], usable[part])
+            tremor = self._tremor.force(stamp_ns[part])
+            rest = force[part] - tremor
+            self._take(stamp_ns[part], rest, usable[part], prediction[part])
+            self._raw.add(stamp_ns[part], rest, usable[part])
+            muscle = prediction[part] - self._disturbance(stamp_ns[part])
+            self._tremor.add(stamp_ns[part], force[part], muscle, usable[part])
+            prediction[part] += tremor
             self._last_ns = int(stamp_ns[last - 1])
         return prediction
+
+    def foretell(self, stamp_ns: IntArray) -> FloatArray:
+        """Return what is expected of samples (samples,) that come next [N]."""
+        return super().foretell(stamp_ns) + self._tremor.force(stamp_ns)
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act; what is known of the muscle is kept."""
         super().forget_pulses()
         self._begin_anew()
+        self._tremor.forget()
         self._last_ns = None
 
     def tell_change(self, kind: str) -> None:
@@ -216,6 +233,7 @@ class TrackingEstimator(ProjectionEstimator):
             _KNOT_S,
             INTERVAL_NS * 1e-9,
             self._basis.area,
+            self._tremor,
         )
 
     def _build(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
@@ -236,6 +254,7 @@ class TrackingEstimator(ProjectionEstimator):
         if self._begun_ns is None and self._window.shows_response:
             self._begun_ns = self._last_ns
         self._slide()
+        self._follow_tremor()
         if not self._holds_samples():
             return
         self._choose_basis()
@@ -249,6 +268,34 @@ class TrackingEstimator(ProjectionEstimator):
             if self._find:
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window()
+
+    def _follow_tremor(self) -> None:
+        """Follow a tremor; when one appears take it off the earlier samples too."""
+        blocks = self._problem.blocks
+        size = int(blocks.size[0])
+        order = (int(blocks.head[0]) + np.arange(size)) % len(blocks.start_ns)
+        recent = blocks.start_ns[order][blocks.intensity[order] > 0.0][-_RECENT_PULSES:]
+        intervals = 1e-9 * np.diff(recent)
+        rates = np.unique(np.round(1.0 / intervals[intervals > 1e-3], 1))
+        if not self._tremor.follow(rates if len(rates) <= _MOST_RATES else rates[:0]):
+            return
+        fit = self._window
+        theta, linear = fit.point.theta, fit.point.linear
+        if fit.shows_response:
+            muscle = linear if self._tremor.muscle_known else 0.0 * linear
+            self._raw.clean(
+                self._basis, theta, muscle, self._problem.prior, self._tremor.frequency
+            )
+            self._change_basis(self._basis)
+        else:
+            # nothing is known that would be lost
+            self._watch.forget()
+            self._problem = self._problem._replace(first=size)
+        # the widths that were found are those of the tremor
+        fit.point = point_at(theta, linear, 0)
+        fit.scales, fit.variance = Scales(), 0.0
+        fit.levels = np.full(2, float(np.median(fit.levels)))
+        self._begun_ns, self._choices = self._last_ns, 0
 
     def _challenge(self, window: Window) -> None:
         """While the window is young try another start, in turn; go on from there if it is better.
@@ -312,6 +359,14 @@ class TrackingEstimator(ProjectionEstimator):
         return Window(
             first_ns, self._last_ns, INTERVAL_NS, float(_KNOT_INTERVALS), knots, self._origin
         )
+
+    def _disturbance(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the disturbance (samples,) [N] that a prediction holds."""
+        baseline, levels = self._problem.baseline, self._fit.levels
+        position = (stamp_ns - baseline.origin_ns) / baseline.spacing_ns
+        share = np.clip(position, within_knots(-np.inf, baseline), within_knots(np.inf, baseline))
+        disturbance: FloatArray = (1.0 - share) * levels[0] + share * levels[1]
+        return disturbance
 
     def _predict_by_window(self) -> None:
         """Let the intake predict by the window's fit."""
@@ -412,6 +467,7 @@ class TrackingEstimator(ProjectionEstimator):
             first_ns,
             self._last_ns,
             INTERVAL_NS,
+            float(_KNOT_INTERVALS),
         )
         if found is not None:
             self._change_basis(found)

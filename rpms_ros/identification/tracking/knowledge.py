@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from dataclasses import replace
+from functools import cache
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 # Share of the response that another basis, or a rest, may have lost.
 _LOST = 0.01
+# Change of a slow change's slope from knot to knot, and what is left of its increments to chance,
+# as shares of the slope.
+_SLOPE_WALK, _SLOPE_NOISE = 0.15, 0.02
 # Added to the diagonal of a matrix whose rows are scaled to 1.
 ROUNDING = 1e-9
 
@@ -78,9 +82,7 @@ class Knowledge:
         gradient[:joint] -= pull
         cost += float(before @ pull)
         logarithm = self._logarithm
-        walk = 2.0 * np.eye(knots) - np.eye(knots, k=1) - np.eye(knots, k=-1)
-        if knots:
-            walk[-1, -1] = 1.0
+        walk = walk_information(knots)
         for start, values, scale in (
             (joint, point.gain, changes[scales.gain]),
             (joint + knots, point.slowing, changes[scales.slowing]),
@@ -165,6 +167,23 @@ def informed(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
     covariance[place, place] += (_LOST * float(np.linalg.norm(point.linear))) ** 2
     reference = np.concatenate((coordinates(point.theta), point.linear))
     return replace(knowledge, information=scaled_inverse(covariance), reference=reference)
+
+
+@cache
+def walk_information(knots: int) -> FloatArray:
+    """Return what is known of a slow change at knots (knots, knots), from nothing at no age.
+
+    Its increments are alike: the first has deviation 1, and the slope walks on from there.
+    """
+    place = np.arange(1.0, knots + 1.0)
+    increments = (
+        1.0
+        + _SLOPE_WALK**2 * np.minimum.outer(place - 1.0, place - 1.0)
+        + _SLOPE_NOISE**2 * np.eye(knots)
+    )
+    difference = np.eye(knots) - np.eye(knots, k=-1)
+    information: FloatArray = difference.T @ np.linalg.solve(increments, difference)
+    return information
 
 
 def coordinates(theta: FloatArray) -> FloatArray:

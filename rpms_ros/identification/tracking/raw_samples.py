@@ -1,5 +1,7 @@
 """Samples and pulses of the window as they came, from which blocks of another basis are made."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from rpms_ros.identification.laguerre import LaguerreBasis
@@ -7,12 +9,16 @@ from rpms_ros.identification.projection.block_statistics import empty_blocks
 from rpms_ros.identification.projection.data_intake import Intake
 from rpms_ros.identification.projection.data_intake import fresh_intake
 from rpms_ros.identification.projection.data_intake import take
+from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.problem import BaselineKnots
 from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.projection.problem import pass_arrays
 from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.tracking.tremor import polynomials
+from rpms_ros.identification.tracking.tremor import seconds
+from rpms_ros.identification.tracking.tremor import waves
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -20,6 +26,8 @@ from rpms_ros.pulses import IntArray
 
 # Samples beyond this rate are thinned out: a basis is chosen as well from fewer [ns].
 _LEAST_DISTANCE_NS = 900_000
+# A tremor is taken off pieces of a second with so many samples, beside a slow force.
+_LEAST_IN_PIECE, _SLOW = 30, 4
 
 
 class RawSamples(Restorable):
@@ -111,6 +119,59 @@ class RawSamples(Restorable):
         tuple
             Problem, intake at the newest sample, and how many pulses have not begun to act.
         """
+        fit = empty_fit(theta, basis.functions, 2)
+        fit.linear[:] = linear
+        problem, intake, pending, _ = self._into_blocks(basis, fit, first_ns, prior, capacity)
+        return problem, intake, pending
+
+    def clean(
+        self,
+        basis: LaguerreBasis,
+        theta: FloatArray,
+        linear: FloatArray,
+        prior: Prior,
+        hertz: float,
+    ) -> None:
+        """Take a tremor of a frequency [Hz] off all samples, piece by piece.
+
+        Parameters
+        ----------
+        basis : LaguerreBasis
+            Functions behind a latency.
+        theta, linear : ndarray (4,), (functions,)
+            The muscle, whose force is not the tremor's.
+        prior : Prior
+            Of no consequence.
+        hertz : float
+            Frequency of the tremor.
+        """
+        if not self._size:
+            return
+        fit = empty_fit(theta, basis.functions, 2)
+        fit.linear[:] = linear
+        first_ns = int(self._stamp_ns[0])
+        muscle = self._into_blocks(basis, fit, first_ns, prior, None)[-1]
+        stamp_ns = self._stamp_ns[: self._size]
+        rest = self._force[: self._size] - muscle
+        piece = (stamp_ns - first_ns) // NANOSECONDS_PER_SECOND
+        edges = np.flatnonzero(np.diff(piece, prepend=-1, append=-1))
+        for first, last in pairwise(edges):
+            if last - first < _LEAST_IN_PIECE:
+                continue
+            here = seconds(stamp_ns[first:last] - first_ns)
+            wave, slow = waves(hertz, here), polynomials(here, _SLOW)
+            found = np.linalg.lstsq(np.hstack((wave, slow)), rest[first:last], rcond=None)[0]
+            self._force[first:last] -= wave @ found[:2]
+
+    def _into_blocks(
+        self,
+        basis: LaguerreBasis,
+        fit: Fit,
+        first_ns: int,
+        prior: Prior,
+        capacity: int | None,
+    ) -> tuple[Problem, Intake, int, FloatArray]:
+        """See `condensed`; and the force of the muscle at the samples."""
         low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
         stamp_ns, force = self._stamp_ns[low : self._size], self._force[low : self._size]
         memory_ns = round(basis.duration * NANOSECONDS_PER_SECOND)
@@ -127,8 +188,7 @@ class RawSamples(Restorable):
             prior=prior,
             work=pass_arrays(functions),
         )
-        fit = empty_fit(theta, functions, 2)
-        fit.linear[:] = linear
+        prediction = np.empty(len(stamp_ns))
         intake = fresh_intake(functions)
         begun = take(
             stamp_ns,
@@ -141,11 +201,12 @@ class RawSamples(Restorable):
             intake,
             fit,
             2.0 / basis.time_constant,
-            np.empty(len(stamp_ns)),
+            prediction,
         )
         size = int(problem.blocks.size[0])
         first = int(np.searchsorted(problem.blocks.start_ns[:size], first_ns))
-        return problem._replace(first=min(first, max(size - 1, 0))), intake, len(begin_ns) - begun
+        problem = problem._replace(first=min(first, max(size - 1, 0)))
+        return problem, intake, len(begin_ns) - begun, prediction
 
 
 def _thinned(stamp_ns: IntArray, last_ns: int) -> IntArray:

@@ -11,6 +11,7 @@ from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.tracking.assembly import slowed
 from rpms_ros.identification.tracking.change_watch import FoundChange
+from rpms_ros.identification.tracking.tremor import Tremor
 from rpms_ros.identification.tracking.window_fit import WindowFit
 from rpms_ros.pulses import FloatArray
 
@@ -30,6 +31,7 @@ def described_fit(
     knot_s: float,
     interval_s: float,
     area: FloatArray,
+    tremor: Tremor,
 ) -> Estimate:
     """Return the estimate with what the window's fit knows besides.
 
@@ -49,6 +51,8 @@ def described_fit(
         Distance of the knots of gain and slowing, and length of an interval [s].
     area : ndarray (functions,)
         Integrals of the functions [s^1/2].
+    tremor : Tremor
+        What is taken off the samples.
     """
     names, rate, deviation = _rates(fit, knot_s, interval_s, area)
     half = (
@@ -66,7 +70,7 @@ def described_fit(
         change_ago=np.array([1e-9 * (estimate.stamp_ns - one.stamp_ns) for one in found]),
         disturbance=float(fit.levels[-1]) - rest,
         disturbance_deviation=_level_deviation(fit, estimate.stamp_ns * 1e-9 / interval_s),
-        reasons=_reasons(estimate, fit, deliberating),
+        reasons=_reasons(estimate, fit, deliberating, tremor),
     )
 
 
@@ -106,11 +110,17 @@ def _rates(
     return RATE_NAMES, matrix @ changed, np.sqrt(np.maximum(variance, 0.0))
 
 
-def _reasons(estimate: Estimate, fit: WindowFit, deliberating: bool) -> tuple[str, ...]:
+def _reasons(
+    estimate: Estimate, fit: WindowFit, deliberating: bool, tremor: Tremor
+) -> tuple[str, ...]:
     """Return why intervals are wide or samples are not learnt from, in plain words."""
     found = []
     if deliberating:
         found.append('the newest samples do not fit the muscle; looking for what has changed')
+    if tremor.frequency:
+        found.append(
+            f'a tremor of {tremor.frequency:.1f} Hz and {tremor.amplitude:.2g} N is taken off'
+        )
     if fit.scales.disturbance > _LIVELY:
         found.append('a lively disturbance cannot be told from the muscle everywhere')
     if estimate.curve_known and len(estimate.curve_upper):

@@ -25,7 +25,7 @@ from rpms_ros.identification.tracking.assembly import at_ages
 from rpms_ros.identification.tracking.assembly import disturbance_at
 from rpms_ros.identification.tracking.assembly import eliminated
 from rpms_ros.identification.tracking.assembly import point_at
-from rpms_ros.identification.tracking.assembly import slowed
+from rpms_ros.identification.tracking.assembly import stretched
 from rpms_ros.identification.tracking.intervals import Intervals
 from rpms_ros.identification.tracking.intervals import Origin
 from rpms_ros.identification.tracking.intervals import condensed
@@ -52,8 +52,12 @@ _RIDGE = 1e-2
 _MOST_TOGETHER = 3.0
 # Standard deviations by which w differs from nothing where a response shows.
 _SHOWN = 8.0
+# Scales whose evidence is this much smaller do not count [nat].
+_LIKELY = 4.0
 # Degrees of freedom of the bends of the disturbance: mostly small, some of them large.
 _FREEDOM = 1.0
+# What is taken for a bend that was never found, against its deviation: the newest samples show it.
+_UNKNOWN_BEND = 5.0
 
 
 @dataclass(frozen=True)
@@ -243,7 +247,9 @@ class _Linearised:
         """
         force = math.sqrt(self.power) + 1e-9
         deviation = LIVELINESS[disturbance] * force
-        precision = (_FREEDOM + 1.0) / (_FREEDOM + (self.bends / deviation) ** 2)
+        unknown = np.isnan(self.bends)
+        bends = np.where(unknown, _UNKNOWN_BEND * deviation, self.bends)
+        precision = (_FREEDOM + 1.0) / (_FREEDOM + (bends / deviation) ** 2)
         level = np.full(len(precision), 1.0 / (_LEVEL * force) ** 2)
         about = np.zeros(len(precision))
         if self.start is not None:
@@ -301,16 +307,23 @@ def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | 
     return _Solution(step, hessian, evidence, here - float(half @ half), reduced)
 
 
-def _best_scales(at: _Linearised, variance: float, scales: Scales) -> tuple[Scales, _Solution]:
-    """Return the neighbour of the scales, in each, that the evidence prefers."""
+def _best_scales(
+    at: _Linearised, variance: float, scales: Scales
+) -> tuple[Scales, _Solution, list[_Solution]]:
+    """Return the neighbour of the scales, in each, that the evidence prefers.
+
+    With its solution, and all that were tried.
+    """
     best = scales
     reduced = at.reduced(variance, scales.disturbance)
     solution = _solution(at, reduced, scales)
+    tried = [] if solution is None else [solution]
     for disturbance in (scales.disturbance - 1, scales.disturbance + 1):
         if not 0 <= disturbance < len(LIVELINESS):
             continue
         trial = replace(scales, disturbance=disturbance)
         other = _solution(at, at.reduced(variance, disturbance), trial)
+        tried += [] if other is None else [other]
         if other is not None and (solution is None or other.evidence > solution.evidence):
             best, solution = trial, other
     for name, grid in (('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)):
@@ -320,11 +333,27 @@ def _best_scales(at: _Linearised, variance: float, scales: Scales) -> tuple[Scal
                 continue
             trial = replace(best, **{name: place})
             other = _solution(at, solution.reduced, trial)
+            tried += [] if other is None else [other]
             if other is not None and other.evidence > solution.evidence:
                 best, solution = trial, other
     if solution is None:
         raise np.linalg.LinAlgError
-    return best, solution
+    return best, solution, tried
+
+
+def _averaged(solution: _Solution, tried: list[_Solution]) -> FloatArray:
+    """Return the covariance of x about a solution, over the scales that may be the right ones.
+
+    The evidence of one pair of scales is seldom much larger than that of the next, and the
+    intervals of the best one alone would be too narrow where it is not the right one.
+    """
+    likely = [one for one in tried if one.evidence > solution.evidence - _LIKELY]
+    weight = np.exp([one.evidence - solution.evidence for one in likely])
+    covariance = np.zeros_like(solution.hessian)
+    for share, one in zip(weight / weight.sum(), likely, strict=True):
+        away = one.step - solution.step
+        covariance += share * (scaled_inverse(one.hessian) + np.outer(away, away))
+    return covariance
 
 
 def improved(
@@ -338,11 +367,11 @@ def improved(
         if fit.variance == 0.0:
             fit.variance = at.power * 0.01 + LEAST_ENERGY
         try:
-            fit.scales, solution = _best_scales(at, fit.weighed, fit.scales)
+            fit.scales, solution, tried = _best_scales(at, fit.weighed, fit.scales)
         except np.linalg.LinAlgError:
             fit.failures += 1
             return
-        _move(fit, at, solution)
+        _move(fit, at, solution, _averaged(solution, tried))
         _restate_noise(fit, at, solution, window)
         settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:PARAMETERS])
         if settled.all():
@@ -361,7 +390,7 @@ def explained(
         solution = _solution(at, reduced, fit.scales)
         if solution is None:
             return False
-        _move(fit, at, solution)
+        _move(fit, at, solution, scaled_inverse(solution.hessian))
     return True
 
 
@@ -379,7 +408,7 @@ def _linearised(
     return _Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
 
 
-def _move(fit: WindowFit, at: _Linearised, solution: _Solution) -> None:
+def _move(fit: WindowFit, at: _Linearised, solution: _Solution, covariance: FloatArray) -> None:
     """Go where a solution leads, no further than the model is linear."""
     step = at.knowledge.bounded(at.point, solution.step, solution.hessian)
     largest = np.abs(step[:PARAMETERS]) / _LARGEST_STEP
@@ -389,17 +418,17 @@ def _move(fit: WindowFit, at: _Linearised, solution: _Solution) -> None:
     fit.moved = step[:PARAMETERS]
     fit.levels = disturbance_at(solution.reduced, step)
     fit.first = int(at.intervals.first[0])
-    fit.covariance = scaled_inverse(solution.hessian) * max(1.0, fit.together / _MOST_TOGETHER)
+    fit.covariance = covariance * max(1.0, fit.together / _MOST_TOGETHER)
     fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
     fit.evidence = solution.evidence
     fit.misfit = solution.left / at.samples
 
 
 def _bends(fit: WindowFit, first: int, knots: int) -> FloatArray:
-    """Return the second differences of the disturbance (knots,) as found last, 0 where unknown."""
-    known = np.zeros(len(fit.levels))
+    """Return the second differences of the disturbance (knots,) as found last, else NaN."""
+    known = np.full(len(fit.levels), np.nan)
     known[1:-1] = np.diff(fit.levels, 2)
-    bends = np.zeros(knots)
+    bends = np.full(knots, np.nan)
     shift = first - fit.first
     part = known[max(shift, 0) :][: max(knots + min(shift, 0), 0)]
     begin = max(-shift, 0)
@@ -437,9 +466,7 @@ def _restate_noise(fit: WindowFit, at: _Linearised, solution: _Solution, window:
     theta = coordinates(fit.point.theta) - coordinates(point.theta)
     coefficients[:, :PARAMETERS] = theta
     coefficients[:, :2] += age[:, None] * fit.point.slope
-    coefficients[:, PARAMETERS:local] = fit.point.linear + delay[:, None] * slowed(
-        fit.point.linear
-    )
+    coefficients[:, PARAMETERS:local] = [stretched(fit.point.linear, one) for one in delay]
     coefficients *= gain[:, None]
     coefficients[:, local] = fit.levels[:-1]
     coefficients[:, local + 1] = fit.levels[1:]

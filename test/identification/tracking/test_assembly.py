@@ -10,9 +10,10 @@ from rpms_ros.identification.tracking.assembly import assembled
 from rpms_ros.identification.tracking.assembly import disturbance_at
 from rpms_ros.identification.tracking.assembly import eliminated
 from rpms_ros.identification.tracking.assembly import slowed
+from rpms_ros.identification.tracking.assembly import stretched
 from rpms_ros.identification.tracking.intervals import empty_intervals
 
-FUNCTIONS, INTERVALS, SAMPLES, KNOTS = 3, 9, 40, 2
+FUNCTIONS, INTERVALS, SAMPLES, KNOTS = 6, 9, 40, 2
 LOCAL = 4 + FUNCTIONS
 SPACING, VARIANCE = 3.0, 0.04
 
@@ -67,7 +68,7 @@ class Written:
             inner = self.columns[index, :, :LOCAL] @ np.concatenate(
                 (
                     theta + np.concatenate((age * slope, np.zeros(2))),
-                    linear + delay * slowed(linear),
+                    stretched(linear, delay),
                 )
             )
             force[index] = (1.0 + grown) * inner
@@ -95,12 +96,6 @@ def dense(written, stiffness, level, about):
     jacobian = np.stack(
         [(written.model(x + h) - written.model(x - h)).ravel() / 2e-6 for h in steps], axis=1
     )
-    # the equations take theta and w at the gain alone, not at the slowing: see `assembled`
-    for index in range(INTERVALS):
-        age = written.now - (index + 0.5)
-        grown = past(written.point.gain, age)
-        rows = slice(index * SAMPLES, (index + 1) * SAMPLES)
-        jacobian[rows, 4:LOCAL] = (1.0 + grown) * written.columns[index, :, 4:LOCAL]
     rest = (written.force - written.model(x)).ravel()
     matrix = written.disturbance()
     knots = INTERVALS + 1
@@ -151,3 +146,19 @@ def test_slowing_is_the_derivative_by_the_time_constant():
     derivative = LaguerreBasis(functions, 38e-3).evaluate(lag) @ slowed(weights)
     # differences of values of about 10 over a step of 1e-6: nine digits are left
     np.testing.assert_allclose(derivative, (slower - faster) / (2 * step), atol=1e-7)
+
+
+def test_a_response_is_stretched_in_time():
+    """A twitch of third order, 25 % slower: what it keeps is its area but for the factor."""
+    basis, stretch = LaguerreBasis(9, 38e-3), 1.25
+    lag = np.arange(0.0005, 2.0, 1e-3)
+
+    def twitch(constant):
+        return (lag / constant) ** 2 * np.exp(-lag / constant)
+
+    functions = basis.evaluate(lag)
+    weights = 1e-3 * functions.T @ twitch(32e-3)
+    slower = functions @ stretched(weights, np.log(stretch))
+    expected = twitch(32e-3 * stretch) / np.sqrt(stretch)
+    # nine functions hold the slower twitch to 0.1 % of its peak
+    np.testing.assert_allclose(slower, expected, atol=2e-3 * expected.max())

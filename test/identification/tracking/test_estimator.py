@@ -73,10 +73,11 @@ def test_a_muscle_that_tires(living_sessions):
     session = living_sessions.session('fatigue', 'random', 1, 40.0)
     _, estimates = run(session)
     late = session.noted_s > 15.0
-    assert errors(session, estimates)[late].max() < 0.01
-    per_minute = 60.0 * np.gradient(session.gain, session.noted_s)[-6] / session.gain[-6]
+    # half a percent is asked for
+    assert errors(session, estimates)[late].max() < 0.005
+    per_minute = 60.0 * np.gradient(session.gain, session.noted_s)[-5] / session.gain[-5]
     last = estimates[-1]
-    # the rate is the mean over the last ten seconds, which is that five seconds ago
+    # the rate is the mean over the last five seconds
     assert last.rate[0] == pytest.approx(100.0 * per_minute, rel=0.2)
     assert last.rate_lower[0] < last.rate[0] < last.rate_upper[0]
     assert last.changes == 0
@@ -132,6 +133,25 @@ def test_latency_and_time_constant_need_not_be_known(
     assert found['twitch_time_constant_s'] == pytest.approx(time_constant, rel=0.1)
     assert found['latency_s'] == pytest.approx(latency, abs=2e-3)
     assert found['order'] == pytest.approx(order, rel=0.1)
+
+
+@pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
+def test_a_tremor_is_not_the_muscle(living_sessions, excitation):
+    session = living_sessions.session('tremor', excitation, 2, 20.0)
+    _, estimates = run(session)
+    late = session.noted_s > 15.0
+    # 1 % is asked for; the tremor has 3 %
+    assert errors(session, estimates)[late].max() < 0.01
+    assert estimates[-1].changes == 0
+    assert any('tremor of 8.0 Hz' in reason for reason in estimates[-1].reasons)
+
+
+def test_a_muscle_that_tires_under_a_sinusoid_has_not_changed_suddenly(living_sessions):
+    """A muscle that was seen for half a period is known less than it seems."""
+    session = living_sessions.session('fatigue', 'sinusoid', 1, 20.0)
+    _, estimates = run(session)
+    assert estimates[-1].changes == 0
+    assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.01
 
 
 def test_the_cut_into_blocks_does_not_matter(living_sessions):

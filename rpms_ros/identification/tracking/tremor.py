@@ -1,0 +1,187 @@
+"""A tremor beside the muscle: found in the prediction errors, and taken off the samples to come.
+
+A tremor is a narrow line between 3 and 13 Hz, where a disturbance of straight pieces is too slow
+and a twitch has much of its power.  So it is a part of its own: force and errors of the last
+seconds are kept in bins, the quieter one's spectrum is searched for a line that stands far above
+its surroundings, and a sinusoid whose amplitude and phase follow the newest of them is subtracted
+before the muscle learns from a sample.  Harmonics of the pulses' rate are left alone: there the
+muscle itself has its lines.
+"""
+
+import numpy as np
+
+from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.pulses import BoolArray
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
+
+_BIN_NS = 10_000_000
+# What is searched for a line, and what its amplitude is fitted to.
+_SEARCHED, _FITTED = 400, 150
+_LOWEST, _HIGHEST, _RESOLUTION = 3.0, 13.0, 0.25
+# A line is there from this ratio to the median of the spectrum on, and until below the other.
+_APPEARS, _GOES = 25.0, 8.0
+# The line's least share of the power between the lowest and the highest frequency.
+_LEAST_SHARE, _KEPT_SHARE = 0.7, 0.3
+_BESIDE_RATE = 0.6
+_LEAST_BINS = 0.8
+_FREQUENCIES: FloatArray = np.arange(_LOWEST, _HIGHEST + 0.5 * _RESOLUTION, _RESOLUTION)
+
+
+class Tremor(Restorable):
+    """A sinusoidal force that the stimulation does not cause.
+
+    Attributes
+    ----------
+    frequency : float
+        [Hz], 0 while there is none.
+    muscle_known : bool
+        Whether it shows better in the errors than in the force itself.
+    """
+
+    frequency: float
+    muscle_known: bool
+    _cosine: float
+    _sine: float
+    _sum: FloatArray
+    _count: FloatArray
+    _newest: int
+
+    def __init__(self) -> None:
+        self._sum = np.zeros((2, _SEARCHED))
+        self._count = np.zeros(_SEARCHED)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget everything: the time line is another one."""
+        self.frequency = 0.0
+        self.muscle_known = False
+        self._cosine = self._sine = 0.0
+        self._sum[:] = 0.0
+        self._count[:] = 0.0
+        self._newest = -(2**62)
+
+    @property
+    def amplitude(self) -> float:
+        """Half of the peak-to-peak force [N]."""
+        return float(np.hypot(self._cosine, self._sine))
+
+    def force(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the tremor's force at stamps (samples,) [N]."""
+        if self.frequency == 0.0:
+            return np.zeros(len(stamp_ns))
+        time = seconds(stamp_ns - self._newest * _BIN_NS)
+        wave = waves(self.frequency, time)
+        force: FloatArray = self._cosine * wave[:, 0] + self._sine * wave[:, 1]
+        return force
+
+    def add(
+        self, stamp_ns: IntArray, force: FloatArray, muscle: FloatArray, usable: BoolArray
+    ) -> None:
+        """Add ascending samples (samples,) [N], and what was expected of the muscle alone."""
+        bins = stamp_ns[usable] // _BIN_NS
+        if not len(bins):
+            return
+        last = int(bins[-1])
+        if last > self._newest:
+            passed = np.arange(max(self._newest + 1, last - _SEARCHED + 1), last + 1)
+            self._turn(last)
+            self._sum[:, passed % _SEARCHED] = 0.0
+            self._count[passed % _SEARCHED] = 0.0
+        kept = bins > last - _SEARCHED
+        place = bins[kept] % _SEARCHED
+        np.add.at(self._sum[0], place, force[usable][kept])
+        np.add.at(self._sum[1], place, (force - muscle)[usable][kept])
+        np.add.at(self._count, place, 1.0)
+
+    def follow(self, rates_hz: FloatArray) -> bool:
+        """Look for a line, or follow it; return whether it has just appeared.
+
+        Parameters
+        ----------
+        rates_hz : ndarray (rates,)
+            Repetition rates of the newest pulses: their harmonics are the muscle's.
+        """
+        order = np.arange(self._newest - _SEARCHED + 1, self._newest + 1) % _SEARCHED
+        count = self._count[order]
+        filled = count > 0.0
+        was = self.frequency
+        self.frequency = self._cosine = self._sine = 0.0
+        if filled.sum() < _LEAST_BINS * _SEARCHED:
+            return False
+        both = np.where(filled, self._sum[:, order] / np.maximum(count, 1.0), 0.0)
+        # while the muscle is not known its prediction may be worse than none
+        power = [_power(one, filled) for one in both]
+        self.muscle_known = bool(power[1].sum() <= power[0].sum())
+        quieter = int(self.muscle_known)
+        self.frequency = _line(power[quieter], rates_hz, was > 0.0)
+        if self.frequency:
+            self._fit(both[quieter, -_FITTED:], filled[-_FITTED:])
+        return bool(self.frequency and not was)
+
+    def _turn(self, newest: int) -> None:
+        """Count the phase from another bin on."""
+        if self.frequency:
+            ahead = 2.0 * np.pi * self.frequency * 1e-9 * _BIN_NS * (newest - self._newest)
+            cosine, sine = np.cos(ahead), np.sin(ahead)
+            self._cosine, self._sine = (
+                float(self._cosine * cosine + self._sine * sine),
+                float(self._sine * cosine - self._cosine * sine),
+            )
+        self._newest = newest
+
+    def _fit(self, error: FloatArray, filled: BoolArray) -> None:
+        """Fit amplitude and phase to the newest errors (bins,)."""
+        time = seconds(_BIN_NS * np.arange(1 - len(error), 1) + _BIN_NS // 2)
+        # a mean over a bin is smaller than what it is the mean of
+        shrunk = np.sinc(1e-9 * _BIN_NS * self.frequency)
+        columns = np.hstack((shrunk * waves(self.frequency, time), polynomials(time, 4)))
+        found = np.linalg.lstsq(columns[filled], error[filled], rcond=None)[0]
+        self._cosine, self._sine = float(found[0]), float(found[1])
+
+
+def _power(error: FloatArray, filled: BoolArray) -> FloatArray:
+    """Return the spectrum (frequencies,) of errors (bins,) [N^2], less a slow trend."""
+    time = seconds(_BIN_NS * np.arange(len(error)))
+    weight = np.hanning(len(error)) * filled
+    trend = polynomials(time, 4) * weight[:, None]
+    known = trend @ np.linalg.lstsq(trend, error * weight, rcond=None)[0]
+    wave = np.exp(-2j * np.pi * np.outer(_FREQUENCIES, time))
+    power: FloatArray = np.abs(wave @ (error * weight - known)) ** 2
+    return power
+
+
+def _line(power: FloatArray, rates_hz: FloatArray, known: bool) -> float:
+    """Return the frequency of a line in a spectrum (frequencies,) [Hz], 0 if there is none."""
+    harmonics = np.outer(rates_hz, np.arange(1.0, 6.0)).ravel()
+    distance = np.abs(_FREQUENCIES[:, None] - harmonics[None, :])
+    allowed = np.all(distance > _BESIDE_RATE, axis=1)
+    peak = int(np.argmax(np.where(allowed, power, 0.0)))
+    if not allowed[peak] or not 0 < peak < len(power) - 1:
+        return 0.0
+    least, share = (_GOES, _KEPT_SHARE) if known else (_APPEARS, _LEAST_SHARE)
+    line = float(power[max(peak - 2, 0) : peak + 3].sum())
+    if power[peak] <= least * float(np.median(power)) or line <= share * float(power.sum()):
+        return 0.0
+    left, top, right = np.log(power[peak - 1 : peak + 2] + 1e-300)
+    bend = left - 2.0 * top + right
+    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return float(_FREQUENCIES[peak] + _RESOLUTION * np.clip(shift, -0.5, 0.5))
+
+
+def waves(hertz: float, time: FloatArray) -> FloatArray:
+    """Return cosine and sine (samples, 2) of a frequency [Hz] at times (samples,) [s]."""
+    phase = 2.0 * np.pi * hertz * time
+    return np.column_stack((np.cos(phase), np.sin(phase)))
+
+
+def polynomials(time: FloatArray, count: int) -> FloatArray:
+    """Return powers (samples, count) of times (samples,) [s], from 0 on, scaled to within 1."""
+    middle = 0.5 * (time[0] + time[-1])
+    half = max(0.5 * float(time[-1] - time[0]), 1e-9)
+    return np.vander((time - middle) / half, count, increasing=True)
+
+
+def seconds(duration_ns: IntArray) -> FloatArray:
+    """Return times (times,) [ns] in seconds."""
+    return 1e-9 * duration_ns.astype(np.float64)
