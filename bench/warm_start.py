@@ -4,7 +4,7 @@ Pulses of random intensity at 20 Hz, 0.5 % noise, people drawn at random.  Last 
 Today the threshold and saturation have moved by up to 0.01, the gain by up to 9 %, so that the
 curve is within 10 % of the last one; or it is another person altogether (a wrong prior).
 
-python bench/warm_start.py [--people 20]
+python bench/warm_start.py [--people 20] [--estimator tracking]
 """
 
 import argparse
@@ -34,9 +34,10 @@ ENOUGH = 0.02
 LAST_TIME = 20.0
 TODAY = 5.0
 PULSES = 10
+PRESETS = {'horizon': ('paper_table_5',)}
 
 
-def session(subject, seconds, generator, path=None):
+def session(subject, seconds, generator, name, path=None):
     """Run a session; return the error of the curve every 50 ms (n,), and the stream."""
     count = int(seconds * RATE)
     pulses = PulseTrain.regular(generator.uniform(size=count), RATE)
@@ -45,7 +46,7 @@ def session(subject, seconds, generator, path=None):
     stamps = MILLISECOND * np.arange(50 * count, dtype=np.int64)
     force = muscle.force(stamps)
     force = force + NOISE * subject.maximum_force * generator.standard_normal(len(force))
-    estimator = estimator_by_name('horizon', 'paper_table_5')
+    estimator = estimator_by_name(name, *PRESETS.get(name, ()))
     if path is not None:
         warm_start(estimator, path)
     stream = IdentificationStream(estimator, StreamSettings(estimate_period=0.05))
@@ -85,15 +86,15 @@ def changed(subject, generator):
     return replace(subject, recruitment=moved, maximum_force=gain * subject.maximum_force)
 
 
-def compared(person, path):
+def compared(person, name, path):
     """Return errors of a returning person, cold and warm, and of a stranger; and the change."""
     generator = np.random.default_rng(person)
     subject, other = random_subject(generator), random_subject(generator)
-    _, stream = session(subject, LAST_TIME, generator)
+    _, stream = session(subject, LAST_TIME, generator, name)
     checkpoint.save(path, stream)
     today = changed(subject, generator)
     runs = [
-        session(who, TODAY, np.random.default_rng(1000 + person), start)[0]
+        session(who, TODAY, np.random.default_rng(1000 + person), name, start)[0]
         for who in (today, other)
         for start in (None, path)
     ]
@@ -104,20 +105,22 @@ def compared(person, path):
 def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--people', type=int, default=20)
-    people = parser.parse_args(argv).people
+    parser.add_argument('--estimator', choices=('horizon', 'tracking'), default='horizon')
+    arguments = parser.parse_args(argv)
+    people, name = arguments.people, arguments.estimator
     with tempfile.TemporaryDirectory() as folder:
-        found = [compared(person, Path(folder) / 'state') for person in range(people)]
+        found = [compared(person, name, Path(folder) / 'state') for person in range(people)]
     cold, warm, strange, wrong = zip(*(runs for runs, _ in found), strict=True)
     change = [one for _, one in found]
     print(
         f'{people} people, curves {np.median(change):.1%} from last time (most {max(change):.1%})'
     )
     print('pulses until the error of the curve is below 1 % for the first time, and for good')
-    for name, errors in (('cold', cold), ('warm', warm)):
+    for kind, errors in (('cold', cold), ('warm', warm)):
         first = [first_below(one, GOOD) for one in errors]
         good = [stays_below(one, GOOD) for one in errors]
         print(
-            f'  {name:<5} first: median {np.median(first):3.0f}, worst {max(first):3.0f}   '
+            f'  {kind:<5} first: median {np.median(first):3.0f}, worst {max(first):3.0f}   '
             f'for good: median {np.median(good):3.0f}, worst {max(good):3.0f}'
         )
     within = float(np.mean([first_below(one, GOOD) <= PULSES for one in warm]))

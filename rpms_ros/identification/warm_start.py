@@ -5,8 +5,9 @@ day to the next, the coil that is put on anew most of all,
 
 .. math:: P' = P + Q_\theta + g^2 w w^T + h^2 \|w\|^2 I / n ,
 
-and become the arrival cost of a horizon (`projection.arrival_cost`).  That cost is held against
-the samples before every step and gives way where it contradicts them.
+and become the arrival cost of a horizon (`projection.arrival_cost`), which is held against the
+samples before every step and gives way where it contradicts them, or the prior of `tracking`,
+which is given up where a fit without it contradicts it.
 """
 
 import json
@@ -142,8 +143,8 @@ def warm_start(estimator: Estimator, path: Path | str) -> None:
     """
     if not isinstance(estimator, WarmStarting):
         raise IdentificationError(
-            'expected an estimator that can start from an earlier session, such as horizon, '
-            f'got {estimator.name}'
+            'expected an estimator that can start from an earlier session, such as horizon or '
+            f'tracking, got {estimator.name}'
         )
     estimator.start_from(known_from(path))
 
@@ -158,7 +159,8 @@ def known_from(path: Path | str) -> Knowledge:
     """
     try:
         if checkpoint.is_state(path):
-            return _of_state(checkpoint.read_state(path)['estimator_state'])
+            state = checkpoint.read_state(path)['estimator_state']
+            return _of_tracking(state) if '_window' in state else _of_state(state)
         return _of_result(_read_result(Path(path)))
     except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
         raise IdentificationError(
@@ -183,6 +185,14 @@ def _of_state(state: Mapping[str, Any]) -> Knowledge:
         settings['basis.functions'], settings['basis.time_constant'], settings['basis.latency']
     )
     return Knowledge(fit['theta'], fit['linear'], variance * inverse, variance, basis)
+
+
+def _of_tracking(state: Mapping[str, Any]) -> Knowledge:
+    """Return what the state of `tracking` holds: the muscle as it was last."""
+    fit, basis = state['_window'], LaguerreBasis(**state['_basis'])
+    point, joint = fit['point'], PARAMETERS + basis.functions
+    covariance = np.array(fit['covariance'][:joint, :joint], dtype=np.float64)
+    return Knowledge(point['theta'], point['linear'], covariance, fit['variance'], basis)
 
 
 def _of_result(document: Mapping[str, Any]) -> Knowledge:

@@ -24,7 +24,7 @@ LAST_TIME = Subject()
 RATE = 20.0
 
 
-def errors(subject, seconds, seed, path=None):
+def errors(subject, seconds, seed, path=None, estimator=('horizon', 'paper_table_5')):
     """Error of the curve every 50 ms, as share of its maximum, and the stream."""
     generator = np.random.default_rng(seed)
     pulses = PulseTrain.regular(generator.uniform(size=int(seconds * RATE)), RATE)
@@ -32,7 +32,7 @@ def errors(subject, seconds, seed, path=None):
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     stamps = 1_000_000 * np.arange(50 * len(pulses), dtype=np.int64)
     noise = 0.005 * subject.maximum_force * generator.standard_normal(len(stamps))
-    estimator = estimator_by_name('horizon', 'paper_table_5')
+    estimator = estimator_by_name(*estimator)
     if path is not None:
         warm_start(estimator, path)
     stream = IdentificationStream(estimator, StreamSettings(estimate_period=0.05))
@@ -117,7 +117,7 @@ def test_what_says_nothing_of_a_muscle_is_refused(tmp_path, saved) -> None:
     path.write_bytes(flipped)
     with pytest.raises(IdentificationError, match='expected a saved state that is whole'):
         known_from(path)
-    with pytest.raises(IdentificationError, match=r'that can start .*, such as horizon, got rec'):
+    with pytest.raises(IdentificationError, match=r'such as horizon or tracking, got recursive'):
         warm_start(estimator_by_name('recursive'), saved)
 
 
@@ -125,3 +125,31 @@ def test_a_session_that_has_begun_is_not_started_again(saved) -> None:
     _, stream = errors(LAST_TIME, 1.0, 4)
     with pytest.raises(IdentificationError, match='expected a fresh estimator'):
         warm_start(stream.estimator, saved)
+
+
+@pytest.fixture(name='tracked', scope='module')
+def tracked_fixture(tmp_path_factory):
+    path = tmp_path_factory.mktemp('last') / 'tracked'
+    checkpoint.save(path, errors(LAST_TIME, 12.0, 1, estimator=('tracking',))[1])
+    return path
+
+
+def test_tracking_starts_from_what_it_knew(tracked) -> None:
+    known = known_from(tracked)
+    assert known.theta[0] == pytest.approx(LAST_TIME.recruitment.threshold, abs=0.005)
+    warm, stream = errors(other_day(), 1.5, 2, tracked, ('tracking',))
+    cold, _ = errors(other_day(), 1.5, 2, None, ('tracking',))
+    # steps are a quarter of a second apart: ten pulses are two of them
+    assert warm[9:].max() < 0.02
+    assert warm[9] < 0.2 * cold[9]
+    with pytest.raises(IdentificationError, match='expected a fresh estimator to start from'):
+        warm_start(stream.estimator, tracked)
+
+
+def test_tracking_gives_up_what_was_another_muscle(tracked) -> None:
+    shape = IntensityRecruitment(0.62, 0.9, 5.0, 8.0).normalised()
+    stranger = Subject(28e-3, 9e-3, recruitment=shape, maximum_force=31.0)
+    wrong, _ = errors(stranger, 4.0, 3, tracked, ('tracking',))
+    cold, _ = errors(stranger, 4.0, 3, None, ('tracking',))
+    # a second later than without it, at most
+    assert wrong[70:].max() < 0.01 + cold[50:].max()

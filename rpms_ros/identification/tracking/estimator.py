@@ -42,8 +42,10 @@ from rpms_ros.identification.tracking.changes import snapshot
 from rpms_ros.identification.tracking.intervals import Origin
 from rpms_ros.identification.tracking.intervals import no_change
 from rpms_ros.identification.tracking.knowledge import Knowledge
+from rpms_ros.identification.tracking.knowledge import coordinates
 from rpms_ros.identification.tracking.knowledge import informed
 from rpms_ros.identification.tracking.knowledge import knowledge_of
+from rpms_ros.identification.tracking.knowledge import scaled_inverse
 from rpms_ros.identification.tracking.raw_samples import RawSamples
 from rpms_ros.identification.tracking.report import described_fit
 from rpms_ros.identification.tracking.settings import LONGEST_BASIS
@@ -55,6 +57,8 @@ from rpms_ros.identification.tracking.window_fit import WindowFit
 from rpms_ros.identification.tracking.window_fit import explained
 from rpms_ros.identification.tracking.window_fit import fresh_fit
 from rpms_ros.identification.tracking.window_fit import improved
+from rpms_ros.identification.warm_start import DayToDay
+from rpms_ros.identification.warm_start import Knowledge as KnownMuscle
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -75,6 +79,7 @@ _LARGEST_SLOWING = 0.25
 _SHORTEST_S = 20.0
 _STEPS, _FIRST_STEPS = 2, 6
 _RECENT_PULSES, _MOST_RATES = 100, 3
+_DOUBTED_NS = 10 * NANOSECONDS_PER_SECOND
 _CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
 _CHALLENGER_STEPS = 5
 _CHALLENGER_DECISION = 3.0
@@ -111,6 +116,7 @@ class TrackingEstimator(ProjectionEstimator):
     _begun_ns: int | None
     _choices: int
     _turn: int
+    _from_before: bool
     _knowledge: Knowledge
     _window: WindowFit
     _origin: Origin
@@ -135,6 +141,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._begun_ns = None
         self._choices = 0
         self._turn = 0
+        self._from_before = False
         self._starts = settings.starts()
         self._prior = knowledge_of(settings)
         self._knowledge = self._prior
@@ -197,6 +204,33 @@ class TrackingEstimator(ProjectionEstimator):
         self._begin_anew()
         self._tremor.forget()
         self._last_ns = None
+
+    def start_from(self, known: KnownMuscle) -> None:
+        """Take what is known of the muscle, and its basis, as a prior before any data.
+
+        Raises
+        ------
+        IdentificationError
+            If there were data.
+        """
+        if self._last_ns is not None or self._pulses:
+            raise IdentificationError('expected a fresh estimator to start from what is known')
+        basis = replace(known.basis, functions=self.settings.basis.functions)
+        if not self._choose:
+            basis = self.settings.basis
+        known = known.on(basis)
+        prior = self._problem.prior
+        theta = np.clip(known.theta, prior.lower, prior.upper)
+        self._prior.part(theta)
+        self._use(basis)
+        self._problem = self._problem._replace(input_gain=basis.input_gain)
+        self._window.point = point_at(theta, known.linear, 0)
+        self._knowledge = replace(
+            self._prior,
+            information=scaled_inverse(known.widened(DayToDay())),
+            reference=np.concatenate((coordinates(theta), known.linear)),
+        )
+        self._from_before = True
 
     def tell_change(self, kind: str) -> None:
         """Take note that the muscle has changed after the newest sample.
@@ -263,6 +297,7 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young else _STEPS
+            self._doubt_what_is_from_before(self._span())
             self._challenge(self._span())
             improved(self._problem, self._window, self._knowledge, self._span(), steps)
             if self._find:
@@ -296,6 +331,19 @@ class TrackingEstimator(ProjectionEstimator):
         fit.scales, fit.variance = Scales(), 0.0
         fit.levels = np.full(2, float(np.median(fit.levels)))
         self._begun_ns, self._choices = self._last_ns, 0
+
+    def _doubt_what_is_from_before(self, window: Window) -> None:
+        """Give up what another session has told where these samples alone contradict it."""
+        if not self._from_before:
+            return
+        self._from_before = window.now_ns - window.first_ns < _DOUBTED_NS
+        alone = fresh_fit(self._window.point.theta, self._basis.functions)
+        improved(self._problem, alone, self._prior, window, _FIRST_STEPS)
+        if alone.covariance.any() and self._knowledge.contradicted(alone):
+            self._from_before = False
+            self._knowledge = self._prior
+            self._window = alone
+            self._watch.forget()
 
     def _challenge(self, window: Window) -> None:
         """While the window is young try another start, in turn; go on from there if it is better.

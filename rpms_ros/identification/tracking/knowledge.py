@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import chi2
 
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.settings import ProjectionSettings
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from rpms_ros.identification.tracking.window_fit import Scales
     from rpms_ros.identification.tracking.window_fit import WindowFit
 
+# Confidence with which what is known from before is called wrong.
+_CONTRADICTED = 0.999
 # Share of the response that another basis, or a rest, may have lost.
 _LOST = 0.01
 # Change of a slow change's slope from knot to knot, and what is left of its increments to chance,
@@ -126,6 +129,14 @@ class Knowledge:
         if lacking > 0.0:
             theta[0] = max(theta[0] - 0.5 * lacking, self.lower[0])
             theta[1] = theta[0] + self.separation
+
+    def contradicted(self, fit: 'WindowFit') -> bool:
+        """Return whether a fit that does not know of `reference` says that it is wrong."""
+        joint = len(self.reference)
+        away = np.concatenate((coordinates(fit.point.theta), fit.point.linear)) - self.reference
+        together = scaled_inverse(self.information) + fit.covariance[:joint, :joint]
+        distance = float(away @ scaled_inverse(together) @ away)
+        return distance > float(chi2.ppf(_CONTRADICTED, joint))
 
     def converted(self, matrix: FloatArray, size: float) -> 'Knowledge':
         """Return what is known in other coordinates [theta, w], `matrix` times these.
