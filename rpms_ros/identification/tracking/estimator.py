@@ -403,7 +403,9 @@ class TrackingEstimator(ProjectionEstimator):
         blocks = self._problem.blocks
         begin = (int(blocks.head[0]) + self._problem.first) % len(blocks.start_ns)
         first_ns = int(blocks.start_ns[begin])
-        knots = int((self._last_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5)
+        # a response that is not known cannot be said to change
+        known = self._begun_ns is not None
+        knots = int((self._last_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5) * known
         return Window(
             first_ns, self._last_ns, INTERVAL_NS, float(_KNOT_INTERVALS), knots, self._origin
         )

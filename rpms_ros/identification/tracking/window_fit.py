@@ -48,6 +48,7 @@ _MODEL_ERROR_SAMPLES = 200.0
 # Standard deviation of a knot's level, as a multiple of the force: nothing is known of it.
 _LEVEL = 30.0
 _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
+_LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
 _MOST_TOGETHER = 3.0
 # Standard deviations by which w differs from nothing where a response shows.
@@ -411,7 +412,9 @@ def _linearised(
 def _move(fit: WindowFit, at: _Linearised, solution: _Solution, covariance: FloatArray) -> None:
     """Go where a solution leads, no further than the model is linear."""
     step = at.knowledge.bounded(at.point, solution.step, solution.hessian)
-    largest = np.abs(step[:PARAMETERS]) / _LARGEST_STEP
+    joint, knots = PARAMETERS + len(at.point.linear), len(at.point.gain)
+    slowing = step[joint + knots : joint + 2 * knots] / _LARGEST_SLOWING_STEP
+    largest = np.abs(np.concatenate((step[:PARAMETERS] / _LARGEST_STEP, slowing)))
     step = step / max(1.0, float(largest.max()))
     fit.point = moved(at.point, step)
     at.knowledge.part(fit.point.theta)
