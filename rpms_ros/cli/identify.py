@@ -130,7 +130,7 @@ def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the recording; return the exit code of the verdict."""
-    from rpms_ros.identification.verdict import VerdictSettings
+    from rpms_ros.identification.verdict_settings import VerdictSettings
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import compile_estimator
     from rpms_ros.report.identified import history_of

@@ -122,7 +122,7 @@ def _previous(path: Path) -> dict[str, Any]:
 
 def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.identification.catalogue import estimator_by_name
-    from rpms_ros.identification.verdict import VerdictSettings
+    from rpms_ros.identification.verdict_settings import VerdictSettings
     from rpms_ros.recording.reading import held_bytes
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import compile_estimator

@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.cli.study_table import found_recordings
     from rpms_ros.cli.study_work import StudyOptions
     from rpms_ros.cli.study_work import finished
-    from rpms_ros.identification.verdict import GRADES
+    from rpms_ros.identification.verdict_settings import GRADES
 
     options = StudyOptions(
         estimator=arguments.estimator,

@@ -25,7 +25,7 @@ from rpms_ros.errors import RpmsError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.verdict import VerdictSettings
+from rpms_ros.identification.verdict_settings import VerdictSettings
 from rpms_ros.recording import Recording
 from rpms_ros.recording import Topics
 from rpms_ros.recording import read_recording

@@ -14,30 +14,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpms_ros.axis import QUANTITIES
-from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import verdict_of_data
+from rpms_ros.identification import verdict_of_estimate
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
-from rpms_ros.identification.estimate import NOT_INFORMED
-from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.output_error import settled
 from rpms_ros.identification.restated import Restated
 from rpms_ros.identification.restated import restate
 from rpms_ros.identification.restated import white_noise
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.stream_settings import StreamSettings
-from rpms_ros.identification.trust import meaning_of_doubt
+from rpms_ros.identification.verdict_settings import DOUBTFUL
+from rpms_ros.identification.verdict_settings import GOOD
+from rpms_ros.identification.verdict_settings import GRADES
+from rpms_ros.identification.verdict_settings import NO
+from rpms_ros.identification.verdict_settings import Reason
+from rpms_ros.identification.verdict_settings import VerdictSettings
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 from rpms_ros.schema import documented
-
-GOOD, DOUBTFUL, NO = 'good', 'doubtful', 'no'
-GRADES = (GOOD, DOUBTFUL, NO)
-
-Reason = tuple[str, str]
-"""Grade and sentence."""
 
 # What is looked at: long enough for two periods of the slow sinusoids in use; a muscle that tires
 # changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  An estimator that
@@ -49,55 +46,6 @@ _AFTER_NS = NANOSECONDS_PER_SECOND // 2
 _LEARNT_SHARE = 0.8
 # So many estimates are enough to find one from about there.
 _ESTIMATES = 8
-
-
-@dataclass(frozen=True)
-class VerdictSettings:
-    """What is taken for granted of a muscle and of a result that may be used.
-
-    Attributes
-    ----------
-    expected_force : float
-        Largest force of the muscle at a sensor [N].  The 200 N are far above what a hand, a
-        forearm or a foot gives; a strong leg at a dynamometer needs more.
-    least_explained, good_explained : float
-        Share of the force's variance, noise apart, that the estimate has to explain, or it is
-        not used, or doubted.  Equal pulses explain about 0.98 of trains of real muscle, whose
-        pulses are not equal (docs/analysis.md); muscle that
-        tires explains no less than 0.95 over twenty seconds.
-    largest_error : float
-        Error of the stated force that is no noise, as a share of the range of the force.
-    deepest_swing, worst_swing : float
-        How far the response to a pulse may go below zero, as a share of its peak, or it is
-        doubted, or not used: a muscle does not push.
-    largest_residual : float
-        Residual that may be correlated without a doubt, as a share of the range of the force.
-    held_out_times, largest_held_out : float
-        The error on the end of the session, foretold from before, may be so many times that of
-        the final estimate, or this share of the range of the force.
-    largest_drift : float
-        Change of the baseline over the span looked at, as a share of the range of the force.
-    widest_interval : float
-        Half the interval of the curve at the highest intensity that was used, as a share of it.
-    """
-
-    expected_force: float = 200.0
-    least_explained: float = 0.7
-    good_explained: float = 0.9
-    largest_error: float = 0.08
-    deepest_swing: float = 0.15
-    worst_swing: float = 0.5
-    largest_residual: float = 0.03
-    held_out_times: float = 3.0
-    largest_held_out: float = 0.05
-    largest_drift: float = 0.1
-    widest_interval: float = 0.2
-
-    def __post_init__(self) -> None:
-        if not self.expected_force > 0.0:
-            raise IdentificationError(
-                f'expected a largest force above 0 N, got {self.expected_force}'
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,9 +116,9 @@ def verdict_of(
         return of_reasons([*reasons, (NO, 'there is no force to judge by while pulses act')], '')
     found = restate(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
-    reasons += _of_the_estimate(session.last, found, span, settings)
+    reasons += verdict_of_estimate.of_the_estimate(session.last, found, span, settings)
     reasons += _of_the_fit(session, pulses, part, found, settings)
-    reasons += _of_the_estimator(session, pulses, settings)
+    reasons += verdict_of_estimate.of_the_estimator(session, pulses, settings)
     praise = (
         f'the identified muscle explains {100 * found.explained:.3g} % of the '
         f'{QUANTITIES[unit]}, its error is {found.error:.2g} {unit}, '
@@ -209,62 +157,6 @@ def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
     newer = np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
     part: BoolArray = session.usable & newer & (stamps >= begin) & (stamps <= end)
     return part
-
-
-def _of_the_estimate(
-    last: Estimate, found: Restated, span: float, settings: VerdictSettings
-) -> Iterator[Reason]:
-    """Yield what is wrong with the numbers themselves, held against the force."""
-    if found.signal < 1.5 * found.noise:
-        yield NO, 'the force holds noise only: the pulses leave no trace in it (topic, axis?)'
-        return
-    response = last.response_force
-    extreme = float(response[int(np.argmax(np.abs(response)))]) if len(response) else 0.0
-    full = float(last.curve_force[-1]) if last.curve_known else extreme
-    if abs(extreme) < 1e-9 * found.signal:
-        yield NO, 'no force comes out: the estimator has learnt nothing (topic, axis?)'
-        return
-    if full < 0.0 or extreme < 0.0:
-        worst = full if full < 0.0 else extreme
-        why = 'sign or axis of the sensor is wrong (--sign, --axis)'
-        if found.explained < settings.least_explained:
-            why = 'the estimator has not converged'
-        yield NO, f'the force comes out negative, {worst:.3g} {last.unit}: {why}'
-        return
-    yield from _of_the_explanation(found, span, settings, last.unit)
-    swing = -float(response.min()) / extreme
-    if swing > settings.deepest_swing:
-        grade = NO if swing > settings.worst_swing else DOUBTFUL
-        yield (
-            grade,
-            (
-                f'the response to a pulse swings to {response.min():.3g} {last.unit}: a muscle '
-                'only pulls'
-            ),
-        )
-    if len(last.curve_lower) and not last.curve_lower[-1] > 0.0:
-        yield NO, 'the force at full intensity cannot be told from nothing'
-
-
-def _of_the_explanation(
-    found: Restated, span: float, settings: VerdictSettings, unit: str
-) -> Iterator[Reason]:
-    """Yield a reason if the stated force misses too much of the measured one."""
-    missed = max(found.error**2 - found.noise**2, 0.0) ** 0.5
-    if found.explained_straight < settings.least_explained:
-        grade = NO
-    elif found.explained < settings.good_explained or missed > settings.largest_error * span:
-        grade = DOUBTFUL
-    else:
-        return
-    share = 100 * max(found.explained, 0.0)
-    text = (
-        f'the identified muscle explains {share:.2g} % of the {QUANTITIES[unit]}, its '
-        f'error is {missed:.2g} {unit}, {100 * missed / span:.2g} % of the range'
-    )
-    if 0.0 < found.gain < 0.8 or found.gain > 1.25:
-        text += f'; its force would fit best {found.gain:.2g} times as large'
-    yield grade, text
 
 
 def _of_the_fit(
@@ -332,38 +224,3 @@ def _foretold(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, fl
         for one in (before[-1], session.last)
     ]
     return errors[0], errors[1]
-
-
-def _of_the_estimator(
-    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings
-) -> Iterator[Reason]:
-    """Yield what the estimator says of itself."""
-    last, first = session.last, session.estimates[0]
-    for name in last.doubts:
-        yield DOUBTFUL, f'{name}: {meaning_of_doubt(name)}'
-    if not last.curve_known:
-        return
-    if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):
-        yield NO, 'the parameters of the recruitment curve are still those of the start'
-    flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
-    unknown = [name for name, flag in flags.items() if flag == NOT_INFORMED]
-    if flags and len(unknown) == len(flags):
-        yield NO, 'the data tell nothing about the recruitment curve: no parameter is informed'
-    elif 'u_thr' in unknown:
-        why = '; '.join(last.reasons)
-        yield DOUBTFUL, 'the data do not determine the threshold' + (f': {why}' if why else '')
-    if len(last.curve_upper):
-        applied = pulses.intensity[np.isfinite(pulses.intensity)]
-        top = float(np.clip(applied.max(initial=0.0), 0.0, 1.0))
-        lower, force, upper = (
-            float(np.interp(top, last.curve_intensity, values))
-            for values in (last.curve_lower, last.curve_force, last.curve_upper)
-        )
-        if 0.5 * (upper - lower) > settings.widest_interval * abs(force):
-            yield (
-                DOUBTFUL,
-                (
-                    f'the force at intensity {top:.2g} is known only as {lower:.3g} to '
-                    f'{upper:.3g} {last.unit}'
-                ),
-            )

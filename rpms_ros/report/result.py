@@ -19,8 +19,8 @@ from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.narrowed import informed_parameters
 from rpms_ros.identification.narrowed import narrowed_physiology
 from rpms_ros.identification.verdict import Verdict
-from rpms_ros.identification.verdict import VerdictSettings
 from rpms_ros.identification.verdict import verdict_of
+from rpms_ros.identification.verdict_settings import VerdictSettings
 from rpms_ros.muscle import RecruitmentParameters
 from rpms_ros.muscle import identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND

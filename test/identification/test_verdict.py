@@ -15,11 +15,11 @@ from rpms_ros.identification.restated import restate
 from rpms_ros.identification.restated import stated_force
 from rpms_ros.identification.restated import white_noise
 from rpms_ros.identification.verdict import Verdict
-from rpms_ros.identification.verdict import VerdictSettings
 from rpms_ros.identification.verdict import doublings
 from rpms_ros.identification.verdict import of_reasons
 from rpms_ros.identification.verdict import period_of_estimates
 from rpms_ros.identification.verdict import verdict_of
+from rpms_ros.identification.verdict_settings import VerdictSettings
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import ForceTrace

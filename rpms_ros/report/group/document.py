@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import PurePath
 from typing import Any
 
-from rpms_ros.identification.verdict import GRADES
+from rpms_ros.identification.verdict_settings import GRADES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.group.measured import QUANTITIES
 from rpms_ros.report.group.measured import Measured

@@ -1,0 +1,60 @@
+"""Grades of a verdict, and the thresholds that lead to them."""
+
+from dataclasses import dataclass
+
+from rpms_ros.errors import IdentificationError
+
+GOOD, DOUBTFUL, NO = 'good', 'doubtful', 'no'
+GRADES = (GOOD, DOUBTFUL, NO)
+
+Reason = tuple[str, str]
+"""Grade and sentence."""
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """What is taken for granted of a muscle and of a result that may be used.
+
+    Attributes
+    ----------
+    expected_force : float
+        Largest force of the muscle at a sensor [N].  The 200 N are far above what a hand, a
+        forearm or a foot gives; a strong leg at a dynamometer needs more.
+    least_explained, good_explained : float
+        Share of the force's variance, noise apart, that the estimate has to explain, or it is
+        not used, or doubted.  Equal pulses explain about 0.98 of trains of real muscle, whose
+        pulses are not equal (docs/analysis.md); muscle that
+        tires explains no less than 0.95 over twenty seconds.
+    largest_error : float
+        Error of the stated force that is no noise, as a share of the range of the force.
+    deepest_swing, worst_swing : float
+        How far the response to a pulse may go below zero, as a share of its peak, or it is
+        doubted, or not used: a muscle does not push.
+    largest_residual : float
+        Residual that may be correlated without a doubt, as a share of the range of the force.
+    held_out_times, largest_held_out : float
+        The error on the end of the session, foretold from before, may be so many times that of
+        the final estimate, or this share of the range of the force.
+    largest_drift : float
+        Change of the baseline over the span looked at, as a share of the range of the force.
+    widest_interval : float
+        Half the interval of the curve at the highest intensity that was used, as a share of it.
+    """
+
+    expected_force: float = 200.0
+    least_explained: float = 0.7
+    good_explained: float = 0.9
+    largest_error: float = 0.08
+    deepest_swing: float = 0.15
+    worst_swing: float = 0.5
+    largest_residual: float = 0.03
+    held_out_times: float = 3.0
+    largest_held_out: float = 0.05
+    largest_drift: float = 0.1
+    widest_interval: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not self.expected_force > 0.0:
+            raise IdentificationError(
+                f'expected a largest force above 0 N, got {self.expected_force}'
+            )
