@@ -25,8 +25,15 @@ _MEMORY_OF_STEPS = 0.05
 # the one below; near a smooth peak the two counts are alike.
 _CLIPPED_COUNT = 10
 _CLIPPED_RATIO = 4.0
-# Places in the record of extremes: a value, how often it came, the next one inwards, the same.
-_TOP, _TOP_COUNT, _NEXT, _NEXT_COUNT = range(4)
+# A force that is cut off stays at the end of the range; a smooth peak has two equal samples at
+# most, though a train without noise repeats it to the last digit.
+_CLIPPED_RUN = 3
+# A force without noise that comes to rest by itself creeps there, by the last digits of a double;
+# a limit cuts it off at a step.  Share of the range of the force.
+_CREEP_SHARE = 1e-9
+# Places in the record of extremes: a value, how often it came, the next one inwards, the same; how
+# many of the latest samples have the first value, and the most that had it in a row.
+_TOP, _TOP_COUNT, _NEXT, _NEXT_COUNT, _RUN, _LONGEST_RUN = range(6)
 
 
 class FrozenSensor(Monitor):
@@ -92,13 +99,13 @@ class ClippedSensor(Monitor):
     _rest: float | None
 
     def __init__(self) -> None:
-        self._highest = np.array([-np.inf, 0.0, -np.inf, 0.0])
+        self._highest = np.array([-np.inf, 0.0, -np.inf, 0.0, 0.0, 0.0])
         self._lowest = self._highest.copy()
         self._rest = None
 
     def _check_restored(self) -> None:
-        fits = self._highest.shape == self._lowest.shape == (4,)
-        expect(fits, 'ClippedSensor', 'records of four numbers')
+        fits = self._highest.shape == self._lowest.shape == (6,)
+        expect(fits, 'ClippedSensor', 'records of six numbers')
 
     def examine(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples at an end of the range."""
@@ -110,11 +117,19 @@ class ClippedSensor(Monitor):
         found = np.zeros(len(cell), dtype=np.bool_)
         span = self._highest[_TOP] + self._lowest[_TOP]
         for sign, record in ((1.0, self._highest), (-1.0, self._lowest)):
-            often = record[_TOP_COUNT] >= _CLIPPED_COUNT
-            alone = record[_TOP_COUNT] > _CLIPPED_RATIO * record[_NEXT_COUNT]
-            if often and alone and record[_TOP] - sign * self._rest > 0.5 * span:
+            away_from_rest = record[_TOP] - sign * self._rest > 0.5 * span
+            if away_from_rest and _cut_off(record, span):
                 found |= cell == sign * record[_TOP]
         return {faults.FORCE_CLIPPED: found} if found.any() else {}
+
+
+def _cut_off(record: FloatArray, span: float) -> bool:
+    """Return whether the highest value of a record (6,) is a limit; `span` of the force [N]."""
+    often = record[_TOP_COUNT] >= _CLIPPED_COUNT
+    alone = record[_TOP_COUNT] > _CLIPPED_RATIO * record[_NEXT_COUNT]
+    stays = record[_LONGEST_RUN] >= _CLIPPED_RUN
+    stepped = record[_TOP] - record[_NEXT] > _CREEP_SHARE * span
+    return bool(often and alone and stays and stepped)
 
 
 class ConstantForce(Monitor):
@@ -146,15 +161,21 @@ class ConstantForce(Monitor):
 
 @numba.njit(cache=True)
 def count_extremes(force: FloatArray, record: FloatArray) -> None:
-    """Take samples (samples,) into a record (4,) of the two highest values and their counts."""
+    """Take samples (samples,) into a record (6,) of the two highest values and their counts."""
     for value in force:
+        if value < record[_TOP]:
+            record[_RUN] = 0.0
         if value == record[_TOP]:
             record[_TOP_COUNT] += 1.0
+            record[_RUN] += 1.0
+            record[_LONGEST_RUN] = max(record[_LONGEST_RUN], record[_RUN])
         elif value > record[_TOP]:
             record[_NEXT] = record[_TOP]
             record[_NEXT_COUNT] = record[_TOP_COUNT]
             record[_TOP] = value
             record[_TOP_COUNT] = 1.0
+            record[_RUN] = 1.0
+            record[_LONGEST_RUN] = 1.0
         elif value == record[_NEXT]:
             record[_NEXT_COUNT] += 1.0
         elif value > record[_NEXT]:
