@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rpms_ros.api import RpmsError
     from rpms_ros.api import Session
     from rpms_ros.api import Stated
+    from rpms_ros.api import Verdict
     from rpms_ros.api import load
     from rpms_ros.api import simulate
 
@@ -36,6 +37,7 @@ __all__ = [
     'RpmsError',
     'Session',
     'Stated',
+    'Verdict',
     'load',
     'simulate',
 ]

@@ -18,6 +18,7 @@ from rpms_ros.api.loading import load
 from rpms_ros.api.session import Session
 from rpms_ros.api.simulating import simulate
 from rpms_ros.errors import RpmsError
+from rpms_ros.identification.verdict import Verdict
 from rpms_ros.report.result import Curve
 from rpms_ros.report.result import ImpulseResponse
 from rpms_ros.report.result import Stated
@@ -30,6 +31,7 @@ __all__ = [
     'RpmsError',
     'Session',
     'Stated',
+    'Verdict',
     'load',
     'simulate',
 ]

@@ -13,6 +13,7 @@ import numpy as np
 from rpms_ros.api.session import Session
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.verdict import Verdict
 from rpms_ros.pulses import FloatArray
 from rpms_ros.report.result import Curve
 from rpms_ros.report.result import IdentificationResult
@@ -75,6 +76,26 @@ class Identification:
     def estimator(self) -> str:
         """Name of the algorithm."""
         return self.result.estimator
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the result may be used: ``grade``, ``reasons`` and both in one ``line``.
+
+        The grade is ``good``, ``doubtful`` (look at the reasons first) or ``no`` (do not use it);
+        the gravest reason comes first.  `rpms identify` ends in the same words.
+
+        Examples
+        --------
+        >>> import rpms_ros
+        >>> verdict = rpms_ros.load('bags/sample').identify().verdict
+        >>> verdict.grade
+        'good'
+        >>> len(verdict.reasons)
+        1
+        >>> verdict.line.startswith('good: the identified muscle explains')
+        True
+        """
+        return self.result.verdict
 
     @property
     def curve(self) -> Curve | None:

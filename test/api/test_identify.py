@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,21 @@ def test_intervals_of_parameters_hold_their_values(found: Identification) -> Non
     assert deviation is not None
     width = found.parameters['u_thr'].upper - found.parameters['u_thr'].value
     assert width == pytest.approx(1.959964 * deviation['u_thr'], rel=1e-6)
+
+
+def test_the_verdict_is_that_of_the_result(found: Identification) -> None:
+    verdict = found.verdict
+    assert verdict.grade == found.to_dict()['verdict']['grade'] == 'good'
+    assert list(verdict.reasons) == found.to_dict()['verdict']['reasons']
+    assert verdict.line == f'good: {verdict.reasons[0]}'
+
+
+def test_the_verdict_on_a_force_of_the_wrong_sign_is_no(simulated: Session) -> None:
+    force = replace(simulated.force, force=-simulated.force.force)
+    wrong = replace(simulated, recording=replace(simulated.recording, forces=force))
+    verdict = wrong.identify().verdict
+    assert verdict.grade == 'no'
+    assert 'sign or axis of the sensor is wrong' in verdict.line
 
 
 def test_the_text_names_every_parameter_and_fault(found: Identification) -> None:
