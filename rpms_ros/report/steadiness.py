@@ -115,9 +115,11 @@ def _ratio(path: Path, first: int, last: int) -> tuple[float, float]:
 
     The two are taken for independent, which makes the interval rather too wide.
     """
-    half = 0.5 * (path.upper - path.lower) / np.abs(path.value)
+    # elsewhere the value may be nothing, before anything was learnt
+    place = np.array([first, last])
+    half = 0.5 * (path.upper - path.lower)[place] / np.abs(path.value[place])
     ratio = float(path.value[last] / path.value[first])
-    return ratio - 1.0, abs(ratio) * math.hypot(float(half[first]), float(half[last]))
+    return ratio - 1.0, abs(ratio) * math.hypot(*half.tolist())
 
 
 def _told(change: Change, course: Course) -> str:

@@ -387,7 +387,10 @@ def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path) -> None:
     for wrong, message in (
         ({'temporal_summation': str(tmp_path)}, 'expected a JSON file with a history law'),
         ({'start_from': str(law)}, 'expected a session with a recruitment curve'),
-        ({'estimator': 'recursive', 'start_from': str(state)}, 'such as horizon, got recursive'),
+        (
+            {'estimator': 'recursive', 'start_from': str(state)},
+            'such as horizon or tracking, got recursive',
+        ),
     ):
         with pytest.raises(NodeError, match=message):
             IdentifierParameters(**{'estimator': 'horizon', **wrong})

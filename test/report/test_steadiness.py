@@ -32,6 +32,13 @@ def test_a_steady_muscle_stayed_the_same_within_what_the_intervals_allow(
     assert 'within 3 %' in told(made_up, wandering, 0.05)
 
 
+def test_a_force_of_nothing_at_the_start_is_not_divided_by(made_up: ModuleType) -> None:
+    forces = np.full(COUNT, 10.0)
+    forces[0] = 0.0
+    # a warning of NumPy is an error in these tests
+    assert 'stayed the same' in told(made_up, forces, 0.05)
+
+
 def test_a_change_that_intervals_hide_is_not_called_the_same(made_up: ModuleType) -> None:
     assert told(made_up, np.full(COUNT, 10.0), 2.0).startswith('The intervals are too wide')
     wandering = 10.0 + 1.5 * np.sin(np.linspace(0.0, 9.4, COUNT)) ** 2

@@ -1,6 +1,7 @@
 """Two processes that write to one port: the driver past its guard, and the guard."""
 
 import os
+import select
 import socket
 import threading
 import time
@@ -52,12 +53,17 @@ class BusyPort:
     def drain(self):
         """Read until the other has written everything, and a silence has come."""
         while self._writing.is_alive() or rapid2.SILENCE not in self.heard:
-            self.heard += os.read(self.master, 4096)
+            self.heard += self._read()
         self._writing.join()
+
+    def _read(self):
+        # what the other wrote last may have been read already, while it is about to end
+        ready = select.select([self.master], [], [], 0.05)[0]
+        return os.read(self.master, 4096) if ready else b''
 
     def close(self):
         while self._writing.is_alive():
-            os.read(self.master, 4096)
+            self._read()
         for descriptor in (self.line, self._slave, self.master):
             os.close(descriptor)
 
