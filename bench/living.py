@@ -118,6 +118,38 @@ def changing(kind, excitation, outcomes, seeds):
     )
 
 
+def rates(recordings, outcomes):
+    """Print how far the rate of change of the force is from the truth."""
+    away = []
+    for recording, one in zip(recordings, outcomes, strict=True):
+        force = np.log(recording.curve[:, -1])
+        # of the five seconds of a knot, as the estimator states it
+        true = 6000.0 * (force[10:] - force[:-10]) / 5.0
+        stated = np.array(one.rates)[10:]
+        late = one.late[10:]
+        away.append(np.abs(stated / true - 1.0)[late])
+    errors = 100 * np.concatenate(away)
+    print(
+        f'    rate of change of the force: off by {np.median(errors):.0f} % of it in the median, '
+        f'{np.percentile(errors, 90):.0f} % in a tenth of the estimates',
+        flush=True,
+    )
+
+
+def unknown_dynamics(seeds):
+    """Print errors in muscles whose latency, time constant and order are not told."""
+    for latency, constant, order in DYNAMICS:
+        constant = SUBJECT.time_constant if constant is None else constant
+        subject = replace(SUBJECT, latency=latency, time_constant=constant, order=order)
+        for excitation in ('random', 'sinusoid'):
+            outcomes = [
+                Outcome(TrackingEstimator(), session('steady', excitation, seed, 30.0, subject))
+                for seed in range(seeds)
+            ]
+            name = f'{1e3 * latency:.0f} ms, T_a {1e3 * constant:.0f} ms, order {order}'
+            row(f'{name}, {excitation}', outcomes)
+
+
 def false_alarms(hours):
     """Print how many changes are found in a muscle that does not change."""
     alarms, minutes = 0, int(60 * hours)
@@ -146,6 +178,8 @@ def main():
             recordings = [session(kind, excitation, seed) for seed in range(seeds)]
             outcomes = [Outcome(TrackingEstimator(), one) for one in recordings]
             row(f'{kind}, {excitation}', outcomes)
+            if kind == 'fatigue':
+                rates(recordings, outcomes)
             if kind in RIGHT:
                 changing(kind, excitation, outcomes, seeds)
             if kind == 'steady':
@@ -155,18 +189,7 @@ def main():
                 ]
                 row(f'{kind}, {excitation}: horizon', before)
     if 'dynamics' in kinds:
-        for latency, constant, order in DYNAMICS:
-            constant = SUBJECT.time_constant if constant is None else constant
-            subject = replace(SUBJECT, latency=latency, time_constant=constant, order=order)
-            for excitation in ('random', 'sinusoid'):
-                outcomes = [
-                    Outcome(
-                        TrackingEstimator(), session('steady', excitation, seed, 30.0, subject)
-                    )
-                    for seed in range(seeds)
-                ]
-                name = f'{1e3 * latency:.0f} ms, T_a {1e3 * constant:.0f} ms, order {order}'
-                row(f'{name}, {excitation}', outcomes)
+        unknown_dynamics(seeds)
     if arguments.hours:
         false_alarms(arguments.hours)
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

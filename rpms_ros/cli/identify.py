@@ -93,7 +93,7 @@ def _add_state_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--save-state', type=Path, metavar='FILE', help=text)
     text = (
         'start from what an earlier session of the patient has told, a saved state or the JSON of '
-        'this command; it gives way where it is wrong (horizon)'
+        'this command; it gives way where it is wrong (horizon, tracking)'
     )
     group.add_argument('--start-from', type=Path, metavar='FILE', help=text)
     text = (

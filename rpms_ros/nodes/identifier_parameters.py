@@ -126,7 +126,7 @@ class IdentifierParameters(NodeParameters):
     start_from: str = parameter(
         '',
         'Saved state or JSON of rpms identify of an earlier session of the patient; what it says '
-        'gives way where it is wrong, and comes back with a reset. For horizon.',
+        'gives way where it is wrong, and comes back with a reset. For horizon and tracking.',
     )
 
     def __post_init__(self) -> None:
