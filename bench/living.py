@@ -8,11 +8,15 @@ of the curve within its 95 % band.
 """
 
 import argparse
+import os
 import resource
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+
+# the matrices are small: a second thread of the linear algebra only waits, and counts as work
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
 

@@ -29,9 +29,10 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 SLOPES = 2
-# Of the exponential series: the time constant changes by less than a factor of 2.  A smaller
-# change, or term, makes no difference.
-_TERMS, _NO_SLOWING = 16, 1e-10
+# Of the exponential series: the time constant changes by less than a factor of 2.
+_TERMS, _LAST_TERM = 16, 1e-10
+# A change of the time constant by a thousandth of a percent makes no difference.
+_NO_SLOWING = 1e-5
 
 
 class Point(NamedTuple):
@@ -106,10 +107,12 @@ def slowed(linear: FloatArray) -> FloatArray:
 def stretched(linear: FloatArray, slowing: float) -> FloatArray:
     """Return w (functions,) with its response stretched in time by ``e^slowing``."""
     term, total = linear.copy(), linear.copy()
+    if abs(slowing) < _NO_SLOWING:
+        return total
     for order in range(1, _TERMS):
         term = slowed(term) * (slowing / order)
         total += term
-        if np.abs(term).max() < _NO_SLOWING:
+        if np.abs(term).max() < _LAST_TERM:
             break
     return total
 
@@ -277,7 +280,7 @@ def assemble(
         gain = 1.0 + _at_age(point.gain, position)
         delay = _at_age(point.slowing, position)
         gram, right = intervals.gram[index], intervals.right[index]
-        if abs(delay) > _NO_SLOWING:
+        if abs(delay) >= _NO_SLOWING:
             gram, right = _stretched_columns(gram, right, delay, len(point.linear))
         force[0] = age * point.slope[0]
         force[1] = age * point.slope[1]

@@ -26,6 +26,7 @@ _LEAST_SHARE, _KEPT_SHARE = 0.7, 0.3
 _BESIDE_RATE = 0.6
 _LEAST_BINS = 0.8
 _FREQUENCIES: FloatArray = np.arange(_LOWEST, _HIGHEST + 0.5 * _RESOLUTION, _RESOLUTION)
+_WAVES = np.exp(-2e-9j * np.pi * _BIN_NS * np.outer(_FREQUENCIES, np.arange(_SEARCHED)))
 
 
 class Tremor(Restorable):
@@ -146,8 +147,7 @@ def _power(error: FloatArray, filled: BoolArray) -> FloatArray:
     weight = np.hanning(len(error)) * filled
     trend = polynomials(time, 4) * weight[:, None]
     known = trend @ np.linalg.lstsq(trend, error * weight, rcond=None)[0]
-    wave = np.exp(-2j * np.pi * np.outer(_FREQUENCIES, time))
-    power: FloatArray = np.abs(wave @ (error * weight - known)) ** 2
+    power: FloatArray = np.abs(_WAVES @ (error * weight - known)) ** 2
     return power
 
 
