@@ -1,3 +1,6 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+
 # ROS 2 Jazzy with both packages: the steps of README for a workspace.
 #
 #   docker build -t rpms_ros .

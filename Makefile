@@ -1,8 +1,11 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+
 # make build   environment in .venv, both packages in it; nothing to source afterwards
 # make demo    simulated muscle, on-line identification, a report
 # make test    the whole suite, in two processes (JOBS=1: in one)
 #              ARGS='test/muscle -k twitch -x' goes to pytest, which then uses one process
-# make lint    ruff, mypy, import contracts          make format   what ruff can do by itself
+# make lint    ruff, mypy, import contracts, headers    make format   what can be repaired by itself
 # make docs    the site, in build/docs
 # make bench   benchmarks
 # make clean   remove what was built or written      make distclean   .venv too
@@ -69,10 +72,12 @@ lint: build
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
+	tools/headers --check
 
 format: build
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+	tools/headers
 
 # Every warning ends it: a link that leads nowhere, a page outside the navigation, a notebook that fails.
 docs: build $(STAMPS)/docs

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Package description for colcon (ament_python) and pip alike."""
 
 from pathlib import Path

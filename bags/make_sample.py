@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Make bags/sample, the recording of README's off-line example; always the same.
 
 The average subject of magnetic stimulation, half a minute of random intensities at 20 Hz, force at

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Figures that the muscle analysis has to reach, measured: twitches, order, field, trains, speed.
 
 Simulated muscles with 1 % noise (of a twitch at full intensity) and artifacts as high as a twitch;

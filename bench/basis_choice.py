@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Muscles whose latency, time constant and order the batch is not told.
 
 `python bench/basis_choice.py [--seeds 5] [--seconds 30]`

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Cost of the batch fit of 60 s at 1 kHz, beside scipy's least_squares on the same problem.
 
 `python bench/batch.py`

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How soon the curve is right, and stays right: 20 seeds each.
 
 `python bench/convergence.py [seeds]`

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A live graph for measurements of the driver: processes, load, and a node that watches."""
 
 import contextlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How long the forecast of a long schedule takes: the executor's signs of life wait for it.
 
 Process time, the best of some, for each device specification of the package.

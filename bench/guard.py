@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the guard adds to an exchange, and what happens when driver or guard die, stop or hang.
 
 A trial starts an instrument of the Rapid2 class on a pseudo-terminal at the wire times of 9600

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Ten thousand hostile goal texts on the real driver node: the test of the suite, at full count.
 
 Prints how many goals were answered; exit code 1 if one was not, or if the node did not live.

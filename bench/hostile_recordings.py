@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recordings that were mutated or had a bit flipped: what the commands make of them.
 
 Mutations: bytes changed, cut out, doubled, cut off, of every file of small recordings in every

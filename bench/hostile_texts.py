@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Hostile texts against the reading of schedules: 10,000 from a grammar and from bytes.
 
 Every one has to give a schedule or a StimulationError.  Prints how many of each, the slowest text

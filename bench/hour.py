@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms identify` of one hour at 1 kHz, from start to result, as a process of its own.
 
 3.6 million WrenchStamped and 72,000 pulses from mcap that lies in the page cache.  The targets are

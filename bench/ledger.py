@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The dose ledger: 100 random kills, how long a reservation takes, how long an old ledger is read.
 
 Prints one line each; exit code 1 if more was fired than the dose, or less counted than was fired.

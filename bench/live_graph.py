@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Three nodes as three processes at 1 kHz on real DDS: samples lost, processor time.
 
 The targets are no lost sample and less than one and a half cores for the three together.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the live page costs at 1 kHz, and whether a recording made beside it lacks anything.
 
 A simulated session as `rpms demo --live` starts it.  Beside it runs a plain rclpy node that hears

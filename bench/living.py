@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How a muscle that changes is followed: `tracking`, with the oracle that is told of the change.
 
 `python bench/living.py [--seeds 20] [--hours 1] [kinds ...]`

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The modified recursive Levenberg-Marquardt algorithm in plain NumPy: to read, and to compare.
 
 Same equations as `rpms_ros.identification.recursion_kernel`, written as they stand, with NumPy's

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Random schedules, faults and interleavings of threads, in virtual time: 100,000 of them.
 
 Runs test/stimulation/test_controller_property.py with as many examples as asked for; exit code 1

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reading a recording in bulk beside the rosbags deserialisation loop, and from bag to result.
 
 One hour at 1 kHz with 72,000 pulses by default: read by this package; by rosbags as raw messages

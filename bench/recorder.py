@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recorder node as a process of its own at 5 kHz: what it loses, and what a kill leaves.
 
 First WrenchStamped for 60 s at 5 kHz, and pulses at 20 Hz, after which the recording has to hold

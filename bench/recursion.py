@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Cost of one update of the recursion: 8 basis functions, pulses at 20 Hz, force at 1 kHz.
 
 In blocks of 1000 samples and as single samples through the Python call, beside the plain NumPy

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recursion for people: error of the curve, intervals, change, and its cost.
 
 `python bench/recursion_people.py [seeds]`

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Run the benchmarks that stand beside this file, all or those named, and print their figures.
 
 `make bench` runs all of them; `make bench ARGS=recursion` one.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How late pulses are against their schedule: 20 Hz for 60 s, live, on a loaded machine.
 
 The simulated device takes the time that its frames would take on a serial line.  Prints the

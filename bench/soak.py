@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """An hour in simulated time with all nodes and random faults: nothing lost, memory flat.
 
 Plant, identifier and recorder follow a clock that moves on as fast as they are; the driver, which

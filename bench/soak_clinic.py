@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The driver of bench/soak.py: with console, stop button and recorder, in real time.
 
 A driver refuses simulated time, so it lives for as long as the soak takes.  An operator arms and

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The simulated hour of bench/soak.py: a laboratory whose sensor, stimulator and clock go wrong.
 
 A plant follows /clock, which is moved on by half a second as soon as everybody has heard all of

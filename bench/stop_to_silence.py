@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """From what stops a train to its last pulse: the real node with a simulated device, under load.
 
 A trial arms the driver as an operator, starts a train at 50 Hz, and at a random moment does one of

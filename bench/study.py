@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms study` over many simulated recordings with one process and with two.
 
 500 recordings of one minute by default, each of another seed; the tables have to be the same, and

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Starts from all over the place: which share ends at the right minimum.
 
 `python bench/wide_starts.py [draws]`

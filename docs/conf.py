@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How Sphinx builds the site: `make docs`, which fails at the first warning."""
 
 import dataclasses

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The figures of the site: `python docs/figures.py`; `make docs` does it first.
 
 Written into docs/figures, which is not kept in the repository.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The pages of the reference that are made of the code: commands, parameters, messages, schema."""
 
 import argparse

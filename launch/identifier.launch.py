@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The identifier beside somebody's own sensor and stimulator; a recorder, a live page if asked.
 
 ros2 launch rpms_ros identifier.launch.py force:=/ft_sensor/wrench axis:=x best_effort:=true

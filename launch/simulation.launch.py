@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Simulated muscle, stimulator driver, identifier; a recorder, a live page if asked.
 
 ros2 launch rpms_ros simulation.launch.py namespace:=left_leg schedule:=uniform_random record:=true

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """On-line identification of magnetically or electrically stimulated muscle.
 
 In a script or a notebook::

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Axes of a sensor as people write them: one parser for nodes, recordings and commands.
 
 A sensor measures a force, or a torque as an isometric dynamometer does; `UNITS` names both.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Where compiled functions are kept: one folder for each state of the sources.
 
 numba looks whether the file of a compiled function has changed, not the files of what that

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Exceptions of the package: one class for each part, so that a caller can tell them apart.
 
 Every message reads ``expected <condition>, got <value>`` and names the thing that was wrong.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Where ROS messages become domain values and back; `schedule_messages` does so for schedules.
 
 Nothing of ROS is imported here.  Messages are read by their attributes, so rclpy's classes and

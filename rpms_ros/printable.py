@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Text from anybody, on one line of a terminal or in a cell of a table."""
 
 _FORMULA_STARTS = ('=', '+', '-', '@', '\t', '\r')

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Pulses and force samples as arrays: the values that the parts of the package exchange.
 
 Time is an integer number of nanoseconds since an epoch, as in ``header.stamp``: floating-point

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules as rpms_msgs/Schedule and back: the schema of a schedule file, its checks and bounds.
 
 A field that a kind of segment does not read has to be zero, as a key that nobody reads is refused

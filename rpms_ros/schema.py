@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Results as plain values for JSON and templates, and the JSON schema, both from dataclasses.
 
 The fields of a dataclass are the keys of the object.  A field whose default is None is left out of

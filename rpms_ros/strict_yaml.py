@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """YAML from outside, read strictly: what doses people must not depend on how a parser guesses.
 
 The YAML 1.2 core schema without its surprises: no octal or hexadecimal number, no leading zero, no

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fixtures for pytest: a simulated muscle whose truth is known, on the real graph.
 
 Take them as a plugin, in the module of a test or in the ``conftest.py`` at the root of your

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What every test needs.  Real rclpy: a domain, a context and an executor for each test."""
 
 import contextlib

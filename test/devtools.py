@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A browser without a window, driven by the DevTools protocol: what a person would do and see."""
 
 import asyncio

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """An instrument of the Rapid2 class on a pseudo-terminal: the oracle of the tests of the driver.
 
 Written from what users of the class have published, sharing no code with the package.  It logs

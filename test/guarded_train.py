@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A driver without a controller: opens a port, arms, fires until something is wrong.
 
     python test/guarded_train.py PORT RATE_HZ BEAT_LIMIT_S ANSWER_LIMIT_S

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Hostile texts: what a stranger, a broken editor or an attacker may send in place of a schedule.
 
 `hostile_text(random)` makes one; `KNOWN` are those that broke something once, or break other

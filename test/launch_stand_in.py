@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What launch files import, as far as they use it, where ROS's `launch` is not installed.
 
 `launch` and `launch_ros` are not on PyPI.  Here they only keep what they are given, so that a test

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A process that reserves pulses and fires them, and is killed at random moments, many times.
 
 What it fired it notes in a file, one line a pulse, right when it would trigger the device; that

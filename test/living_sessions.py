@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sessions of a muscle that changes, with the truth at every half second."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Made-up estimates of a session, for what is said and drawn of them over time."""
 
 from typing import Any

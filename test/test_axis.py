@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One parser of axes: what the node takes, commands and recordings take too."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Compiled functions of other sources are not used: an edit of what they call counts."""
 
 import os

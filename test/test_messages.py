@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages to domain values and back, with the classes of rclpy and of rosbags."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules as messages and back: every kind, and what is refused with its place."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """YAML from outside: what is accepted, what is refused where, and that nothing else happens."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The fixtures that users import, as docs/nodes.md shows them: a plugin of other tests."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """pytest plugin: the packages under test are those installed below RPMS_INSTALL, no others."""
 
 import importlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """pytest plugin: a test that did not run must not look like one that passed.
 
 Tests of the recordings may be skipped where the folder of recordings is missing, tests of the

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Use an installed wheel as a stranger would: `python tools/try_wheel.py bare|extras`.
 
 `bare` is without any extra, where what an extra brings is refused in one line; `extras` is with

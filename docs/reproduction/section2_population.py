@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Tables 1 and 2: latency and time constant of as many subjects and data sets as in the paper.
 
 Every subject has a mean latency and a mean time constant within the ranges of the tables, drawn

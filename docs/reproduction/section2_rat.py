@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Trains of a real muscle, trial by trial: rat gastrocnemius, three explanations (Figs. 6 to 8).
 
 Prints latency, T_a and the three fits of every train, and how much trains of the same animal and

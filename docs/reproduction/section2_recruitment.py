@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Table 3, Figs. 9 and 10: the recruitment field of seven subjects, and of their average.
 
 Every subject has a threshold, a saturation, slopes and a twitch of its own around Table 3; 21

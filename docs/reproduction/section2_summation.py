@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Eqs. 6 and 7, Figs. 6 to 8: what a train adds up to, for both ways of stimulation.
 
 The average subjects of the paper, RPMS and fES, go through the same protocol and the same

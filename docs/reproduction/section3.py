@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sec. 3 of the paper, run again: Table 4, Figs. 13 to 17, Table 6 in silico, every claim.
 
 `python docs/reproduction/section3.py [folder]` prints the tables and writes the figures.

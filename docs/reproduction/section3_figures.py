@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Figures 13 to 17, drawn anew."""
 
 import matplotlib as mpl

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Plants of Sec. 3 as they are simulated here, and a run of an estimator over one of them."""
 
 from typing import NamedTuple

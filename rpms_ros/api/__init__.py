@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The package in a script or a notebook: load, identify, plot, hand on.
 
 Everything here is also found in `rpms_ros` itself::

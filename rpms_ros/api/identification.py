@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What was found of the muscle: curve, response, parameters, figure, tables."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One session: pulses, force, and what can be asked of them."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sessions with a simulated muscle, whose truth is known."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Results as tables of pandas and data sets of xarray, where these are installed."""
 
 from importlib import import_module

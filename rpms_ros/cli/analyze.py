@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``rpms analyze``: latency, twitch, summation and recruitment from recordings."""
 
 import argparse

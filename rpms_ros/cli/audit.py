@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms audit`: whether an audit log or a dose ledger is whole, and what it says."""
 
 import argparse

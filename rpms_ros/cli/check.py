@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms check`: whether a device can deliver a schedule, why not, and what it could deliver."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``rpms demo``: all nodes on this machine, with a simulated muscle whose parameters are known."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``rpms export``: a recording as files of other programs."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``rpms identify``: recruitment and dynamics of the muscle from a recording."""
 
 import argparse

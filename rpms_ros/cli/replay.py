@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``rpms replay``: play a recording into the identifier node and compare the estimates."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``rpms report``: a recording as one page that can be read, printed and sent."""
 
 import argparse

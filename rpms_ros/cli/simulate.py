@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``rpms simulate``: a recording of a simulated session, without ROS."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The table of a study: rows kept one by one while it runs, then written as CSV and Parquet."""
 
 import csv

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The row of each recording of a study, computed by local processes or a Dask cluster."""
 
 import hashlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``rpms verify``: whether a recording is whole and unchanged."""
 
 import argparse

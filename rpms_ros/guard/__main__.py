@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Run the guard: ``python -m rpms_ros.guard``, or this folder by its path without `site`."""
 
 import sys

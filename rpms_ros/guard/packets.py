@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Packets between a driver and its guard, over a local socket that keeps their boundaries."""
 
 import struct

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`stimulator_guard`: started by the driver's device, or by hand on a socket of its own."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What users of the Rapid2 class have published about its serial line.
 
 A frame is a command letter, its data and a check byte: the complement of the sum of the bytes

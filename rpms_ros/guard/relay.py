@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The guard: relays commands while the driver lives, and disarms when it does not."""
 
 import select

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Identification of a muscle from its force: bases, estimators, alignment of pulses and force."""
 
 from rpms_ros.identification.basis import DistortedSineBasis

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A recording into a stream, in the order in which it arrived."""
 
 from collections.abc import Iterator

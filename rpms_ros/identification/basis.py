@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Orthonormal basis functions of the impulse response, Eqs. (14) and (31).
 
 The paper's distorted sines, for taps ``i = 1 .. m`` of ``T_s`` seconds each,

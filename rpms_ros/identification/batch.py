@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Off-line estimator: variable projection over all samples, from many starts.
 
 The samples are condensed into blocks of one pulse each, from which the normal equations of any

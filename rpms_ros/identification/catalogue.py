@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Estimators by name: those of this package and those that other distributions bring.
 
 An estimator of another distribution is a callable that takes `EstimatorOptions`, named by an

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The state of a stream and its estimator in a file, to go on from there bit for bit.
 
 The file has three parts: a line with a name and the SHA-256 of all that follows; a line of JSON

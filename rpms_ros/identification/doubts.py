@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Which faults put an estimate in doubt: those that concern more than a few of its samples."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The estimate of a muscle, and the interface of estimators."""
 
 from collections.abc import Mapping

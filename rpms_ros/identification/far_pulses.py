@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Pulses whose stamps lie far after the force: kept in case it follows, but not for ever."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Names of what can go wrong with the data of an identification, each with its meaning."""
 
 from collections.abc import Mapping

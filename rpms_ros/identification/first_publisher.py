@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One publisher of a topic is listened to: the first, until it has been silent for long."""
 
 # So many others are told apart; a flood of further ones is not remembered.

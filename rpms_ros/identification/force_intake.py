@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Force samples in the order of arrival in, samples with rising stamps out.
 
 What is no force (not finite, beyond all belief), comes twice or is stamped wrongly is dropped and

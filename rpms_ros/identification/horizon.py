@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """On-line estimator: exact variable projection over a moving horizon.
 
 Samples of the last 20 s are kept, condensed into blocks of one pulse each, from which the normal

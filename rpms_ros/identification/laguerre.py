@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Continuous Laguerre functions behind a latency: a basis with a finite-dimensional state.
 
 With pole ``p = 1 / T_p`` and ``x = 2 p t`` the functions are

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""The Levenberg-Marquardt loop of every nonlinear fit in compiled code.
 
 A fit is put together from a *problem* and four functions of a model:

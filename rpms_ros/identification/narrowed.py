@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the data have narrowed: the numbers of an estimate that say more than was known before.
 
 Where the data say little, an estimator that knows how people differ answers with that.  Such a

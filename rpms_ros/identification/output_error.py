@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How far predictions were from the force: one number for a session, in newtons and as a share."""
 
 import math

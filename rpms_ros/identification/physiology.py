@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Twitch parameters read off an identified response: time constant, latency, order, gain.
 
 The twitch of Eq. (2) behind a latency is fitted to the coefficients of the basis, not to the

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Faults that are counted when the samples before them are processed, not when they are found."""
 
 from rpms_ros.identification.faults import FaultCounter

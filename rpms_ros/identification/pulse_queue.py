@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Queue that orders pulses by onset and counts lost, repeated and unusable ones.
 
 A pulse is *settled* when the force has come so far that an earlier one would be too late.  Only

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""One sample of the modified recursive Levenberg-Marquardt algorithm, compiled.
 
 Model (Eqs. 13 to 16): ``y = phi(theta)^T w``, with ``phi = sum_q rho(theta, u_q) r(t - t_q)``

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The paper's on-line estimator: modified recursive Levenberg-Marquardt, Sec. 3.2.2."""
 
 import math

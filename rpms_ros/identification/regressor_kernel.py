@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Separable regressors of one force sample from the pulses that act on it, Eqs. (15) and (16).
 
 Two things are needed of every pulse: the basis at its lag, which the parameters do not touch,

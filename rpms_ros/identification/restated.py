@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The force that an estimate states: its recruitment and its response, put to the pulses again.
 
 An a-priori prediction says how well an estimator follows the force; an estimator that forgets

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What an object remembers as plain values, and back, checked against its annotations.
 
 A class that derives from `Restorable` names what it remembers by annotations in its body:

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Identification of a whole recording with the estimator that also runs on line."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Settings of the recursive estimator, with the paper's Tables 4 and 5 as presets."""
 
 import math

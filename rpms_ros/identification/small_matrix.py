@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Compiled algebra of symmetric matrices of a few rows, without allocation.
 
 LAPACK's calls cost more than the arithmetic at this size; numba offers them with allocation only.

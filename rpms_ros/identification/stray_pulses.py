@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Pulses stamped long before the force: late, or the first ones after a clock has jumped back."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Alignment of pulses and force by their stamps, in front of an estimator.
 
 Stamps are the truth.  A force sample waits until the newest one is `reorder_delay` later; by then

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What comes into a stream, pulses and force in whatever order, and what is not learnt from."""
 
 from abc import abstractmethod

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""What the pulses before a pulse make of it: the history law as a weight of each pulse.
 
 The history law (`rpms_ros.identification.analysis.history_law`) is not linear: facilitated

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whether a curve and a response can be those of the muscle that was measured.
 
 An estimator can explain the force by numbers that no muscle has: a recursion that forgets within

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Fit of one twitch to coefficients of a basis, compiled.
 
 For given time constant, latency and order the best peak follows from one linear equation; three

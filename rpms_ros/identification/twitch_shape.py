@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The normalised twitch of Eq. (2) and its derivatives, compiled."""
 
 import math

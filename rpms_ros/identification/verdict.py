@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One answer to the question whether a result may be used: good, doubtful or no, with reasons.
 
 Every check looks at something that a wrong input or a failed identification cannot hide: the

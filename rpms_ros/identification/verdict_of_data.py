@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong with pulses and force before anything is identified: unit, topic, axis."""
 
 from collections.abc import Iterator

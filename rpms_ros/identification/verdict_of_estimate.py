@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong with an estimate itself: sign, shape, what it explains, what it says it knows."""
 
 from collections.abc import Iterator

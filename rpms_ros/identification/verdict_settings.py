@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Grades of a verdict, and the thresholds that lead to them."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""What is known of a returning patient from the last session, as a prior that can be wrong.
 
 Parameters, response and covariance P of the last session are widened by what changes from one

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Who may look at the page, and who may press its stop.
 
 Looking needs no token: the server is bound to this machine's own address unless somebody asks for

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The course of the force that the stimulation does not cause, as the estimates tell it.
 
 Each estimate that is read tells its newest value, a few times a second: the effort of a patient, a

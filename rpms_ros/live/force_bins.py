@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The course of the force as a browser can draw it: smallest and largest value in short bins.
 
 A bin lasts for about a pixel, so nothing that a sample shows is lost on the way to the screen, and

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whether a topic is heard, and in plain words why not."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The force that the newest estimate gives for the pulses that were delivered.
 
 The response to one pulse at full intensity, times the recruitment of each pulse relative to full

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Numbers and texts of anybody as the page can carry them: valid JSON of bounded length."""
 
 from collections.abc import Iterable

@@ -1,3 +1,5 @@
+/* Copyright 2026 rpms_ros contributors */
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The page: takes frames, draws them, asks for the next.  Texts go into the page as text only. */
 (function () {
   'use strict';

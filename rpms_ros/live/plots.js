@@ -1,3 +1,5 @@
+/* Copyright 2026 rpms_ros contributors */
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The plots: uPlot draws; what is here keeps half a minute of force and says which part is shown. */
 const plots = (function () {
   'use strict';

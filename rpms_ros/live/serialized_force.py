@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Many force samples at once, from the bytes of their messages.
 
 A serialised geometry_msgs/WrenchStamped is four bytes that tell the order of the others, the stamp

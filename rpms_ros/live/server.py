@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The server of the page, in a thread of its own.
 
 Tornado on an event loop that also hears the topics: twenty times a second it takes what has come,

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Everything that the page shows of one muscle, and what of it a browser does not have yet.
 
 A browser that has drawn one frame asks for the next; what it has is its cursor.  So a slow browser

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Model of a stimulated muscle: twitch, recruitment, contraction, disturbances of the sensor."""
 
 from rpms_ros.muscle.contraction import Contraction

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Scripted changes of a simulated muscle: the coil moves, the gain changes."""
 
 import bisect

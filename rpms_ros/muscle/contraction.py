@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""The complete contraction, Eq. (11), as a stream of pulses in and force out.
 
 An n-th order twitch with equal poles is a polynomial times one exponential, so the sum over any

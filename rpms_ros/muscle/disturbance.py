@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a force sensor adds to the force: noise, slow drift, stimulation artifact, saturation.
 
 Each disturbance is reproducible: noise by its seed, drift and artifact by the time stamps alone.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Force that the stimulation does not cause: voluntary effort, spasm, tremor, a bumped sensor.
 
 Every event is a function of time alone, so a session is repeatable in blocks of any length.

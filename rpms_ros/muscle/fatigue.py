@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Effects of use on a muscle: fatigue, recovery and potentiation.
 
 Fatigue has the form of Ding, Wexler and Binder-Macleod (J Electromyogr Kinesiol 13, 2003): the

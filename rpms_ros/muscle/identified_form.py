@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recruitment curve in the form that is identified, Eq. (30), with its derivatives.
 
 Gain 1 (the linear dynamics carry it) and the offset for which rho(0) = 0::

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""A muscle that changes while it is stimulated: fatigue, potentiation, scripted changes.
 
 A chain of n equal poles whose time constant T_a(t) changes is the fixed chain of `contraction` in

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A simulated plant: pulses in, force samples on an exact grid out."""
 
 import math

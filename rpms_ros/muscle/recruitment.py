@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recruitment: the share of the muscle that is activated, by intensity and repetition rate.
 
 ``rho(u, f) = rho_u(u) rho_f(f)`` (Eq. 8).  Eq. (9) is printed with beta_2 inside the product

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios: what happens to a simulated muscle and its sensor in a session, as a YAML file.
 
 Times count from the start of the session.  See docs/scenarios.md for the keys.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Faults of a force sensor: frozen, clipped, scaled, samples that are lost or sent twice."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Simulation of a whole session: samples and true state for given pulses, muscle and sensor."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Interface and true state of simulated muscles, steady or changing."""
 
 from typing import NamedTuple

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Subjects: the parameters of one stimulated muscle.
 
 The presets hold the averages of the paper; `random_subject` draws from its ranges, so that a

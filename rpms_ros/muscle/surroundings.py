@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Voluntary and other forces beside a simulated muscle, and the sensor with its faults."""
 
 from rpms_ros.muscle.disturbance import Sensor

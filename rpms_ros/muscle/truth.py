@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is true of a simulated muscle, for comparison with what was identified."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""The twitch: force of a muscle after one pulse, and what a train of them adds up to.
 
 An n-th order system with n equal real poles at ``-1/T_a`` answers an impulse with

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Client of a stop button: publishes its state at a rate, and at once when it changes."""
 
 from rclpy.clock import Clock

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Diagnostics of any node: one status with a level, and its figures."""
 
 from collections.abc import Mapping

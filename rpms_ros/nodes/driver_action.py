@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The action `run_schedule`: one goal at a time, results when the run is over.
 
 Every goal is accepted and answered.  One that is refused is aborted before any pulse, with an

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The audit log of a driver: what a train depends on is written first, the rest beside it.
 
 Arming and schedules are on the disk before anything follows from them.  Refusals, stops and

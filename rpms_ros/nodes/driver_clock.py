@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stamps and heartbeats of a driver are of now: simulated time is refused."""
 
 from rcl_interfaces.msg import SetParametersResult

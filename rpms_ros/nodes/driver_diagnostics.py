@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Diagnostics of a stimulator driver: one status with a level, and its figures."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Other drivers on the graph, and the publishers of a topic."""
 
 from rclpy.node import Node

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The services and the force subscription that can stop a driver.
 
 Buttons and the operator's heartbeat are heard by `driver_watch`, without the executor.  The

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A life-cycle node that survives transitions which are not possible.
 
 rclpy of Jazzy lets a `change_state` or a trigger that the state does not allow end the process.

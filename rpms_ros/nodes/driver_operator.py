@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Arming in two steps, as services: `request_arming` gives a token, `confirm_arming` arms."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Real-time priority, so that pulses come in time on a machine that is busy."""
 
 import os

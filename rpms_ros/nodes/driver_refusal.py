@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Error codes of `run_schedule`: why a goal was refused, and why a run ended."""
 
 from typing import Any

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a stimulator driver tells: lines in its log, refusals, its status and its diagnostics."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a driver publishes of a schedule that it has accepted: name, text, hash, who asked."""
 
 import time

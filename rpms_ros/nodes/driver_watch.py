@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The thread that receives, without any executor, what has to stop a driver.
 
 An executor that is busy hears nothing, and its queue holds a few messages only.  Here a node that

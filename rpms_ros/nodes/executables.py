@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The executables: each runs its node, or says in one line that ROS is missing."""
 
 import sys

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node that identifies the muscle: `force` and `pulses` in, `estimate` out.
 
 Callbacks only collect; a timer hands what has come to the stream.  How it is cut into blocks has

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Health of an identifier: whether force comes, and whether the estimate can be trusted."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Force and pulses for the identifier in the order of arrival, with their publishers.
 
 An executor of rclpy hands out messages without their publisher, and topic by topic.  Here the

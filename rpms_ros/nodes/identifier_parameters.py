@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the identifier, and the stream that they describe."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Who publishes what the identifier hears: more than one, or best effort only."""
 
 from collections import deque

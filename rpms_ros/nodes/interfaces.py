@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Generated message classes by name, for `rpms_ros.messages` to build from."""
 
 from builtin_interfaces.msg import Time

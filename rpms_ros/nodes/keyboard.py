@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Single keys of a terminal, read without waiting for Enter."""
 
 import contextlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How a live page is: what it hears, what it cannot show, and how many look."""
 
 from diagnostic_msgs.msg import DiagnosticStatus

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Subscriptions of the live page, read without the executor.
 
 A second node, that is in no executor, is read twenty times a second, and less often while nobody

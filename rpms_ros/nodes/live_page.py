@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node that serves the live page: one muscle in a browser, while it is stimulated.
 
 The thread of the server hears the topics and draws; the executor serves the rest.

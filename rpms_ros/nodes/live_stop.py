@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The stop of the live page: an additional one, which does not replace a stop button.
 
 A button that says its state all the time would count as the one that a driver asks for, and its

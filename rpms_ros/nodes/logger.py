@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The logger of a node, with its type."""
 
 from rclpy.impl.rcutils_logger import RcutilsLogger

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The client's side of arming: token, heartbeat, held enable and goals of one operator."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node of the person who stimulates: stop button, heartbeat, token, enable in one terminal.
 
 ``a`` asks for a token.  Holding ``e``, or a button of the joystick, arms and then runs the

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Subscriptions whose quality of service a user may replace by parameters `qos_overrides`.
 
 qos_overrides:

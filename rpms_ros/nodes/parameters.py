@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of a node as one frozen dataclass, declared in ROS from the dataclass alone.
 
 A field made by `parameter` carries default, description, unit and bounds::

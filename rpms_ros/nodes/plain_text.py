@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Text from outside in the form in which a message can carry it."""
 
 LONGEST = 2000

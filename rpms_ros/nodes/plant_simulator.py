@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node that simulates the muscle and its force sensor: `pulses` in, `force` out.
 
 Samples are stamped by the node's clock, or by a clock of its own that it publishes on /clock.  A

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Permissions of each node, and the SROS2 policy made of them: one enclave for each node.
 
 `tools/policies` writes the policies of a namespace; a test compares the table with what the

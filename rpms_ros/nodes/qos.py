@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Quality of service of every topic.
 
 Data is reliable and volatile: a sample is never skipped, and who joins late does not get samples

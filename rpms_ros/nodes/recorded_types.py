@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Message class, definition and quality of service of a topic that is recorded."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node that records topics as they come: raw bytes, nothing deserialised, each by its publisher.
 
 What has come is handed to the operating system every `flush_period`: a recorder that is killed

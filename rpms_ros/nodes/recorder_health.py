@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Health of a recorder: what was recorded, what is missing, and how much space is left."""
 
 import shutil

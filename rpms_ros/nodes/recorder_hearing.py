@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a recorder hears: messages as they arrived, each with its publisher; lost ones are counted.
 
 An executor of rclpy hands out messages without their publisher and number.  Here, as in the

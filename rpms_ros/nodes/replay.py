@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A recording through the real identifier: both nodes in one process, over real DDS."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node that plays a recording: `pulses` and `force` out, at a factor or as fast as they are used.
 
 As fast as they are used means: never further ahead of the newest estimate than the queues of the

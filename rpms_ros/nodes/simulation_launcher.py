@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A whole graph on this machine: nodes as processes of their own, a recorder here.
 
 The processes talk over real DDS, on the local host and in a domain of their own.  They end with

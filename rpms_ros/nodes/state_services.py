@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Services that save what an identifier knows into a file, and load it from there.
 
 Anybody on the graph may call a service: a path leads into one folder of the node's parameters and

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node that drives a stimulator: no pulse until it is told to, and none beyond its limits.
 
 The life cycle: configure opens the device, activate arms it, deactivate disarms, clean-up lets go.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node that is a stop button: a key of the terminal, or a button of a joystick.
 
 Any key presses it, ``r`` lets go.  A terminal or a joystick that is gone counts as pressed.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Take messages from a subscription without an executor, each with the identity of its publisher.
 
 rclpy of Jazzy does not say which publisher a message is from, and a queue that one publisher fills

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Names of topics, relative to the namespace of the node."""
 
 PULSES = 'pulses'

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recordings in, recordings out, arrays in between; needs no ROS."""
 
 from rpms_ros.recording.csv_import import GateSettings

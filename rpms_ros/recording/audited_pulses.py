@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Pulses of a recording beside those that an audit log says a driver gave."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Which number of a force message is the force of the muscle."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Raw messages of several topics in one order, ready to be written."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How much may be made of a recording: small files that unpack into enormous ones are refused."""
 
 from rpms_ros.errors import RecordingError

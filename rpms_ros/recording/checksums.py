@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Checksums of a finished recording, and a signature if there is a key.
 
 ``SHA256SUMS`` is the format of ``sha256sum --check``.  ``SHA256SUMS.hmac`` holds the HMAC-SHA256

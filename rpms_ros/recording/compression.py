@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Unpacking of parts of a recording, up to a limit; of cut-off parts, as much as is there."""
 
 import sys

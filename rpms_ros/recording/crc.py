@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """CRC-32 of bytes, as mcap and zlib have it, with the instructions of the processor if possible.
 
 isal computes it ten times faster than zlib, which makes checking a recording cost next to nothing

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Tables of a laboratory as pulses and forces: one row a sample, a column with the gate.
 
 The gate is the stimulator's trigger as the data acquisition sampled it.  A pulse begins where it

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Numbers out of many CDR records at once, with the slow way for records that are not alike."""
 
 from collections.abc import Sequence

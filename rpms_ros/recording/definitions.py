@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Message definitions: those of ROS 2 Jazzy and of rpms_msgs, and those that a recording carries.
 
 A recording may have been made with another version of a message.  What it carries counts; what

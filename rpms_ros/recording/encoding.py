@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Many CDR records at once, equal in every byte to what rosbags serialises one by one."""
 
 from collections.abc import Mapping

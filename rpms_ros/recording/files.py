@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The files of a recording: a folder with metadata.yaml, one without, or a file by itself."""
 
 import re

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What was found wrong with a recording while reading what can be read."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Records that are laid out alike, found without decoding them."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Where the fields of a message lie in its CDR record, worked out from its definition.
 
 In plain CDR (XCDR version 1, as in every recording) a number is aligned to its own size, counted

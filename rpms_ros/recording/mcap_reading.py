@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Channels and raw messages of an mcap file, complete or cut off."""
 
 import struct

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The frame of an mcap file: records of one byte of kind, eight of length, and content.
 
 The file is walked from its start and never by its index, so that a file whose writer was killed

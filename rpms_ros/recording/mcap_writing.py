@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """An mcap file, written by the mcap library with every checksum that the format has."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """metadata.yaml, the table of contents of a recording (version 9 of rosbag2)."""
 
 from collections.abc import Mapping

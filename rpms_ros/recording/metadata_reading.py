@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """metadata.yaml of any writer, believed only if it is whole and what it should be."""
 
 from pathlib import Path

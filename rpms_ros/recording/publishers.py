@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages of a topic by who published them: those that count, and those of others."""
 
 from dataclasses import replace

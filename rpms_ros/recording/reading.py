@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A recording as arrays of pulses and forces."""
 
 from collections.abc import Mapping

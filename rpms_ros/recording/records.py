@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Raw records: bytes of many messages of one topic, not yet decoded."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """All messages of a recording, block by block, with what is found about its topics on the way."""
 
 from collections.abc import Callable

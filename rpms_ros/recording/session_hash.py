@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One hash of everything in a session that an estimator is fed with."""
 
 import hashlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages out of a sqlite3 file, thousands at a time.
 
 A row that becomes Python objects costs a microsecond.  Concatenated by SQLite, a batch is a few

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Topics and raw messages of a sqlite3 file of rosbag2, complete, hot or cut off."""
 
 import os

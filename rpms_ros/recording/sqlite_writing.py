@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A sqlite3 file of rosbag2; what was committed survives a killed writer."""
 
 import sqlite3

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One topic out of a recording, decoded while the recording is read."""
 
 from collections.abc import Mapping

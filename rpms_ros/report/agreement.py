@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of two runs of an estimator."""
 
 from collections.abc import Mapping

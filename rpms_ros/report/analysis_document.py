@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The analysis of a muscle as one JSON object: SI units, rates in Hz, no number is null."""
 
 from typing import Any

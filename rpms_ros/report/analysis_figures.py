@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Figures of a muscle analysis, after Figs. 5 to 10 of the paper.
 
 Lines differ in dashes and points in shape, so that nothing is lost in black and white.

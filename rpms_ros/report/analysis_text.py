@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The analysis of a recording as a list for people, and of several as tables with a row each."""
 
 import math

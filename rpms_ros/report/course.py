@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the estimates say of the muscle over time: force, parameters, changes, flags, effort."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Estimates as a table: one row each, with the columns that any of them has."""
 
 import json

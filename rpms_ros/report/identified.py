@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A recording identified as the options of a command say."""
 
 from collections.abc import Callable

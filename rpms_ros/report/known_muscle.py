@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is true of a simulated muscle over a session, to draw beside what was identified.
 
 It comes from the topic of `rpms_msgs/MuscleTruth` in a recording, from the subject in the notes of

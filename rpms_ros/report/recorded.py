@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages of the nodes in a recording: estimates, totals of a driver, truth of a simulator."""
 
 from collections.abc import Iterator

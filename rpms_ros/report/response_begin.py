@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Where the response to one pulse begins, as far as a fitted one can tell.
 
 Smooth functions that are fitted to a force cannot be zero until the muscle answers and rise then:

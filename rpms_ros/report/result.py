@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The result of an identification as one object: what ``rpms identify --json`` prints."""
 
 from collections.abc import Sequence

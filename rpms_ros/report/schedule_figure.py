@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Figure of a schedule on a device: intensity, power and coil temperature over time."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One figure of a session: time courses, force, recruitment curve, impulse response.
 
 The panels are those of the paper's Figs. 13 (and 15), 14, 16 and 17, and the force over time.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """True against identified at the end of a session, as a table of text."""
 
 import textwrap

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stimulation: pulses, schedules, limits, coil energy, devices and the stop."""
 
 from rpms_ros.stimulation.bursts import Doublet

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Checks of a whole schedule before its first pulse."""
 
 import dataclasses

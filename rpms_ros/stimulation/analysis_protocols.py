@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules of the paper's experiments on the muscle itself (Sec. 2).
 
 Twitches at intensities (Tables 1 and 2, Fig. 5), trains at rates (Figs. 6 to 8), and the staircase

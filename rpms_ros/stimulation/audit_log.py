@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Audit log: who did what, with which limits, what was refused, what was reset.
 
 One JSON object a line, each with the hash of the one before it, on the disk before `append`

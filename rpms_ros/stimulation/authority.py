@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Who may arm a driver and start a schedule: one operator, by a token, in two steps.
 
 The operator asks for a token, shows with heartbeats that carry it that a process of theirs is

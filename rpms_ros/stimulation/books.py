@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Books of the pulses that were fired, in the quantities that limits are stated in.
 
 Times are whole nanoseconds.  The shortest interval at a rate is the period in whole nanoseconds,

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Segments of few pulses: single, doublet, N-let."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Files that are only appended to: records in a chain, on the disk before `append` returns.
 
 One process at a time has such a file open.  A line that a killed process left cut off stays where

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Clocks of this machine for what has to outlive a process: monotonic, since boot, and wall time.
 
 Only the time since boot survives a restart of the process without being set by anybody, and only

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The driver apart from ROS: every schedule and every pulse goes through here.
 
 Threads: the owner takes steps and fires the pulses, a supervisor watches it, a third one keeps the

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Deadlines of the thread that owns the device, held by the thread that supervises it."""
 
 from collections.abc import Callable

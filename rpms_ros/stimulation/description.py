@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules as text: YAML of a file and of an action goal, one schema, faults with their place.
 
 name: warm-up

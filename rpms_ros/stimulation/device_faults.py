@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Faults that a device reports."""
 
 from rpms_ros.stimulation.devices.interface import DeviceStatus

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One driver for one device: a lock on this machine that ends with the process that holds it."""
 
 import contextlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The owner of a device: the one thread that talks to it, watched by another.
 
 What others want comes as orders.  Each turn of the owner and each of its calls has a deadline,

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Device specifications: the limits of a kind of device as a data file, with their sources."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Dose: the pulses and the energy that a patient may get within some hours, and an account of it.
 
 A pulse goes on the account when it is reserved, before it is fired.  One that was reserved and

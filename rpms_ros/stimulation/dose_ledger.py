@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Dose ledger: what a device gave and what a patient got, on the disk before a pulse is fired.
 
 Pulses are reserved ahead, some at a time.  After a crash everything reserved and not given back

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fields of a description: bounds and units beside each value, read from YAML and checked once.
 
 A segment of a schedule, a limit or a device specification is a frozen dataclass whose fields carry

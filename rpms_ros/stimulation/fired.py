@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One pulse as listeners are told of it."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules fitted to a device and a patient: what a protocol asks for, as far as it is allowed.
 
 Segment by segment: intensities are scaled to the strongest that is allowed, rates are kept while

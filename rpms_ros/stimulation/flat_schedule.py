@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules as a flat list of entries, for what cannot nest into itself, as ROS messages.
 
 An entry is what a schedule file has, but for a repetition: ``{kind: repeat, times: 3, length: 2}``

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Forecast: what a schedule would do to a device, before its first pulse.
 
 The same limits as in `limiter`, for all pulses of a plan at once: a plan of some hundred thousand

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Heartbeats: one counts if its stamp has moved on and does not lag.
 
 The sender's clock and the driver's need not agree and may be set while they run: what counts is

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whether a joystick's button is held, or a key that its terminal repeats."""
 
 from collections.abc import Sequence

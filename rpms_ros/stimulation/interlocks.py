@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Interlocks: what has to be true for a pulse to be possible, and the stop that is latched.
 
 Two kinds.  A *sign of life* (heartbeat, executor, supervisor, force samples) has to keep coming

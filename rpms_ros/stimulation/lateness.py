@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How late delivered pulses were against their schedule."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the ledgers of a device and of a patient say about earlier processes."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The limiter: every pulse passes it, right before the device is told to fire.
 
 The limiter remembers what was fired, so that rates, trains, energy and totals hold whatever gave

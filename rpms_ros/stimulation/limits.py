@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Limits of a stimulator, which a device specification states and the limiter enforces."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Pseudo-random multilevel sequence: few levels in an order whose spectrum is flat.
 
 A shift register of ``order`` cells over the integers modulo a prime q, fed back by a primitive

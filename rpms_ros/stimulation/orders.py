@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Orders to the owner of a device: put in by any thread, done by one, answered in time or not."""
 
 import queue

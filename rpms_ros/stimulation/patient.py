@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Patient files: what one patient may get from one kind of device, who said so, and until when.
 
 identifier: P01

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A whole plan held against the limits, vectorised; what `limiter` does pulse by pulse.
 
 A plan has no jitter, so intervals have no tolerance and are counted from onset to onset.  What

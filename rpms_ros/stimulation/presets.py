@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The excitations of the paper and the everyday ones, ready made."""
 
 from collections.abc import Sequence

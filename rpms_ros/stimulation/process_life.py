@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The end of another process on this machine, which the kernel reports at once.
 
 A heartbeat tells that a process has ended only after the longest silence that is allowed to it.

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A hash of pulses that were given, one after the other: a driver's and a recording's agree."""
 
 import hashlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Firing the pulses of a run, each after everything that can stand against it was asked."""
 
 import dataclasses

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Chains of records: one JSON object a line, each with the hash of the one before it.
 
 A process that is killed can leave one line cut off; the record after it says so, with the hash of

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reasons of refusals: one sentence for each limit, for single pulses and for a plan."""
 
 from typing import NamedTuple

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Segments of repetitive pulses: one rate, constant or changing, and an intensity over time."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Pulses of a run are put into the dose ledger before they are fired.
 
 How long it takes to put pulses on the disk is not known, so it is done by a thread of its own,

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One run of a schedule: which pulse is next, and what was delivered."""
 
 from dataclasses import dataclass

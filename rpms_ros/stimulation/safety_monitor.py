@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whether a pulse is possible at all: state, interlocks, and the halt before everything.
 
 Only the owner of the device (see `device_owner`) makes pulses possible.  Anybody, from any thread

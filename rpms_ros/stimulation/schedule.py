@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules: segments in a row, repeated or not, and the pulses that they stand for.
 
 A schedule is known in full before its first pulse: counts, duration and intensities follow from

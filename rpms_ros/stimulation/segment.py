@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A segment of a schedule: what every kind of excitation has, and silence.
 
 A segment puts its first pulse at its own start and none at or after its end.  Times are integer

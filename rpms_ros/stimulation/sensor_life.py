@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whether samples show that a sensor works: new stamps, and the frame that is expected."""
 
 

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Settings of a driver that belong to neither a schedule nor a device."""
 
 from dataclasses import dataclass

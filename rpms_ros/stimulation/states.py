@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The state machine of a driver: which command is legal in which state, and where it leads.
 
 A stop is latched beside the state, because it has to work in every one of them: it takes the

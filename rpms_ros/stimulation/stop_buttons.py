@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stop buttons by presence: each says its state at a rate; one that is silent counts as pressed.
 
 A button is known by the identity of its publisher.  One that is pressed, that has fallen silent,

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Coil temperature: a first-order model that takes over a measured value where there is one.
 
 C dT/dt = s P - (T - T_ambient) C / tau: each pulse warms the coil by s E / C at once, in between

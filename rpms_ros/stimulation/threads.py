@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The threads of a driver: the owner of the device, its supervisor, and the ledger's."""
 
 import sys

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Descriptions in YAML: every fault is a StimulationError with file, line and place."""
 
 from collections.abc import Callable

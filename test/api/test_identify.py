@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The result of an identification in Python is that of the command, with its truth inside."""
 
 import json

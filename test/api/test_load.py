@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is loaded is what was recorded, and can be written again."""
 
 from pathlib import Path

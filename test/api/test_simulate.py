@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Simulated sessions are those of the command, and reproducible."""
 
 from pathlib import Path

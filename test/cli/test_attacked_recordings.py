@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a file system and a running recorder do to the commands: a line and an exit code."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms audit`: what it says of whole, broken and cut files."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms check` and `rpms protocol`: verdicts, exit codes, JSON, faults of the input."""
 
 import json

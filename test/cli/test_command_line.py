@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The command line itself: help, version, what may have been meant, messages that stay short."""
 
 import sys

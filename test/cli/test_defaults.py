@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What comes out where nobody chooses an estimator or a preset."""
 
 from collections.abc import Callable

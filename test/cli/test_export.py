@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """rpms export: other readers open it, and rpms import reads the same numbers again."""
 
 import csv

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Numbers that no session has: a result, or a line that says why not; never a traceback."""
 
 from collections.abc import Callable

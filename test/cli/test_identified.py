@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fewer estimates are a choice among those on line, and change nothing of the result."""
 
 from dataclasses import fields

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """rpms identify: one JSON object, a table, figures; and what it says when something is wrong."""
 
 import csv

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """rpms import: what it guesses, asks and refuses; every real recording."""
 
 import io

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The command as a process of its own: streams, exit codes, nothing but JSON on stdout."""
 
 import json

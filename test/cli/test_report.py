@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms report`: what it writes and prints, what it refuses."""
 
 import json

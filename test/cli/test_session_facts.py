@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a driver was about to run, and the hash of the session, in every command that tells facts.
 
 Besides, what hostile messages of nodes do to a report, and that reading stays within its bound.

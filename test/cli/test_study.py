@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """rpms study: one table of many recordings, however it is worked out."""
 
 import csv

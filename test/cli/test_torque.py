@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A dynamometer measures a torque: every number of every command is then in N m."""
 
 import csv

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Every command and every program of README, CONTRIBUTING and docs runs as it is written.
 
 A page is read from top to bottom, in one folder that looks like that of the repository.  In fences

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the pages of the site refer to is there; what is generated holds everything."""
 
 import ast

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A session that is cut, saved and gone on with gives the estimates of an unbroken one."""
 
 import dataclasses

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A sensor at the end of its range is told from a force that reaches the same maximum again."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whose messages count: the first publisher's, until it has been silent for long."""
 
 from rpms_ros.identification.first_publisher import FirstPublisher

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Streams that are not what they seem: a right curve, or an estimate that says it is in doubt."""
 
 from collections.abc import Callable

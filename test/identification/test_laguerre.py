@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The Laguerre basis: orthonormal, moved exactly, and holding the twitch."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The loop on a model of its own, beside scipy; its models in the package have their own tests."""
 
 from typing import NamedTuple

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The estimates on line are those of the recording, bit for bit, whatever arrives."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A prior is not shown as a measurement."""
 
 from dataclasses import replace

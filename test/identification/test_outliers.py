@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Samples are held against the prediction: a few that jump are outliers, what lasts is not."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A monitor from another package: one module and one entry point, nothing here is touched."""
 
 import sys

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The compiled recursion against its plain version, and its rules one by one."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Regressors of Eqs. (15) and (16) against dense and direct sums."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One table: every estimator of the catalogue in every scenario, by what each has to hold there.
 
 A scenario is a recording as it may come, run through the stream.  In all of them every number is

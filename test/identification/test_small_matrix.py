@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Compiled algebra of small matrices against NumPy's."""
 
 import numpy as np

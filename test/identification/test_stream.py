@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Force and pulses brought together: laws of the cut and of the order, and every fault."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The paper's simulated identification: Table 4, 90 s at 20 Hz, no noise."""
 
 from functools import cache

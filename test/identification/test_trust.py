@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """An estimate that no muscle can have says so."""
 
 from dataclasses import replace

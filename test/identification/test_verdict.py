@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The verdict: good for what is right, not good for each wrong input, with the reason."""
 
 import re

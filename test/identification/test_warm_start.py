@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A returning patient: what the last session told is a prior that gives way where it is wrong."""
 
 import json

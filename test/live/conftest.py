@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A session without ROS: topics, an estimate, a driver's status."""
 
 from types import SimpleNamespace

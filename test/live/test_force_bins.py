@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Bins of the force: nothing is lost of its course, and stamps of anybody break nothing."""
 
 import hypothesis.strategies as st

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of anybody are valid JSON, many at once as one by one."""
 
 import json

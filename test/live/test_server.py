@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The server against those who mean it harm: other pages, floods, giants, the slow, the many."""
 
 import asyncio

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a browser gets: everything once, in valid JSON, whatever was published."""
 
 import json

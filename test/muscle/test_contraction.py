@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The stream of Eq. (11) against the direct sum over all pulses."""
 
 import pickle

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a sensor adds: reproducible, and the same in blocks of any length."""
 
 from itertools import pairwise

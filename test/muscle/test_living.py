@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A muscle that changes: against the steady one, and against its differential equations."""
 
 from itertools import pairwise

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recruitment by intensity and by rate: Table 3, its limits, and the weight of one pulse."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Scenario files: what they say, and what is refused with line and key."""
 
 import pytest

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A simulated session: samples of the muscle and its surroundings, and what was true."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Presets, random subjects, and what one pulse adds to the force."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a driver is about to run is on the graph before its first pulse, and in the recording."""
 
 import hashlib

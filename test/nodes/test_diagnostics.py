@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Diagnostics of every node: one status a task, names that do not collide, warnings that clear."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Pages hold what the code says: tables, topics, code that runs."""
 
 import os

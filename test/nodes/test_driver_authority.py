@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The driver as a node: one operator arms in two steps, and what is theirs ends with them."""
 
 import os

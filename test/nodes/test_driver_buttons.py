@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stop buttons as publishers: every kind is heard, each by itself, however much the others say."""
 
 import threading

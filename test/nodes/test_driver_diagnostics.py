@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Diagnostics of a driver: its level goes up and comes down again, its name is its own."""
 
 import pytest

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Hostile texts on the real node: none ends it, each is answered by an error code and a reason."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The whole driver on a serial line: node, guard, and an instrument of the Rapid2 class."""
 
 import time

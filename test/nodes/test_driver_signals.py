@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The driver as a process: every signal that can be heard disarms and ends it."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """docs/hazards.md names tests that exist, and says what it does not claim."""
 
 import re

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The identifier on real rclpy: the off-line answer, and bad input that it must survive."""
 
 import math

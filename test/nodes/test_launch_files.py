@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Launch files: what they describe is started with real nodes; `ros2 launch` where it is there."""
 
 import importlib.util

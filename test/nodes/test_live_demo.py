@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms demo --live` as a stranger starts it: a curve in the browser, and nothing to press."""
 
 import signal

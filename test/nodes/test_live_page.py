@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The live page with the real nodes, and in a real browser without a window."""
 
 import json

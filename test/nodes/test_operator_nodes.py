@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stop button and operator's console: keys on a real terminal, a joystick, a real driver."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Files of parameters in `config/`: what the nodes take, for any name and namespace."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The plant simulator on real rclpy: exact stamps, exact force, late and malformed pulses."""
 
 import math

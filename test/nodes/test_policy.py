@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The table of what each node may do is what the running nodes do; policies say just that."""
 
 import os

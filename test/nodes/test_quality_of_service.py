@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Quality of service: what a user may replace, and publishers that nobody was told of."""
 
 from collections.abc import Callable

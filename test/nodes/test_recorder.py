@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recorder on real rclpy: every byte that was published, readable even after a kill."""
 
 import json

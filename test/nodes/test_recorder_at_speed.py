@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recorder as a process at 5 kHz: nothing is lost, what was flushed not even by a kill."""
 
 import os

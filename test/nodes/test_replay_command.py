@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """`rpms replay`: against the estimates in the recording, against those without nodes."""
 
 import json

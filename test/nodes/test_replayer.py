@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Replay through the real nodes: every estimate again, in every bit, and none invented."""
 
 from dataclasses import replace as changed

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The runner as a process: exit codes, signals, one line for what is wrong."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Forces that are read from the bytes of many messages are those of the messages."""
 
 import pytest

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The launcher end to end: in one process, and as three with a recording."""
 
 import os

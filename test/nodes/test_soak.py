@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A few seconds of bench/soak.py: all nodes, faults and restarts, and nothing is lost."""
 
 import sys

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The driver as a node: silent until told to run, a goal from begin to end, stops."""
 
 import asyncio

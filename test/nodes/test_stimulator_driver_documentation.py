@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """docs/driver.md and config/stimulator_driver.yaml hold what the code says."""
 
 import re

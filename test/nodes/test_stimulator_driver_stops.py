@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The driver as a node: interlocks, heartbeat, emergency stop, faults of the device."""
 
 import time

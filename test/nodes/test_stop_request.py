@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A request to stop is heard whatever runs when the signal comes."""
 
 import os

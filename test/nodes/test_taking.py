@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages without an executor, with the identity of their publisher."""
 
 import pytest

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Layouts of Foxglove and PlotJuggler: valid, and every topic and field exists in the messages."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The files that describe the two packages agree with each other and with the source tree."""
 
 import ast

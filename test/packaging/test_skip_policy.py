@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """tools/skip_policy.py, run in pytests of its own."""
 
 import os

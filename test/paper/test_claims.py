@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the paper claims of the identification, and what of it can hold with its own basis."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Misprints of the paper: the printed form does not work, the mended one does."""
 
 import math

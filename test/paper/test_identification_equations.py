@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Equations 12 to 31: every step of the recursion against plain NumPy."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Equations 1 to 11 and 30, each as the paper has it, misprints mended."""
 
 import cmath

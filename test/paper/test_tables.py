@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Tables 1 to 6, row by row, as far as the package holds them."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The order of reception: that of the file, also where the clock of the recorder was set back."""
 
 from pathlib import Path

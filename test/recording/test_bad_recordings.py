@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recordings with something wrong: the readable part is used, the rest is named in one line."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Bulk coding against rosbags, message by message: equal in every bit."""
 
 from typing import Any

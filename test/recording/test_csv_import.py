@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Tables with a sampled gate become pulses and forces."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Definitions of messages: the same text and hash here, in msg_defs and in generated code."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recordings made to hurt: a clear line within bounds of memory and time, whatever they hold."""
 
 import importlib.util

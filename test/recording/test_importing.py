@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Files of laboratories: what is accepted, what is guessed, and what is refused in which words."""
 
 import sys

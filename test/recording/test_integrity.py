@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Checksums, signature and ends of recordings: what changed or is missing never passes unnamed."""
 
 import hashlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Several publishers of one topic: those that count are told apart from the others."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recordings written and read again, by the package and by rosbags, both ways."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Batches of messages concatenated by SQLite: the same as row by row, whatever the rows are."""
 
 from typing import Any

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Writing: what is refused, what a full device leaves, how raw messages come together."""
 
 import subprocess

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Estimates over time: what is known when, changes once each, spans with a warning."""
 
 from types import ModuleType

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The truth of a simulated recording: from its topic, from its notes, and never from nonsense."""
 
 import json

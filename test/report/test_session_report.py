@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Figure, table and agreement of a session, from a simulated one."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whether the muscle stayed the same, in sentences, for sessions of which the answer is known."""
 
 from types import ModuleType

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A driver in virtual time: a clock that only the test moves, a device that notes its commands."""
 
 import dataclasses

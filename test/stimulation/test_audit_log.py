@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The audit log: it only grows, nobody can change it unseen, and nothing hostile breaks it."""
 
 import itertools

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One operator, by a token, in two steps, with heartbeats and a held enable."""
 
 import pytest

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The driver apart from ROS: every transition, a stop in each of them, faults, interlocks."""
 
 from itertools import pairwise

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What devices, callbacks and people do wrong: each ends in zero intensity, disarmed, latched."""
 
 import pytest

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The controller and the dose ledger: no pulse that is not reserved, and books that outlive it."""
 
 from contextlib import suppress

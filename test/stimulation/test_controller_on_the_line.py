@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The whole driver apart from ROS: controller, threads, serial device, guard, instrument."""
 
 from rpms_ros.stimulation import constant

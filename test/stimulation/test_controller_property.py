@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Random schedules, faults and interleavings: no pulse ever breaks a limit or follows a stop.
 
 The threads' code runs step by step in virtual time.  Whenever it looks at the clock or waits for

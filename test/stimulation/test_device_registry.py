@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Devices by name, one of them from a distribution outside of the package."""
 
 import dataclasses

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Device specifications: for a real device nothing is assumed, and nothing is read loosely."""
 
 from pathlib import Path

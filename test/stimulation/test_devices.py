@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The interface of a device, and the simulated one behind it."""
 
 import numpy as np

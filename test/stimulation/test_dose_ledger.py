@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The dose ledger: what was reserved counts, whatever happens to process, clock, file and disk."""
 
 import subprocess

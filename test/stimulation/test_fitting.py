@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules fitted to a device and a patient pass the forecast, whatever was asked for."""
 
 import dataclasses

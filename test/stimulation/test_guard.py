@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The guard: what it relays, what it refuses, and real processes that die, hang or are stopped."""
 
 import os

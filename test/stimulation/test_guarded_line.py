@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Two processes that write to one port: the driver past its guard, and the guard."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is held: a key that repeats, a button of a joystick that speaks."""
 
 from rpms_ros.stimulation.held import HeldKey

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The limiter: each limit by itself, and what jitter may and may not do."""
 
 import dataclasses

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Patient files: every figure required, tighter than the device, and only as long as they hold."""
 
 from datetime import date

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The check of a whole plan against the limiter, which holds the same pulses one by one."""
 
 from collections import Counter

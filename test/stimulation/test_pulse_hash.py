@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The hash of pulses as they are given is that of the same pulses in a recording."""
 
 from hypothesis import given

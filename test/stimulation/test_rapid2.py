@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the Rapid2 class: what is taken for an answer, and what is not."""
 
 import pytest

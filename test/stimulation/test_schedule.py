@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedules: what segments in a row add up to, and what their text says."""
 
 import numpy as np

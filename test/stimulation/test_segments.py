@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Segments: when their pulses come and how strong they are."""
 
 from collections import Counter

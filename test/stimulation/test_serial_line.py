@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The serial device through its guard against an instrument on a pseudo-terminal.
 
 The instrument's own list of triggers is the oracle: what was given, whatever was answered.

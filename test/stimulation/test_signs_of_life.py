@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Signs of life of a sensor and of a process, and the lock of a device."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stop buttons: unknown, silent or pressed stands against pulses; the newest of each counts."""
 
 from hypothesis import given

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The threads in real time: pulses when they are due, hangs that others notice, ends that stop."""
 
 import sys

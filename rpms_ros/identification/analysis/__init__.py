@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Muscle analysis: latency, twitch, order, summation and recruitment (Sec. 2 of the paper)."""
 
 from rpms_ros.identification.analysis.analyze import analyze

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Analysis of a recording: its groups of pulses, results of each, and reasons for missing ones."""
 
 from collections import Counter

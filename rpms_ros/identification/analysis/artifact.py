@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stimulation artifacts in the force: the stimulus instant as the sensor's clock saw it.
 
 The artifact stands out of the force within a sample or two, so what a running median of five

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Preparation of a force trace: ascending and finite samples, sample rate, saturation, noise."""
 
 from dataclasses import dataclass

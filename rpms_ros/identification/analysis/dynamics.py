@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Dynamics out of trains of one intensity, at the rate at which they were given.
 
 Where all pulses have one intensity there is no recruitment curve, and no law of how force changes

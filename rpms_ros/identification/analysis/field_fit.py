@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recruitment field out of steady forces, with intervals and a check of its shape."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""The recruitment field in the numbers that a fit moves (Eqs. 8 to 10).
 
 .. math:: F(u, f) = A \, \frac{n(u) - n(0)}{n(1) - n(0)} \cdot \frac{m(f) + d}{m(20) + d}

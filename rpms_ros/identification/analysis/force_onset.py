@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """When the force itself leaves its baseline: measured, not a parameter of a model.
 
 The latency of a fitted twitch is where the foot of that twitch lies; a muscle whose force begins

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The history law of a muscle, fitted to several trains at once and judged on others.
 
 The law is common; latency, T_a, gain and baseline are each train's own, as they are for equal

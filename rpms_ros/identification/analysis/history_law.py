@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""History law: how earlier pulses of a train change the effect of later ones.
 
 Pulse q finds a facilitation that the earlier ones have left and that dies away,

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Latency by intensity as in Table 1: mean, standard deviation, number, rejected twitches."""
 
 from collections.abc import Mapping

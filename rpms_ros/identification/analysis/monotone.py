@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Monotone regression: a check of the shape of the recruitment that assumes no formula."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the analysis of a recording returns."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Onset of a twitch as the paper finds it (Sec. 2.1): by the derivative of a filtered force.
 
 The force goes forwards and backwards through a moving average of nine samples, divided by nine

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Choice of the twitch's order by information criterion (Sec. 2.1, Fig. 5).
 
 Every twitch gets its Bayesian information criterion at every order; all orders have the same

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Responses to single pulses, cut out of a recording, or the reason for rejecting them."""
 
 from dataclasses import dataclass

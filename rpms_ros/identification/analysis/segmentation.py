@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a recording holds: single pulses, trains, staircases, told from the pulses alone."""
 
 from dataclasses import dataclass

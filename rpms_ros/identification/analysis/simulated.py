@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A recording of a simulated muscle in memory, to try the analysis where the truth is known."""
 
 from dataclasses import dataclass

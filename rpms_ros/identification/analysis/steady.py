@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Steady force of long levels, to which the recruitment field is fitted (Sec. 2.2, Fig. 9).
 
 The mean over whole periods of the pulses, after the force has settled, above a baseline that runs

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Analysis of trains: superposed twitches, history law, mean force and ripple.
 
 Eqs. (6) and (7), Figs. 6 to 8.  Each train is explained three ways: equal pulses, one gain a

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A train as superposed twitches (Eq. 6): equal pulses, a gain a pulse, or a law of its history.
 
 Latency, T_a, gain and baseline belong to the train.  For given (latency, T_a) gain and baseline

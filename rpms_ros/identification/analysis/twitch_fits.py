@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Twitches fitted one by one, at several orders (Eqs. 2 and 3)."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Fit of twitches that share their shape: variable projection, compiled.
 
 Every twitch i has its own peak a_i and baseline b_i; the onset t_0, the time constant T_a and, if

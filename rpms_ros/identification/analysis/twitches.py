@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Analysis of single pulses: latency, time constant, order, peaks (Tables 1 and 2)."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Monitors of a stream: checks of the sensor, and whatever others register.
 
 A package adds one by an entry point of the group ``rpms_ros.monitors``: its name is what

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Two sensors on one topic: the force jumps to and fro between two courses."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What every monitor of a stream offers."""
 
 from collections.abc import Mapping

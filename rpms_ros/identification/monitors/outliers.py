@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Samples that jump away from the force that the model foretells, and back again.
 
 Neighbours tell an excursion of less than 10 ms in a fast stream.  The prediction also tells a

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Hands what passes a stream to its monitors, cell by cell of a grid of the stamps."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Short excursions of the force: what leaves the course of its neighbours and comes back.
 
 A muscle cannot: force rises for 20 ms at least, and falls more slowly.  A change of the muscle or

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A sensor that does not follow the force: frozen, at the end of its range, or dead."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""What is kept of blocks that leave the horizon: a quadratic cost about [theta, w].
 
 ``(z - z_0)^T L (z - z_0) / 2 - p^T (z - z_0)``: a leaving block adds its Gauss-Newton matrix to L

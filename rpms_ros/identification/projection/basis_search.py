@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Latency and time constant of the basis of a whole recording, by how well it is explained.
 
 Seven Laguerre functions describe a twitch whose time constant is not far from their own, and none

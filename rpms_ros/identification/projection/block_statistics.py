@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Sufficient statistics of the force samples for any parameters, in blocks of one pulse each.
 
 A block holds the samples between two pulses.  Within it the regressors are

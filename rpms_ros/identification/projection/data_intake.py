@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Samples and pulses into blocks, with a prediction of each sample before it is learnt from."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Estimates out of a fit: curve, response, physiology, each with its interval."""
 
 from collections.abc import Mapping

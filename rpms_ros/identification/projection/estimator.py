@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the batch and the horizon estimator have in common: intake, prediction, estimates."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """State of a fit, its cost, and the solution for the linear unknowns (Eq. 22)."""
 
 import math

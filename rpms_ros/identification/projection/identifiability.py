@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Which parameters the data determine.
 
 * not informed: the standard deviation is above 0.7 of the prior's; the data have not even halved

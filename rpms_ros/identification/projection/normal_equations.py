@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Normal equations of a parameter set from the blocks, in the order of time.
 
 The unknowns are ``[theta (4), w (n), b (m)]``: the recruitment's parameters (the two alpha as

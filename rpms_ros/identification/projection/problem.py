@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a fit is made of: block statistics, baseline and prior, as one object.
 
 Estimators are compositions of it: the batch keeps all blocks and remembers nothing, the horizon

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sums of the residuals of blocks, to see whether neighbouring residuals are correlated."""
 
 import numba

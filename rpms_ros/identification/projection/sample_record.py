@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """All usable samples and all pulses of a recording, to be looked at through any basis."""
 
 from itertools import pairwise

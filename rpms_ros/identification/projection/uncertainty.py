@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Uncertainty of an estimate: covariance of [theta, w], intervals of what depends on them.
 
 The covariance is ``s^2 (M + C)^-1`` with M the Gauss-Newton matrix of the joint problem and C

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A test on the a-priori errors that finds sudden changes of the muscle.
 
 The mean square of the a-priori errors of a block, as its logarithm, is compared with what it was

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recursion for people: on line, one pass, a state of fixed size.
 
 The paper's algorithm with what it lacked on people: Laguerre functions behind a latency, alpha_thr

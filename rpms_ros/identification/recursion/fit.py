@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Parameters out of what the recursion remembers: one Levenberg-Marquardt step a pulse.
 
 At parameters theta the linear unknowns ``l = [w, b]`` follow from the remembered sums by Eq. (22).

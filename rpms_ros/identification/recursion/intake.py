@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Samples and pulses into the block that is being filled, each sample predicted beforehand."""
 
 import math

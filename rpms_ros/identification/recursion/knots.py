@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recruitment as a sum over fixed intensities: what makes the regressors free of parameters.
 
 Between knots ``u_0 = 0, u_1, .., u_K = 1`` the recruitment is the cubic through its four nearest

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """When the parameters of the recursion are stepped, and from where."""
 
 import numpy as np

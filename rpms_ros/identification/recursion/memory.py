@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""What the recursion remembers: sums over samples that hold for any parameters.
 
 With the recruitment linear in its values at knots (`knots`) the model is

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How much sums of neighbouring residuals vary, kept from block to block.
 
 What `rpms_ros.identification.projection.uncertainty.residual_spread` finds among the blocks of a

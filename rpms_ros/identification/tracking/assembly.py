@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Normal equations of a muscle that changes slowly under a disturbance, from the intervals.
 
 The force of interval j, whose middle lies ``a_j`` seconds before now, is

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Latency and time constant of the basis, chosen by the samples.
 
 Laguerre functions of any time constant can describe any twitch, but seven of them only one that

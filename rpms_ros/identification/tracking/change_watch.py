@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Watches the prediction errors for sudden changes of the muscle, and names them.
 
 Suspicion, deliberation, decision: errors that are larger than the noise make a step look for a

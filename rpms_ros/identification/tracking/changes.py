@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""Sudden changes of the muscle: when, and of what.
 
 At every step a snapshot is kept of what is known.  When the prediction errors grow, samples after

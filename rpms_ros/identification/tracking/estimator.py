@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """On-line estimator of a muscle that changes: exact fits of a window, widths by evidence.
 
 Samples of the last minute are kept in blocks of one pulse each.  Four times a second the muscle

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 r"""What the blocks of a window say at a parameter set, condensed into intervals of equal length.
 
 Within an interval of a fraction of a second nothing of the muscle changes, so gain, time constant

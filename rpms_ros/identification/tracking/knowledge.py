@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is known besides the samples of a window: physiology, bounds, what was learnt before."""
 
 from dataclasses import dataclass

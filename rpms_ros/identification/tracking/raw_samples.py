@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Samples and pulses of the window as they came, from which blocks of another basis are made."""
 
 from itertools import pairwise

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A tremor beside the muscle: found in the prediction errors, and taken off the samples to come.
 
 A tremor is a narrow line between 3 and 13 Hz, where a disturbance of straight pieces is too slow

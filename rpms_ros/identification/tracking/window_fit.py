@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The fit of a window: muscle now, its slow change and the disturbance, with widths by evidence.
 
 How fast the muscle may change and how lively the disturbance is are not settings.  Each has a

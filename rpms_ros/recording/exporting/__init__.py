@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sessions as files of other programs: CSV, MATLAB and BIDS, which `rpms import` reads again."""
 
 from rpms_ros.recording.exporting.bids import BidsNames

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A BIDS dataset of one session: force as physio, pulses as events, parameters in ``nibs/``."""
 
 import gzip

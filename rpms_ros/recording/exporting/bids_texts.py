@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sidecars of a BIDS dataset: what its columns mean, and what made it."""
 
 from typing import Any

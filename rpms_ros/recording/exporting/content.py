@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is exported: pulses, force and estimates, with one time for all of them."""
 
 import re

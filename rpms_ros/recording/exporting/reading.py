@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Exports of this package are read again, with the same numbers in every bit."""
 
 import csv

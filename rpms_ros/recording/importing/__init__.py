@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Files of laboratories as pulses and forces: reading, guessing what is what, converting."""
 
 from rpms_ros.recording.importing.conversion import ImportChoices

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Excel workbooks: one sheet as a table, its numbers below a header."""
 
 from importlib import import_module

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Which signal is time, force and gate, and in which units: guessed, shown, decided by options."""
 
 import re

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """LabChart's export as text: lines of ``Name=`` before each block, then time and channels."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """MATLAB files: vectors and columns of matrices, in structures too; version 5 and 7.3 (HDF5)."""
 
 from collections.abc import Iterator

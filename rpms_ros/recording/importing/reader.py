@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Any file of a laboratory as signals: the format is told by the content, then by the ending."""
 
 from pathlib import Path

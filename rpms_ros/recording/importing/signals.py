@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a file of a laboratory holds: signals with names and units, and times of events."""
 
 import re

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Spike2's export as text: a section for each channel, waveforms by start and period, events."""
 
 from pathlib import Path

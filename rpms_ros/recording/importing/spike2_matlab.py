@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Spike2's export to MATLAB: a structure for each channel, waveforms by start and interval."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Tables of text, whatever the separators, the decimal sign and the encoding."""
 
 import re

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One file of a laboratory as pulses and force: read, guessed, converted."""
 
 from collections.abc import Callable

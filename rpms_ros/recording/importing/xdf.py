@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """XDF files of the Lab Streaming Layer: streams with their own clocks, put on one by pyxdf."""
 
 from importlib import import_module

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Everything that the page of a study shows, as one document."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The figure of a study: each number of each recording with its interval."""
 
 from collections.abc import Mapping

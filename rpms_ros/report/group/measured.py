@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of several recordings with their intervals: how they differ, and how they spread."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The page of a study: one HTML file that needs nothing else."""
 
 from collections.abc import Mapping

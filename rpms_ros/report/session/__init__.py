@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The report of one session: identification, its quality, and the page that shows them."""
 
 from rpms_ros.report.session.analysis import SessionAnalysis

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Everything that a report shows of one session, computed before anything is drawn."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fields of the rPMS reporting checklist, filled as far as a recording knows.
 
 The checklist is the outcome of a Delphi study: Schneider, Zangrandi, Sollmann, Bonfert, Beaulieu

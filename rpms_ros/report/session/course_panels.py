@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Panels of what the estimates say over time, and of the parameters of a single estimate.
 
 Sudden changes are dotted lines with their kind, spans with a warning are hatched, true values of a

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A report as one document that JSON can hold: every number that the page shows."""
 
 from typing import Any

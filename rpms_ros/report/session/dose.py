@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schedule and dose of a session, read off the pulses that were delivered."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The figures of a report: black, grey and line styles, so that a copy loses nothing."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the first screen of a report says: the muscle in a few numbers, and what to do next."""
 
 from collections.abc import Mapping

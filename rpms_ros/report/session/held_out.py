@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The fit on data that the estimator did not learn from: the end of the recording, held out."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How a report was made, to be copied into a paper and to be done again."""
 
 import platform

@@ -1,3 +1,5 @@
+/* Copyright 2026 rpms_ros contributors */
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The viewer of the force: uPlot draws; what is here chooses the data and moves the view. */
 (function () {
   'use strict';

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A report as one HTML page that needs nothing else: style, script, figures and data inside."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is drawn into the axes of each figure of a report.
 
 Measured is thick and grey, true thick, grey and dashed, modelled thin and black, limits are

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Residual of the model: whether it is white, and whether it is correlated with the pulses.
 
 A residual (measured minus predicted) that is correlated with itself holds dynamics or drift that

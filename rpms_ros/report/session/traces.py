@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Force traces for zooming: the whole session as envelopes, parts of it sample by sample.
 
 A page has to stay small enough to be sent: an hour at 1 kHz is 3.6 million samples.  Where all of

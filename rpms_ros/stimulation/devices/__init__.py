@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stimulators behind one small interface."""
 
 from rpms_ros.stimulation.devices.interface import UNVERIFIED

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A descriptor that several threads hold and none of them closes while another uses it."""
 
 import contextlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The driver's end of a serial line that a guard holds."""
 
 import contextlib

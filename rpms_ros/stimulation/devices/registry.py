@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Devices by name: those of this package and those that other distributions bring.
 
 A device is a callable that takes `DeviceOptions`, named by an entry point of the group

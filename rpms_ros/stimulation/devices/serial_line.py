@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A stimulator of the Rapid2 class on a serial line, behind a guard.
 
 The protocol stands in `rpms_ros.guard.rapid2`, with its sources.  Every answer is checked: a

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A stimulator that exists only as a program, with the faults that real ones have."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The whole analysis, where the truth is known; and what it says when something is wrong."""
 
 from dataclasses import replace

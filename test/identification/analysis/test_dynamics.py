@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Trains of one intensity: onset of the force, T_a and latency with intervals, at their rate."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Real muscle: trains of 4, 7 and 10 pulses at 100 Hz, rat gastrocnemius."""
 
 import os

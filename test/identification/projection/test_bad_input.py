@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recordings that tell little or nothing: finite numbers, honest flags, no exception."""
 
 import dataclasses

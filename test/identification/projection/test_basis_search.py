@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The batch finds latency and time constant of muscles that nobody has told it of."""
 
 from dataclasses import replace

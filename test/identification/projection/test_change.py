@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The horizon follows a muscle that changes, and what it remembers is a cost it can trust.
 
 Mutants that make a test of this file fail, each tried by hand:

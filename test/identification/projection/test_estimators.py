@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Batch and horizon: right, block-proof, replayable, calm in silence."""
 
 import numpy as np

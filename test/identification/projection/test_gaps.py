@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Outages, gaps and jumps: what the horizon held is kept, and no prediction runs away."""
 
 from dataclasses import replace

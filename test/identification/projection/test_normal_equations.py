@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The sums a block give the same normal equations as a loop over samples, derivatives included."""
 
 import numpy as np

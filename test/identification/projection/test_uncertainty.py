@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Intervals hold the truth as often as they say, flags follow their rules."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recursion for people: convergence, intervals, changes, and laws that hold always."""
 
 import dataclasses

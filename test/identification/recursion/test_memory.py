@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is remembered, against sums over all samples at once."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The equations of a changing muscle against the same least squares written out with samples."""
 
 import numpy as np

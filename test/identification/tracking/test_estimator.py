@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The tracking estimator on a muscle that changes, and on one that does not."""
 
 from dataclasses import replace

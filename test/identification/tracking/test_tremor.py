@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A tremor beside the muscle is found, followed, and taken off."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The page on many recordings: what it counts, compares and draws, and that it stays one page."""
 
 import json

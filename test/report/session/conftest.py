@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A simulated session with a report on it, made once."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Held-out fit, dose, checklist and traces of a report."""
 
 import base64

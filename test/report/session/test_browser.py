@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The page in a real browser without a window: it draws, zooms, and asks nobody for anything."""
 
 import html

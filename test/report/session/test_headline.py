@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The first screen: verdict, forces, steadiness, what is different from last time, advice."""
 
 import json

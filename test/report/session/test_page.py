@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The page without a browser: well formed, self-contained, complete, true to its document."""
 
 import hashlib

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Residual analysis: laws of the correlations, and what white and coloured noise must give."""
 
 import numpy as np
