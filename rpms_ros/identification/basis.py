@@ -7,8 +7,8 @@ The paper's distorted sines, for taps ``i = 1 .. m`` of ``T_s`` seconds each,
 .. math:: \tilde r_l(i) = \sqrt{2/m}\,\sin\!\left(l \pi (1 - e^{-(i - 0.5)/\eta})\right)
 
 are continuous in ``i``, so they are evaluated at the true lag ``i = lag / T_s`` of every pulse:
-nothing needs a common grid of pulses and samples.  They vanish at ``i = 0.5``, which is where
-their support begins; it ends at ``m + 0.5``, so that a grid of any phase meets exactly m taps.
+pulses and samples need no common grid.  They are zero at ``i = 0.5``, where their support begins;
+it ends at ``m + 0.5``, so that a grid of any phase has exactly m taps in it.
 
 ``R = (C^T)^{-1} R~`` with ``C^T C = R~ R~^T`` makes them orthonormal on the taps.  The sum over
 pulses is linear, so the raw functions are summed and the triangular factor is applied once.
@@ -29,7 +29,7 @@ from rpms_ros.pulses import FloatArray
 
 @numba.njit(cache=True)
 def distorted_sines(tap: float, memory: float, form_factor: float, values: FloatArray) -> bool:
-    """Write the raw functions at a tap (not whole in general) into `values` (functions,).
+    """Write the raw functions at a tap (any real number) into `values` (functions,).
 
     Returns False, and writes nothing, outside the support.
     """
@@ -68,6 +68,11 @@ class DistortedSineBasis:
         eta, in taps: fits the functions to the speed of the plant.
     tap : float
         T_s [s].
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     functions: int = 8

@@ -3,10 +3,10 @@
 """Off-line estimator: variable projection over all samples, from many starts.
 
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
-parameters follow exactly (`rpms_ros.identification.projection`); a fit costs what its pulses
-cost, not its samples.  Fits are made when the recording has doubled, so that there is an
-a-priori prediction of every sample, and once more when an estimate is asked for.  Where the
-settings say so, the samples choose latency and time constant of the functions
+parameters follow exactly (`rpms_ros.identification.projection`), so that the cost of a fit grows
+with the pulses, not with the samples.  A fit is made whenever the recording has doubled, so that
+every sample has an a-priori prediction, and once more for an estimate.  With `choose_basis`,
+latency and time constant of the basis are chosen by the samples
 (`rpms_ros.identification.projection.basis_search`).
 """
 
@@ -40,9 +40,9 @@ from rpms_ros.pulses import IntArray
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
 _GROWTH = 2
-# A shorter recording has an offset, but no slope: where it leads could not be told.
+# A shorter recording gets a constant baseline: its slope could not be determined.
 _SHORTEST_SLOPE_NS = 5 * NANOSECONDS_PER_SECOND
-# Later fits that no estimate waits for go on from the one before.
+# Later fits for predictions alone start from the fit before and try no other start.
 _LAST_SCOUTING_NS = 10 * NANOSECONDS_PER_SECOND
 _SCOUTED_BLOCKS = 200
 _SCOUTING_STEPS = 5
@@ -51,8 +51,8 @@ _FINAL_STEPS = 12
 _FINAL_TOLERANCE = 1e-9
 _ROUNDS = 2
 _START_DAMPING = 1e-2
-# How much of a recording chooses the basis, how much is too little, and when it is searched for
-# everywhere once more.
+# The newest part of a recording that chooses the basis, the least samples for that, and the
+# length from which the whole grid of bases is searched once more.
 _CHOSEN_NS = 40 * NANOSECONDS_PER_SECOND
 _LEAST_SAMPLES = 500
 _SEARCHED_AGAIN_NS = 10 * NANOSECONDS_PER_SECOND
@@ -115,18 +115,18 @@ class BatchEstimator(ProjectionEstimator):
             self._record.add_pulses(onset_ns, intensity, weight)
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act: the clock has jumped, their time is not known."""
+        """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         super().forget_pulses()
         self._record.jump()
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what was saved; see `Restorable.restore`."""
+        """Restore a saved state; see `Restorable.restore`."""
         super().restore(state)
         if self.settings.choose_basis:
             self._use(basis_at(self.settings.basis, self._place))
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
-        """Take samples (samples,), ascending; return their a-priori prediction [N].
+        """Add samples (samples,), ascending; return their a-priori prediction [N].
 
         See `rpms_ros.identification.estimate.Estimator.update`.
         """
@@ -161,7 +161,7 @@ class BatchEstimator(ProjectionEstimator):
         return self._build(stamp_ns, faults)
 
     def _make_room(self, span_ns: int) -> None:
-        """Make the ring large enough for the pending pulses and the blocks of a pause."""
+        """Enlarge the ring buffer for the pending pulses and the blocks of a pause."""
         need = int(self._problem.blocks.size[0]) + len(self._delay_line.begin_ns)
         need += span_ns // 200_000_000 + 2
         if need > len(self._problem.blocks.start_ns):
@@ -188,7 +188,7 @@ class BatchEstimator(ProjectionEstimator):
         self._problem = self._problem._replace(baseline=baseline)
 
     def _fit_all(self, scouting: bool) -> None:
-        """Fit all samples: a few steps from every start, many from the best."""
+        """Fit all samples; with `scouting`, try every start with a few steps first."""
         samples = int(self._intake.learnt[0])
         if self._origin_ns is None or samples == self._fitted_samples:
             return
@@ -200,7 +200,7 @@ class BatchEstimator(ProjectionEstimator):
             self._fit_basis(scouting)
 
     def _fit_basis(self, scouting: bool) -> None:
-        """Fit all samples with the basis as it is."""
+        """Fit all samples with the present basis."""
         fit = self._fit
         fit.variance[0] = 0.0
         fit_linear(self._problem, fit, True)
@@ -214,7 +214,7 @@ class BatchEstimator(ProjectionEstimator):
         restate(self._problem, self._intake, fit)
 
     def _choose_basis(self) -> bool:
-        """Go over to the basis that explains the recording best; return whether it is another."""
+        """Choose the basis that explains the recording best; return whether it has changed."""
         part = self._record.window(_CHOSEN_NS)
         if part is None or part.samples.stop - part.samples.start < _LEAST_SAMPLES:
             return False
@@ -258,7 +258,7 @@ class BatchEstimator(ProjectionEstimator):
         )
 
     def _scout(self, fit: Fit) -> None:
-        """Try every start on the newest blocks; go on from the best if it is better over all."""
+        """Try every start on the newest blocks; keep the best if it fits all blocks better."""
         first = max(int(self._problem.blocks.size[0]) - _SCOUTED_BLOCKS, 0)
         problem = self._problem._replace(first=first)
         best = self._trial_from(problem, fit, fit.theta)
@@ -273,7 +273,7 @@ class BatchEstimator(ProjectionEstimator):
             fit.damping[0] = best.damping[0]
 
     def _trial_from(self, problem: Problem, fit: Fit, theta: FloatArray) -> Fit:
-        """Return a fit a few steps from theta, with the variance of `fit`."""
+        """Return a fit after a few steps from theta (4,), with the variance of `fit`."""
         other = empty_fit(theta, len(fit.linear), len(fit.levels))
         other.variance[0] = fit.variance[0]
         other.damping[0] = _START_DAMPING

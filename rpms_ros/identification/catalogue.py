@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators by name: those of this package and those that other distributions bring.
+"""Estimators by name: those of this package and those registered by other distributions.
 
 An estimator of another distribution is a callable that takes `EstimatorOptions`, named by an
 entry point of the group ``rpms_ros.estimators``.  Those of this package are in `ESTIMATORS`.
@@ -42,15 +42,14 @@ class EstimatorOptions:
     ----------
     preset : str
         ``people``, or ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its
-        recursion; batch and horizon with its start, and the response without a latency (Table 4)
-        or from 8 ms after the pulse on (Table 5).  With ``people`` the batch finds the latency
-        itself.  `tracking` needs none.
+        recursion, or batch and horizon with its start values and a latency of 0 (Table 4) or 8 ms
+        (Table 5).  With ``people`` the batch finds the latency itself.  `tracking` ignores it.
     seed : int
         Seed of a random start.
     rate_hz : float
         Repetition rate for which the recruitment curve is stated [Hz].
     history : TemporalSummation or None
-        What pulses do to those after them; for batch and horizon.
+        How earlier pulses change the force of later ones; for batch, horizon and tracking.
     """
 
     preset: str = PEOPLE_PRESET
@@ -99,7 +98,7 @@ def _tracking(options: EstimatorOptions) -> Estimator:
 ESTIMATORS: Mapping[str, EstimatorBuilder] = MappingProxyType(
     {'recursive': _recursive, 'batch': _batch, 'horizon': _horizon, 'tracking': _tracking}
 )
-"""What builds a fresh estimator of this package, by name."""
+"""Functions that build a fresh estimator of this package, by name."""
 
 
 def estimator_names() -> tuple[str, ...]:
@@ -108,7 +107,7 @@ def estimator_names() -> tuple[str, ...]:
 
 
 OFF_LINE = ('batch',)
-"""Estimators for which an estimate costs more the longer the session."""
+"""Estimators whose estimate takes longer the longer the session."""
 
 
 def on_line_names() -> tuple[str, ...]:
@@ -128,8 +127,8 @@ def estimator_by_name(
     Raises
     ------
     IdentificationError
-        If there is no such estimator, more than one of its name, or it cannot be loaded or is
-        none; if there is no such preset, or the rate is not above zero.
+        If there is no such estimator or more than one of that name, if it cannot be loaded or
+        lacks a member of `Estimator`, if there is no such preset, or if the rate is not above 0.
     """
     check_preset(preset)
     options = EstimatorOptions(preset, seed, rate_hz, history)

@@ -1,12 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The state of a stream and its estimator in a file, to go on from there bit for bit.
+"""The state of a stream and its estimator in a file, to continue from there bit for bit.
 
 The file has three parts: a line with a name and the SHA-256 of all that follows; a line of JSON
 with versions, the name of the estimator and both states, their arrays replaced by numbers; and
-the arrays as an uncompressed ``.npz``.  It is read without pickle, and nothing is taken from a
-file whose sum is not right, whose versions or settings are others, or whose values have not the
-types and shapes that a fresh object has.
+the arrays as an uncompressed ``.npz``.  It is read without pickle, and is refused if its checksum
+is wrong, its versions or settings differ, or a value has another type or shape than in a fresh
+object.
 """
 
 import hashlib
@@ -41,13 +41,13 @@ _TEXTS = {'nan': math.nan, 'inf': math.inf, '-inf': -math.inf}
 
 
 def save(path: Path | str, stream: IdentificationStream) -> None:
-    """Save a stream and its estimator; a file that is there is replaced at once or not at all.
+    """Save a stream and its estimator; an existing file is replaced atomically.
 
     Raises
     ------
     IdentificationError
-        If the estimator or a monitor cannot be saved, estimates wait to be taken by
-        `IdentificationStream.advance`, or the file cannot be written.
+        If the estimator or a monitor cannot be saved, `IdentificationStream.advance` has not
+        been called for the newest estimates, or the file cannot be written.
     """
     estimator = _restorable(stream.estimator)
     content = _content(
@@ -64,14 +64,14 @@ def save(path: Path | str, stream: IdentificationStream) -> None:
 
 
 def load(path: Path | str, stream: IdentificationStream) -> None:
-    """Restore a fresh stream, made with the settings of the one that was saved.
+    """Restore a fresh stream that has the settings of the saved one.
 
-    What a stream holds is lost if the file is refused: build another one.
+    If the file is refused, the stream must not be used any more.
 
     Raises
     ------
     IdentificationError
-        If the file cannot be read, is not whole, or is of another version, estimator or settings.
+        If the file cannot be read, is damaged, or is of another version, estimator or settings.
     """
     estimator = _restorable(stream.estimator)
     document = read_state(path)
@@ -99,12 +99,12 @@ def is_state(path: Path | str) -> bool:
 
 
 def read_state(path: Path | str) -> State:
-    """Return what a file holds, its sum and the version of its format checked.
+    """Return the content of a file after a check of its checksum and format version.
 
     Raises
     ------
     IdentificationError
-        If the file cannot be read, is not whole or of another version.
+        If the file cannot be read, is damaged or of another version.
     """
     content = _read(Path(path))
     line, _, content = content.partition(b'\n')
@@ -200,7 +200,7 @@ def _arrays(packed: bytes) -> list[npt.NDArray[Any]]:
 
 
 def _check_header(file: Any, size: int) -> None:
-    """Raise `ValueError` if an array claims to be larger than what stands in the file."""
+    """Raise `ValueError` if the header of an array announces more bytes than the file holds."""
     if np.lib.format.read_magic(file) != (1, 0):
         raise ValueError('expected arrays of format 1.0, got another')
     shape, _, dtype = np.lib.format.read_array_header_1_0(file)
@@ -223,7 +223,7 @@ def _read(path: Path) -> bytes:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file beside its place, then put it there."""
+    """Write a temporary file in the same folder, then rename it."""
     try:
         descriptor, beside = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
         try:

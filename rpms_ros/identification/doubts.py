@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which faults put an estimate in doubt: those that concern more than a few of its samples."""
+"""Faults that make an estimate doubtful, because they affect too many of its samples."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from rpms_ros.identification import faults
 from rpms_ros.identification.saved_state import Restorable
 
-# Of the samples; more than that, and the curve may be wrong by more than its interval says.
+# Share of the samples above which the curve may be wrong by more than its interval.
 SHARES: Mapping[str, float] = {
     faults.FORCE_NOT_FINITE: 0.1,
     faults.FORCE_OUT_OF_BOUNDS: 0.01,
@@ -18,21 +18,21 @@ SHARES: Mapping[str, float] = {
     faults.FORCE_QUEUE_FULL: 0.01,
     faults.SAMPLES_EXCLUDED: 0.5,
 }
-# Fewer samples are not enough for a share [1].
+# A share is taken of at least so many samples [1].
 _LEAST_SAMPLES = 1000
-# How long the past counts, as many notes [1].
+# Counts that are kept, one a second [1].
 _NOTES = 30
 
 
 class Doubts(Restorable):
-    """Keeps the shares of faults over the last half minute and over all.
+    """Keeps the shares of faults over the last half minute and over the whole session.
 
     Parameters
     ----------
     shares : mapping of str to float
-        Largest share of the samples of each fault that is no reason to doubt.
+        Largest share of the samples that each fault may have without a doubt.
     lasting : bool
-        Whether a doubt stays for good, as it does where nothing is forgotten.
+        Whether a doubt stays until the end, as for an estimator that forgets nothing.
     """
 
     _notes: deque[tuple[int, dict[str, int]]]
@@ -45,13 +45,13 @@ class Doubts(Restorable):
         self._found = set()
 
     def note(self, samples: int, counts: Mapping[str, int]) -> None:
-        """Remember the counts (of all time) after so many samples; once a second is enough."""
+        """Store the total counts after so many samples; to be called once a second."""
         if self._lasting:
             self._found.update(self.names(samples, counts))
         self._notes.append((samples, dict(counts)))
 
     def names(self, samples: int, counts: Mapping[str, int]) -> tuple[str, ...]:
-        """Return the faults that are reasons to doubt, in the order of the counts."""
+        """Return the faults whose share is too large, in the order of the counts."""
         before, earlier = self._notes[0]
         recent = max(samples - before, _LEAST_SAMPLES)
         return tuple(

@@ -23,7 +23,7 @@ CONVERGED = 2
 CURVE_INTENSITY: FloatArray = np.linspace(0.0, 1.0, 101)
 CURVE_INTENSITY.flags.writeable = False
 DEFAULT_RATE = 20.0
-# Intensities that differ by less than this do not show a curve, only a point of it.
+# Intensities that differ by less than this show one point of the curve, not its course.
 SMALLEST_INTENSITY_SPAN = 0.05
 
 
@@ -61,7 +61,7 @@ class Estimate:
     response_time, response_force, response_lower, response_upper : ndarray (times,)
         Response to one pulse at full intensity [s], [N].
     physiology_names, physiology, physiology_lower, physiology_upper
-        Numbers read off the response; the unit stands in the name.
+        Parameters of the twitch fitted to the response; the unit is part of the name.
     confidence : float
         Level of the intervals; 0 if there are none.
     output_error : float
@@ -69,14 +69,14 @@ class Estimate:
     damping, condition_number : float
         State of the Levenberg-Marquardt step.
     samples, pulses : int
-        What was used.
+        How many were used.
     faults : mapping of str to int
-        What went wrong since the start, and how often.
+        Faults of the data since the start, and how often each.
     doubts : tuple of str
-        The faults that concern so many samples that the numbers above may be wrong by more than
-        their intervals say; empty if there is nothing of that kind.
+        Faults that affect so many samples that the numbers above may be wrong by more than their
+        intervals; empty if there are none.
     rate_names, rate, rate_lower, rate_upper : tuple of str, ndarray (rates,)
-        What changes slowly, per minute; the unit stands in the name.
+        Slow changes, per minute; the unit is part of the name.
     changes : int
         Sudden changes of the muscle that were found since the start.
     change_kinds, change_ago : tuple of str, ndarray (newest changes,)
@@ -84,7 +84,7 @@ class Estimate:
     disturbance, disturbance_deviation : float
         Force that the stimulation does not cause, and its standard deviation [N].
     reasons : tuple of str
-        Why intervals are wide or a parameter is not informed.
+        Why intervals are wide or a parameter is not informed, as sentences.
     unit : str
         Of every force above: ``N``, or ``N m`` where the sensor measures a torque.
     """
@@ -137,11 +137,11 @@ class Estimate:
 
 
 class Estimator(Protocol):
-    """What every estimator offers, on line and off line."""
+    """Interface of every estimator, on line and off line."""
 
     @property
     def name(self) -> str:
-        """Name that goes into estimates."""
+        """Name of the algorithm, as in `Estimate.estimator`."""
 
     @property
     def memory(self) -> float:
@@ -149,13 +149,13 @@ class Estimator(Protocol):
 
     @property
     def on_line(self) -> bool:
-        """Whether an estimate costs the same however much has come before."""
+        """Whether the cost of an estimate does not grow with the length of the session."""
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act: the clock has jumped, their time is not known."""
+        """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
 
     def update(
         self,
@@ -166,46 +166,45 @@ class Estimator(Protocol):
         """Learn from samples (samples,), ascending, none before one that was already given.
 
         Every pulse up to the last stamp must have been added.  Samples that are not usable are
-        predicted only.  Returns the a-priori prediction of each (samples,) [N].  The answer does
-        not depend on how the samples are cut into blocks, in no bit.
+        predicted only.  Returns the a-priori prediction of each (samples,) [N].  However the
+        samples are cut into blocks, the result is the same to the bit.
         """
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return what is known now."""
+        """Return the present estimate."""
 
 
 @runtime_checkable
 class RestorableEstimator(Estimator, Protocol):
-    """An estimator whose work can be saved to a file, and gone on with from there.
+    """An estimator whose state can be saved to a file and restored.
 
-    One of another package that has these two methods is saved as well;
-    `rpms_ros.identification.saved_state.RestorableWithSettings` has them ready.
+    `rpms_ros.identification.saved_state.RestorableWithSettings` implements both methods.
     """
 
     def state(self) -> Mapping[str, Any]:
-        """Return everything that is remembered, and the settings that it is valid for.
+        """Return the whole state, and the settings for which it is valid.
 
-        The values are None, bool, int, float, str, ndarray, and lists and mappings with names of
-        them; arrays are copies.
+        The values are None, bool, int, float, str, ndarray, and lists and mappings (names to
+        values) of these; arrays are copies.
         """
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what `state` has returned; every answer is then the same in every bit.
+        """Restore what `state` has returned; all later results are the same to the bit.
 
         Raises
         ------
         IdentificationError
-            If it was saved with other settings, or is no such state: it comes from a file, so
-            types, shapes and places within arrays have to be checked before they are relied on.
+            If it was saved with other settings or is no such state: it comes from a file, so
+            types, shapes and indices have to be checked before they are used.
         """
 
 
 @runtime_checkable
-class ForetellingEstimator(Estimator, Protocol):
-    """An estimator that tells what it expects: outliers are then known before they are learnt."""
+class PredictingEstimator(Estimator, Protocol):
+    """An estimator that predicts samples before it sees them, so that outliers are found."""
 
-    def foretell(self, stamp_ns: IntArray) -> FloatArray:
-        """Return what is expected of samples (samples,) that come next, ascending [N].
+    def predict(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the prediction of the next samples (samples,), ascending [N].
 
-        Nothing is learnt and nothing remembered; every pulse up to the last stamp has been added.
+        The state does not change; every pulse up to the last stamp has been added.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Pulses whose stamps lie far after the force: kept in case it follows, but not for ever."""
+"""Pulses stamped far after the newest force: kept for a limited time in case it follows."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import PulseTrain
 
-# Beyond this a pulse is far, and so long the force may go on without following it [ns].
+# A pulse is far beyond this, and is given up when the force went on as long without it [ns].
 FAR_NS = 10 * NANOSECONDS_PER_SECOND
 # Pulses of more than an hour at 20 Hz.
 MOST_PULSES = 100_000
 
 
 class FarPulses(Restorable):
-    """Far pulses by the newest stamp of the force when they came."""
+    """Keeps far pulses, by the newest stamp of the force when they arrived."""
 
     _kept: list[tuple[int | None, PulseTrain]]
     _count: int
@@ -39,7 +39,7 @@ class FarPulses(Restorable):
         return pulses[~far]
 
     def come_near(self, until_ns: int) -> tuple[list[PulseTrain], int]:
-        """Return what is no longer far at `until_ns`, and how many were given up since."""
+        """Return the pulses no longer far at `until_ns` [ns], and how many were given up."""
         near: list[PulseTrain] = []
         if self._count and (self._nearest_ns <= until_ns + FAR_NS or self._due(until_ns)):
             kept, self._kept, self._count = self._kept, [], 0
@@ -54,7 +54,7 @@ class FarPulses(Restorable):
         return near, given_up
 
     def _due(self, until_ns: int) -> bool:
-        """Return whether the force has gone on long enough without some of the pulses."""
+        """Return whether the force went on so long that some pulses are given up."""
         oldest = self._kept[0][0]
         return oldest is not None and until_ns > oldest + FAR_NS
 

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of what can go wrong with the data of an identification, each with its meaning."""
+"""Names of the faults of the data of an identification, each with its meaning."""
 
 from collections.abc import Mapping
 
@@ -112,11 +112,11 @@ class FaultCounter(Restorable):
             self._counts[name] = self._counts.get(name, 0) + count
 
     def copy(self) -> 'FaultCounter':
-        """Return a counter of its own with the same counts."""
+        """Return an independent counter with the same counts."""
         other = FaultCounter(self._meaning)
         other._counts = dict(self._counts)
         return other
 
     def counts(self) -> dict[str, int]:
-        """Return the counts so far, always in one order: no order of arrival shows in it."""
+        """Return the counts so far, in the order of the names, not of arrival."""
         return {name: self._counts[name] for name in self._meaning if name in self._counts}

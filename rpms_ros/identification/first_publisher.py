@@ -1,21 +1,21 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""One publisher of a topic is listened to: the first, until it has been silent for long."""
+"""Of several publishers of a topic only the first is used, until it has been silent for long."""
 
-# So many others are told apart; a flood of further ones is not remembered.
+# Further publishers than so many are not remembered.
 _MOST = 64
 
 
 class FirstPublisher:
-    """Tells whose messages count.
+    """Decides which messages are used.
 
-    A publisher that starts anew, as a driver after a crash, is another one: it is listened to when
-    it has gone on for `silence_ns` by its own stamps and nothing came from the former meanwhile.
+    A publisher that restarts, as a driver after a crash, is another one: it is used once it has
+    sent for `silence_ns` by its own stamps and nothing came from the former one meanwhile.
 
     Parameters
     ----------
     silence_ns : int
-        How long the publisher that is listened to has to be silent [ns].
+        How long the present publisher has to be silent [ns].
     """
 
     def __init__(self, silence_ns: int) -> None:
@@ -24,7 +24,7 @@ class FirstPublisher:
         self._others: dict[bytes, int] = {}
 
     def counts(self, identity: bytes, stamp_ns: int) -> bool:
-        """Return whether a message, next in the order of arrival, is from that publisher."""
+        """Return whether the next message in the order of arrival is to be used."""
         if identity == self._identity:
             self._others.clear()
             return True

@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Force samples in the order of arrival in, samples with rising stamps out.
+"""Takes force samples in the order of arrival and returns them with rising stamps.
 
-What is no force (not finite, beyond all belief), comes twice or is stamped wrongly is dropped and
-named; a stamp far from its predecessor is believed when a second one follows it.
+Samples that are not finite, larger than a limit, repeated or stamped wrongly are dropped and
+counted; a stamp far from its predecessor is accepted when a second one follows it.
 """
 
 from collections import deque
@@ -19,9 +19,9 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 
-# Samples that may wait: a second at 100 kHz.
+# Most samples that may wait: one second at 100 kHz.
 MOST_WAITING = 100_000
-# So many samples out of order within so long are no accident [1], [ns].
+# So many samples out of order within this time are treated as a fault that lasts [1], [ns].
 _DISORDER = 3
 _DISORDER_NS = NANOSECONDS_PER_SECOND
 
@@ -36,25 +36,25 @@ class TimeLine(Protocol):
         """Do not learn from samples after `start_ns` up to `end_ns`."""
 
     def meet_gap(self, until_ns: int) -> None:
-        """Go on after a gap that ends with `until_ns`."""
+        """Continue after a gap that ends at `until_ns` [ns]."""
 
     def jump_back(self, stamp_ns: int) -> None:
-        """Process what waits, then go on from an earlier stamp."""
+        """Process the waiting samples, then continue from an earlier stamp."""
 
 
 class ForceIntake(Restorable):
-    """Samples that wait to be processed.
+    """Checks samples and keeps them until they are processed.
 
     Parameters
     ----------
     line : TimeLine
-        Who is told what is found.
+        Receiver of faults and gaps.
     longest_gap_ns : int
-        Longest step of the stamps that is believed at once [ns].
+        Longest step of the stamps that is accepted without confirmation [ns].
     memory_ns : int
-        How long learning waits after samples in disorder [ns].
+        How long learning is suspended after samples out of order [ns].
     largest_force : float
-        Largest force of either sign that is believed [N].
+        Larger forces, of either sign, are dropped [N].
     """
 
     _waiting: list[tuple[IntArray, FloatArray]]
@@ -100,9 +100,9 @@ class ForceIntake(Restorable):
             start = place + 1
 
     def take(self, until_ns: int) -> tuple[IntArray, FloatArray, int]:
-        """Return all that waits (samples,) and how many of it have stamps up to `until_ns`.
+        """Return all waiting samples (samples,), and how many have stamps up to `until_ns` [ns].
 
-        Those do not wait any longer.
+        The latter are removed.
         """
         if not self._waiting:
             return np.empty(0, dtype=np.int64), np.empty(0), 0
@@ -114,7 +114,7 @@ class ForceIntake(Restorable):
         return stamps, values, due
 
     def drop_alone(self) -> None:
-        """Give up the sample whose stamp nothing has confirmed."""
+        """Drop the sample whose stamp was not confirmed."""
         if self._alone is not None:
             self._line.postpone(faults.FORCE_STAMP_ALONE)
             self._alone = None
@@ -126,7 +126,7 @@ class ForceIntake(Restorable):
         expect(fits, 'ForceIntake', 'as many stamps as forces')
 
     def _take(self, stamps: IntArray, values: FloatArray) -> None:
-        """Take believable samples (samples,), irregular stamps among them."""
+        """Take samples (samples,) of possible values, with stamps of any kind."""
         steps = np.diff(stamps)
         irregular = np.flatnonzero((steps <= 0) | (steps > self.gap_ns)) + 1
         ends = np.append(irregular, len(stamps))
@@ -140,7 +140,7 @@ class ForceIntake(Restorable):
             start = end
 
     def _goes_on(self, stamp_ns: int, value: float) -> bool:
-        """Return whether the time line goes on with a sample."""
+        """Return whether a sample continues the time line."""
         if self.newest_ns is None:
             return True
         step = stamp_ns - self.newest_ns
@@ -163,7 +163,7 @@ class ForceIntake(Restorable):
         self._newest_force = float(values[-1])
 
     def _refuse(self, step: int, value: float) -> None:
-        """Name a sample stamped like or before its predecessor."""
+        """Count a sample that is stamped like or before its predecessor."""
         assert self.newest_ns is not None
         if step == 0 and value == self._newest_force:
             self._line.postpone(faults.FORCE_DUPLICATE)
@@ -179,10 +179,10 @@ class ForceIntake(Restorable):
             self._line.exclude(first_ns - 1, self.newest_ns + self._memory_ns)
 
     def _follow_alone(self, stamp_ns: int, value: float) -> bool:
-        """Believe a stamp far from its predecessor when a second one follows it.
+        """Accept a stamp far from its predecessor when a second one follows it.
 
-        One wrong stamp would look like two jumps of the clock.  Returns whether `stamp_ns`
-        confirms the sample that is waiting alone; otherwise it waits in its place.
+        Otherwise one wrong stamp would count as two jumps of the clock.  Returns whether
+        `stamp_ns` confirms the sample that is waiting alone; if not, it waits in its place.
         """
         if self._alone is None or not 0 < stamp_ns - self._alone[0] <= self.gap_ns:
             self.drop_alone()

@@ -3,11 +3,12 @@
 """On-line estimator: exact variable projection over a moving horizon.
 
 Samples of the last 20 s are kept, condensed into blocks of one pulse each, from which the normal
-equations of any parameters follow exactly.  Once a period of the stamps one Gauss-Newton step is
-taken from them, so all samples are linearised at the present parameters.  Blocks that leave the
-horizon are kept as a quadratic cost that is forgotten only where newer blocks say the same.
+equations of any parameters follow exactly.  Once every `step_period` of the stamps a Gauss-Newton
+step is taken from them, so all samples are linearised at the present parameters.  Blocks that
+leave the horizon are kept as a quadratic cost, which is forgotten only in directions of which
+newer blocks inform.
 
-Steps are triggered by stamps alone, so the answer does not depend on how the data are cut.
+Steps depend on stamps alone, not on how the data are cut into blocks.
 """
 
 from collections.abc import Mapping
@@ -43,24 +44,24 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import nanoseconds
 
-# There is room for pulses at this rate over the horizon [Hz]; at a higher one it is shorter.
+# Pulses up to this rate fit into the horizon [Hz]; at a higher one it is shorter.
 _HIGHEST_RATE = 120.0
 # Blocks that can be added in one step period, before a step makes room again.
 _SPARE_BLOCKS = 128
-# Blocks without a pulse at their beginning, at most, in one step period.
+# Most blocks that do not begin with a pulse in one step period.
 _BLOCKS_OF_PAUSES = 4
-# Of the baseline over the horizon, and how near they may be [ns]: a young horizon has two.
+# Knots of the baseline over the horizon, and their least distance [ns].
 _KNOTS = 3
 _LEAST_SPACING_NS = 15 * NANOSECONDS_PER_SECOND // 2
 _TOLERANCE = 1e-10
-# At most so many steps after the arrival cost was reduced: the optimum may have moved far.
+# Most steps after the arrival cost was reduced: the optimum may be far away.
 _STEPS_AFTER_CHANGE = 5
-# Then another start is tried every so many steps, as long as the horizon is: as in the batch.
+# After that, for one horizon, another start is tried every so many steps, with these settings.
 _CHALLENGE_STEPS = 5
 _CHALLENGER_STEPS = 10
 _CHALLENGER_TOLERANCE = 1e-6
 _START_DAMPING = 1e-2
-# Steps shorter than this, taken with little damping, are smaller than the uncertainty.
+# Steps shorter than this, with little damping, are small against the uncertainty.
 _CALM = 5e-3
 _CALM_DAMPING = 1e-4
 
@@ -109,12 +110,12 @@ class HorizonEstimator(ProjectionEstimator):
         self._settled_ns = -(2**63)
 
     def start_from(self, known: Knowledge) -> None:
-        """Take what is known of the muscle as an arrival cost, before any data.
+        """Use the result of an earlier session as arrival cost.
 
         Raises
         ------
         IdentificationError
-            If there were data.
+            If there have been data.
         """
         if self._last_ns is not None or self._pulses:
             raise IdentificationError('expected a fresh estimator to start from what is known')
@@ -150,7 +151,7 @@ class HorizonEstimator(ProjectionEstimator):
         return prediction
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act; what the horizon holds is kept as a quadratic cost."""
+        """Drop the pulses that still act; the samples so far are kept as a quadratic cost."""
         super().forget_pulses()
         size = int(self._problem.blocks.size[0])
         if size:
@@ -161,11 +162,11 @@ class HorizonEstimator(ProjectionEstimator):
         self._settled_ns = -(2**63)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return what is known now."""
+        """Return the present estimate."""
         return self._build(stamp_ns, faults)
 
     def _step_if_due(self) -> None:
-        """Take a step, or every other one while steps are shorter than the uncertainty."""
+        """Take a step; only every other time while steps are small against the uncertainty."""
         calm = self._fit.moved[0] < _CALM and self._fit.damping[0] <= _CALM_DAMPING
         if calm and not self._rested:
             self._rested = True
@@ -174,13 +175,13 @@ class HorizonEstimator(ProjectionEstimator):
         self._step()
 
     def _step(self) -> None:
-        """Slide the horizon and take a step."""
+        """Move the horizon on and take a step."""
         if self._intake.learnt[0] == 0.0:
             return
         self._slide()
         prior, fit = self._problem.prior, self._fit
         if not self._holds_samples():
-            # No samples: only the arrival cost is known.
+            # No samples: there is only the arrival cost.
             fit.complete[:] = 0.0
             return
         remembers = bool(prior.information.any())
@@ -196,7 +197,7 @@ class HorizonEstimator(ProjectionEstimator):
         restate(self._problem, self._intake, fit)
 
     def _holds_samples(self) -> bool:
-        """Return whether the horizon holds any sample, or nothing is remembered."""
+        """Return whether the horizon holds any sample, or there is no arrival cost."""
         blocks = self._problem.blocks
         order = (int(blocks.head[0]) + np.arange(self._problem.first, int(blocks.size[0]))) % len(
             blocks.start_ns
@@ -218,7 +219,8 @@ class HorizonEstimator(ProjectionEstimator):
         complete(self._problem, fit)
         gradient = np.zeros(PARAMETERS)
         theta_gradient(fit, prior, gradient)
-        # Blocks that left after a contradiction may be wrong: the expected value is the limit.
+        # The cost of blocks that left after a contradiction may be wrong: the limit is the
+        # expected value of the statistic.
         limit = float(len(prior.reference)) if self._unsettled else self._limit
         statistic = yield_to_horizon(prior, fit, gradient, limit)
         if statistic > self._limit:
@@ -230,11 +232,11 @@ class HorizonEstimator(ProjectionEstimator):
         return True
 
     def _challenge(self) -> None:
-        """Try another start, in turn, on the horizon alone; go on from there if it fits better.
+        """Try the next start on the horizon alone; continue from there if it fits better.
 
-        While the horizon holds two muscles the fit follows neither, and what leaves is linearised
-        at its parameters: far from those of the new muscle that quadratic cost means nothing,
-        and it would hold the fit in a local minimum.
+        While the horizon spans a change of the muscle, the fit follows neither muscle, and blocks
+        that leave are linearised at its parameters: far from those of the new muscle that
+        quadratic cost is invalid and would keep the fit in a local minimum.
         """
         self._turn = (self._turn + 1) % (_CHALLENGE_STEPS * len(self._starts))
         turn, remainder = divmod(self._turn, _CHALLENGE_STEPS)
@@ -254,11 +256,11 @@ class HorizonEstimator(ProjectionEstimator):
             fit_linear(self._problem, fit, True)
 
     def _alone(self) -> Problem:
-        """Return the problem of the horizon, as if nothing were remembered."""
+        """Return the problem of the horizon without arrival cost."""
         return self._problem._replace(prior=self._forgotten)
 
     def _from_horizon_alone(self, theta: FloatArray) -> Fit:
-        """Return a fit at theta (4,), its linear unknowns solved as if nothing were remembered."""
+        """Return a fit at theta (4,), its linear unknowns solved without arrival cost."""
         other = empty_fit(theta, len(self._fit.linear), len(self._fit.levels))
         other.variance[0] = self._fit.variance[0]
         other.damping[0] = _START_DAMPING
@@ -270,7 +272,7 @@ class HorizonEstimator(ProjectionEstimator):
         self._problem = self._problem._replace(first=first)
 
     def _slide(self) -> None:
-        """Remove blocks older than the horizon, but not those that its first state depends on."""
+        """Remove blocks older than the horizon, except those on which its first state depends."""
         assert self._last_ns is not None
         blocks = self._problem.blocks
         capacity = len(blocks.start_ns)
@@ -294,7 +296,7 @@ class HorizonEstimator(ProjectionEstimator):
     def _make_room(self, first_ns: int, last_ns: int) -> None:
         """Make room for the blocks up to `last_ns` by removing the oldest ones.
 
-        What leaves is remembered as always.  Pulses that began long before the first sample, in
+        They become part of the arrival cost.  Pulses that began long before the first sample, in
         an outage of the force, no longer act.
         """
         pending = self._delay_line

@@ -4,14 +4,14 @@ r"""Continuous Laguerre functions behind a latency: a basis with a finite-dimens
 
 With pole ``p = 1 / T_p`` and ``x = 2 p t`` the functions are
 ``phi_l(t) = sqrt(2 p) e^(-x/2) L_l(x)``, orthonormal on ``t >= 0``.  They are the impulse
-responses of a chain of one low-pass and all-passes, so the sum over any number of past pulses is
-carried by n states ``z``.  Between pulses the states move by a lower triangular Toeplitz matrix,
+responses of a chain of one low-pass and all-passes, so the sum over any number of past pulses
+follows from n states ``z``.  Between pulses a lower triangular Toeplitz matrix advances them,
 
 .. math:: z_l(t + d) = \sum_{k \le l} e_k(2 p d)\, z_{l-k}(t), \qquad
           e_k(x) = e^{-x/2} \left( L_k(x) - L_{k-1}(x) \right),
 
-and a pulse adds ``sqrt(2 p)`` times its recruitment to each of them.  The response never ends and
-nothing is cut off; the order n that a twitch needs is the number of its poles when ``T_p`` fits.
+and a pulse adds ``sqrt(2 p)`` times its recruitment to each of them.  The response is not
+truncated; a twitch needs as many functions as it has poles if ``T_p`` is its time constant.
 """
 
 import math
@@ -26,7 +26,7 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.pulses import FloatArray
 
 MOST_FUNCTIONS = 16
-# A twitch of the slowest muscle has fallen below 0.2 % of its peak after this many T_p = 38 ms.
+# After so many T_p = 38 ms the twitch of the slowest muscle is below 0.2 % of its peak.
 _MEMORY = 16.0
 
 
@@ -66,6 +66,11 @@ class LaguerreBasis:
         T_p = 1 / p [s].
     latency : float
         Time from a pulse to the beginning of the functions [s].
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     functions: int = 6
@@ -86,7 +91,7 @@ class LaguerreBasis:
 
     @property
     def input_gain(self) -> float:
-        """What a pulse of recruitment 1 adds to each state, sqrt(2 p) [s^-1/2]."""
+        """Increase of each state by a pulse of recruitment 1, sqrt(2 p) [s^-1/2]."""
         return math.sqrt(2.0 / self.time_constant)
 
     @property

@@ -2,23 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""The Levenberg-Marquardt loop of every nonlinear fit in compiled code.
 
-A fit is put together from a *problem* and four functions of a model:
+A fit is composed of a *problem* and four functions of a model:
 
-* the problem holds the information: samples or what they were condensed to, prior, bounds;
-* ``linearise`` states the Gauss-Newton matrix H and the gradient g (minus half that of the cost)
+* the problem holds samples or their condensed sums, the prior and the bounds;
+* ``linearise`` writes the Gauss-Newton matrix H and the gradient g (minus half that of the cost)
   at a point, linear unknowns eliminated;
-* ``room`` states how far each parameter may be stepped;
-* ``move`` goes to another point: parameters, linear unknowns, cost;
+* ``room`` writes the least and greatest step of each parameter;
+* ``move`` computes another point: parameters, linear unknowns, cost;
 * ``accept`` copies a point.
 
 A point is a named tuple of arrays: ``theta`` (parameters,), what the model needs, and (1,) each
 ``cost``, ``energy`` (sum of the squared data), ``damping`` of the next step, ``moved`` (largest
 change of the last one) and ``failures`` (matrices that could not be factorised).
 
-The step solves ``(H + mu diag H) d = g``, held within the room by fixing what would leave it and
-solving again for the rest.  It is taken if it does not raise the cost; else mu rises.
+The step solves ``(H + mu diag H) d = g``; parameters that would leave their bounds are fixed there
+and the rest is solved again.  It is taken if it does not raise the cost; else mu rises.
 
-The functions are compiled into the loop, so a composition costs nothing at run time.  They are
+The functions are compiled into the loop, without calls at run time.  They are
 decorated by `numba.extending.register_jitable` and not by `numba.njit`: the key under which numba
 keeps a compiled closure holds what it closes over, and a dispatcher is another one in every
 process.
@@ -39,7 +39,7 @@ LEAST_DAMPING = 1e-9
 MOST_DAMPING = 1e6
 # Differences of cost below this share of the sum of squared data are rounding.
 _ROUNDING = 1e-13
-# Damping falls where the cost falls by at least this share of what the step promises.
+# Damping falls if the cost falls by more than this share of the predicted reduction.
 _GOOD = 0.5
 
 
@@ -49,9 +49,9 @@ class Ending(NamedTuple):
     Attributes
     ----------
     steps : int
-        At most so many are tried.
+        Most steps that are tried.
     tolerance : float
-        Ends when a step promises less than this share of the cost.
+        Ends when the predicted reduction is less than this share of the cost.
     least_cost : float
         Added to the cost in that comparison: the cost of a perfect fit is rounding.
     """
@@ -61,14 +61,14 @@ class Ending(NamedTuple):
     least_cost: float
 
 
-# (problem, here, ready, hessian, gradient) -> whether H is known; `ready` says that what the last
-# call left in `here` still holds.
+# (problem, here, ready, hessian, gradient) -> whether H could be computed; `ready`: what the last
+# call left in `here` is still valid.
 Linearise = Callable[[Any, Any, bool, FloatArray, FloatArray], bool]
 # (problem, here, low, high): least and greatest step of each parameter.
 Room = Callable[[Any, Any, FloatArray, FloatArray], None]
-# (problem, here, step, trial): overwrites `trial`, and `step` by the one that was possible.
+# (problem, here, step, trial): overwrites `trial`, and `step` by the one that was taken.
 Move = Callable[[Any, Any, FloatArray, Any], None]
-# (here, trial): copies what `move` has found.
+# (here, trial): copies `trial` to `here`.
 Accept = Callable[[Any, Any], None]
 Minimise = Callable[[Any, Any, Any, Ending, bool], None]
 
@@ -129,14 +129,14 @@ def bounded_step(
 
 
 @numba.njit(cache=True, nogil=True)
-def _promise(hessian: FloatArray, gradient: FloatArray, step: FloatArray) -> float:
-    """Return the reduction of the cost that its quadratic model promises for a step."""
-    promised = 0.0
+def _predicted_reduction(hessian: FloatArray, gradient: FloatArray, step: FloatArray) -> float:
+    """Return the reduction of the cost that its quadratic model predicts for a step."""
+    predicted = 0.0
     for place in range(len(step)):
-        promised += 2.0 * gradient[place] * step[place]
+        predicted += 2.0 * gradient[place] * step[place]
         for other in range(len(step)):
-            promised -= step[place] * hessian[place, other] * step[other]
-    return promised
+            predicted -= step[place] * hessian[place, other] * step[other]
+    return predicted
 
 
 def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> Minimise:
@@ -151,7 +151,7 @@ def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> M
     -------
     callable
         ``minimise(problem, here, trial, ending, ready)`` improves the point `here`, whose cost
-        and linear unknowns are known; `trial` is scratch of the same shape, `ready` is handed to
+        and linear unknowns are known; `trial` is scratch of the same shape, `ready` is passed to
         the first ``linearise``.
     """
 
@@ -175,21 +175,21 @@ def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> M
                 here.damping[0] = longer
                 continue
             move(problem, here, step, trial)
-            promised = _promise(hessian, gradient, step)
+            predicted = _predicted_reduction(hessian, gradient, step)
             actual = here.cost[0] - trial.cost[0]
             if actual >= -_ROUNDING * here.energy[0]:
                 accept(here, trial)
                 here.moved[0] = np.abs(step).max()
-                good = actual > _GOOD * promised
+                good = actual > _GOOD * predicted
                 here.damping[0] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
                 fresh = False
             else:
                 here.damping[0] = longer
-            if promised <= ending.tolerance * (here.cost[0] + ending.least_cost):
+            if predicted <= ending.tolerance * (here.cost[0] + ending.least_cost):
                 break
 
-    # The name of numba's index file: one that models share could not be read where the module of
-    # any of them is missing.
+    # Part of the name of numba's index file: a file shared by several models could not be read
+    # where the module of one of them is missing.
     minimise.__qualname__ = f'minimise.{linearise.__module__}'
     compiled: Minimise = numba.njit(cache=True, nogil=True)(minimise)
     return compiled

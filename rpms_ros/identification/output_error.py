@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How far predictions were from the force: one number for a session, in newtons and as a share."""
+"""Error of the a-priori predictions of a session, in newtons and as a share of the range."""
 
 import math
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
-# Until then an estimator may still be learning; of a shorter session the second half counts [s].
+# Earlier samples do not count, or those of the first half of a shorter session [s].
 SETTLING_TIME = 10.0
 
 
@@ -24,7 +24,7 @@ class OutputError(NamedTuple):
     newton : float
         Root mean square of measured minus predicted force [N].
     of_range : float
-        The same as a share of the range of the whole session's force, highest less lowest [1].
+        The same divided by the range, maximum minus minimum, of the session's force [1].
     """
 
     newton: float
@@ -36,9 +36,9 @@ def output_error(
 ) -> OutputError:
     """Return the output error of a session.
 
-    Samples count from `SETTLING_TIME` after the first one on, or from the middle of the session
-    if that is earlier, if they are usable.  A force that happens to be near zero at some time
-    makes no difference: the error is held against the range of the whole session.
+    Usable samples count from `SETTLING_TIME` after the first one on, or from the middle of the
+    session if that is earlier.  The error is related to the range of the whole session, so a force
+    near zero at some time makes no difference.
 
     Parameters
     ----------
@@ -50,13 +50,13 @@ def output_error(
     Returns
     -------
     OutputError
-        Not a number where nothing can be said: no usable sample, or a force without a range.
+        NaN without a usable sample, or with a constant force.
     """
     kept = settled(stamp_ns) & usable
     if not kept.any():
         return OutputError(math.nan, math.nan)
-    # Not by BLAS, whose last bits depend on the number of its threads: a study would depend on
-    # the number of its processes.
+    # Not by BLAS, whose last bits depend on the number of its threads: the results of a study
+    # would depend on the number of its processes.
     newton = math.sqrt(float(np.mean(np.square(force[kept] - prediction[kept]))))
     span = float(np.ptp(force[usable]))
     return OutputError(newton, newton / span if span > 0.0 else math.nan)
@@ -64,7 +64,7 @@ def output_error(
 
 def settled(stamp_ns: IntArray) -> BoolArray:
     """Return which samples (samples,) are past `SETTLING_TIME`, or past the middle if earlier."""
-    # A clock that jumps back takes nothing off the time that has passed.
+    # A jump back of the clock does not reduce the time that has passed.
     elapsed = np.concatenate(([0], np.cumsum(np.maximum(np.diff(stamp_ns), 0))))
     late: BoolArray = elapsed >= min(
         SETTLING_TIME * NANOSECONDS_PER_SECOND, 0.5 * float(elapsed[-1])

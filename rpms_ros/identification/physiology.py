@@ -1,13 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""Twitch parameters read off an identified response: time constant, latency, order, gain.
+r"""Twitch parameters from an identified response: time constant, latency, order, peak.
 
-The twitch of Eq. (2) behind a latency is fitted to the coefficients of the basis, not to the
-curve that they draw: ``min (w - P m(p))^T (C + e^2 I)^-1 (w - P m(p))`` with P the projection on
-the basis, C the coefficients' covariance and e a share of their length that the basis may miss.
-So every direction counts as much as the data know it.  Time constant, latency and order pull
-the response in similar ways; a prior as wide as people differ (Tables 1 and 2) keeps the answer
-physiological where the data leave it open, and the intervals say how far they do.
+The twitch of Eq. (2) behind a latency is fitted to the coefficients of the basis:
+``min (w - P m(p))^T (C + e^2 I)^-1 (w - P m(p))`` with P the projection on the basis, C the
+covariance of the coefficients and e the error of the basis, as a share of their norm.  Each
+direction has the weight of its information.  Time constant, latency and order have similar effects
+on the response; a prior as wide as people differ (Tables 1 and 2) keeps them physiological where
+the data do not separate them, and the intervals show it.
 """
 
 from collections.abc import Mapping
@@ -36,10 +36,10 @@ PRIOR: Mapping[str, tuple[float, float]] = dict(
         strict=False,
     )
 )
-"""Mean and standard deviation of what people have, by name; the peak has none."""
-# For a basis that was chosen by the samples: any muscle near it.
+"""Mean and standard deviation among people, by name; none for the peak."""
+# Prior with a basis that was chosen by the samples.
 _WIDE_DEVIATION = np.array([60e-3, 20e-3, 1.0])
-# What the basis may miss of a response, relative to its length.
+# Error of the basis, relative to the norm of the coefficients.
 MISFIT = 1e-3
 
 
@@ -62,7 +62,7 @@ class TwitchReader:
     step : float
         Grid on which twitches are projected [s].
     wide : bool
-        Look for any twitch near the basis, not for those that people mostly have.
+        Use a wide prior around the basis instead of that of `PRIOR`.
     """
 
     basis: LaguerreBasis
@@ -99,7 +99,7 @@ class TwitchReader:
         Returns
         -------
         Physiology or None
-            None if the response is not known to differ from nothing.
+            None if the response does not differ from zero by two standard deviations.
         """
         length = float(np.linalg.norm(response))
         if not length > 2.0 * float(np.sqrt(max(np.trace(covariance), 0.0))):

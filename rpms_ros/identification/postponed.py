@@ -14,7 +14,7 @@ class PostponedFaults(Restorable):
     Parameters
     ----------
     counter : FaultCounter
-        Where they are counted when their time has come.
+        Where they are counted.
     """
 
     _waiting: dict[tuple[int, str], int]
@@ -38,7 +38,7 @@ class PostponedFaults(Restorable):
             self._counter.add(key[1], self._waiting.pop(key))
 
     def counts(self) -> dict[str, int]:
-        """Return all counts so far, of what still waits too."""
+        """Return all counts so far, those not yet due included."""
         total = self._counter.copy()
         for (_, name), count in self._waiting.items():
             total.add(name, count)

@@ -3,8 +3,8 @@
 """Queue that orders pulses by onset and counts lost, repeated and unusable ones.
 
 A pulse is *settled* when the force has come so far that an earlier one would be too late.  Only
-settled pulses are compared with their predecessors, so the answer depends on stamps and
-sequence numbers alone, not on the order or the moment of arrival.
+settled pulses are compared with their predecessors, so the result depends on stamps and
+sequence numbers alone, not on the order or the time of arrival.
 """
 
 import numpy as np
@@ -22,9 +22,9 @@ from rpms_ros.pulses import PulseTrain
 SEQUENCE_PERIOD = 2**32
 LONG_AGO = -(2**63)
 _MANY_ARRIVALS = 1000
-# Pulses less than this apart are no pulses of one stimulator [ns].
+# Pulses closer than this do not come from one stimulator [ns].
 _CLOSEST_NS = 200_000
-# A second restart of the sequence within this time is no restart of the driver [ns].
+# A second restart of the sequence within this time is not a restart of the driver [ns].
 _RESTARTS_NS = 10_000_000_000
 
 
@@ -36,7 +36,7 @@ class PulseQueue(Restorable):
     memory_ns : int
         How long a pulse acts on the force [ns].
     pulse_look_ahead_ns : int
-        How far before a gap in the sequence is known samples are spared from it [ns].
+        Samples up to this before the pulse that shows a gap in the sequence are not excluded [ns].
     counter : FaultCounter
         Where faults are counted.
     """
@@ -64,13 +64,13 @@ class PulseQueue(Restorable):
     def add(self, pulses: PulseTrain, newest_ns: int | None = None) -> None:
         """Add pulses, in any order, none too late.
 
-        `newest_ns` is the newest stamp of the force when they came, None before the first.
+        `newest_ns` is the newest stamp of the force on their arrival [ns], None before the first.
         """
         near = self._far.take(pulses, newest_ns)
         if len(near):
             self._arrived.append(near)
         if len(self._arrived) > _MANY_ARRIVALS:
-            # No force comes: one array instead of many small ones.
+            # No force arrives: keep one array instead of many small ones.
             self._merge_arrived()
 
     def settle(self, until_ns: int, cell_ns: int | None = None) -> tuple[IntArray, FloatArray]:
@@ -81,8 +81,8 @@ class PulseQueue(Restorable):
         until_ns : int
             How far pulses are settled [ns].
         cell_ns : int or None
-            How far it was where a cell of the grid of the stamps began: far pulses are looked at
-            cell by cell, however a cell is cut into blocks; None: as `until_ns` [ns].
+            The same at the beginning of the present cell of the grid of stamps [ns]: far pulses
+            are examined once a cell, however it is cut into blocks.  None: as `until_ns`.
 
         Returns
         -------
@@ -111,7 +111,7 @@ class PulseQueue(Restorable):
         return touched
 
     def exclude(self, start_ns: int, end_ns: int) -> None:
-        """Mark the span after `start_ns` up to `end_ns` as touched by unknown pulses."""
+        """Mark the time after `start_ns` up to `end_ns` as affected by unknown pulses."""
         apart = []
         for start, end in self._unknown:
             if end < start_ns or start > end_ns:
@@ -121,7 +121,7 @@ class PulseQueue(Restorable):
         self._unknown = [*apart, (start_ns, end_ns)]
 
     def restart(self) -> None:
-        """Forget everything but the sequence: the clock has jumped."""
+        """Forget everything but the sequence number: the clock has jumped."""
         self._arrived = []
         self._ordered = PulseTrain.of([])
         self._far = FarPulses()
@@ -153,7 +153,7 @@ class PulseQueue(Restorable):
         return False
 
     def _in_sequence(self, onset_ns: int, sequence: int) -> bool:
-        """Count what the sequence shows; return whether the pulse is a new one."""
+        """Check sequence number and interval; return whether the pulse is a new one."""
         assert self._last_onset_ns is not None
         if onset_ns == self._last_onset_ns and sequence == self._last_sequence:
             self._counter.add(faults.PULSE_DUPLICATE)

@@ -10,9 +10,9 @@ over the pulses that still act.  Two recursions run side by side on the cost (19
     K = P phi / (lambda + phi^T P phi),   w <- w + K e,   P <- (P - K phi^T P) / lambda
 
 *Nonlinear parameters*, Eqs. (24) to (28).  The plain derivative ``psi = d(phi^T w)/d theta`` at
-fixed w is a poor guide: most of what a step in theta does, w undoes at once.  What w cannot undo
-is the part of psi that lies off the linear regressors.  Regressing psi on phi by the same least
-squares, with the same gain, gives it recursively::
+fixed w is misleading: w compensates most of the effect of a step in theta.  The part of psi
+orthogonal to the linear regressors is what w cannot compensate.  Regressing psi on phi by the
+same least squares, with the same gain, gives it recursively::
 
     psi~ = psi - W^T phi,   W <- W + K psi~^T
 
@@ -46,11 +46,11 @@ from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
-# u_thr, u_sat and alpha_sat are identified; alpha_thr rides along as the fourth, fixed.
+# u_thr, u_sat and alpha_sat are identified; alpha_thr is the fourth parameter, fixed.
 NONLINEAR = 3
 OUTPUT_ERROR_TIME = 1.0
 RecordArray = npt.NDArray[np.void]
-# Covariance above which forgetting pauses: P would grow without end where nothing excites it.
+# Covariance above which nothing is forgotten: without excitation P would grow without bound.
 # Far above what a sinusoid from 0 to 1 needs, far enough below 1 / epsilon for P to stay positive.
 LARGEST_COVARIANCE = 1e10
 
@@ -72,7 +72,7 @@ SCALARS = np.dtype(
 
 
 class RecursionState(NamedTuple):
-    """Everything that the recursion remembers, updated in place.
+    """State of the recursion, updated in place.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class RecursionState(NamedTuple):
     hessian : ndarray (3, 3)
         H.
     scalars : structured ndarray (1,)
-        The fields of `SCALARS`; one array, since each costs time in every compiled call.
+        The fields of `SCALARS`, in one array because each argument of a compiled call takes time.
     """
 
     theta: FloatArray
@@ -99,7 +99,7 @@ class RecursionState(NamedTuple):
 
 
 class SavedRecursion(NamedTuple):
-    """The fields of a `RecursionState`, those of its scalars one by one, as a file holds them."""
+    """A `RecursionState` as it is saved: each field of its scalars is one array."""
 
     theta: FloatArray
     linear: FloatArray
@@ -116,7 +116,7 @@ class SavedRecursion(NamedTuple):
 
 
 def saved_of(state: RecursionState) -> SavedRecursion:
-    """Return a state as a file can hold it."""
+    """Return a state in the form in which it is saved."""
     names = SCALARS.names or ()
     return SavedRecursion(*state[:-1], *(state.scalars[name] for name in names))
 
@@ -130,7 +130,7 @@ def state_of(saved: SavedRecursion) -> RecursionState:
 
 
 class RecursionConstants(NamedTuple):
-    """What does not change: the basis and the design parameters of Tables 4 and 5."""
+    """Constants: the basis and the design parameters of Tables 4 and 5."""
 
     shape: FloatArray
     mixing: FloatArray
@@ -277,7 +277,7 @@ def _bounded(theta: FloatArray, constants: RecursionConstants, work: Workspace) 
 def _predicted_reduction(
     hessian: FloatArray, step: FloatArray, derivative: FloatArray, error: float
 ) -> float:
-    """Return what the quadratic model (24) promises of the step."""
+    """Return the reduction of the cost that the quadratic model (24) predicts."""
     total = 0.0
     for row in range(NONLINEAR):
         total += step[row] * (derivative[row] * error - 0.5 * dot(hessian[row], step))
@@ -353,7 +353,7 @@ def process(
     """Run the recursion over ascending samples (samples,) and ascending pulses (pulses,).
 
     Writes the a-priori prediction of each sample and updates the state in place.  A sample on
-    which no pulse acts says nothing about the parameters: it is neither learnt nor forgotten.
+    which no pulse acts does not inform about the parameters: the state does not change.
     """
     constants, state, work = recursion.constants, recursion.state, recursion.work
     shape, scalars = constants.shape, state.scalars

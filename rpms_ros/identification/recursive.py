@@ -15,7 +15,7 @@ from rpms_ros.identification.estimate import SMALLEST_INTENSITY_SPAN
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import FACTORISATION_FAILED
 from rpms_ros.identification.faults import FaultCounter
-from rpms_ros.identification.recursion_foretelling import foretell
+from rpms_ros.identification.plausibility import PlausibilityCheck
 from rpms_ros.identification.recursion_kernel import NONLINEAR
 from rpms_ros.identification.recursion_kernel import SCALARS
 from rpms_ros.identification.recursion_kernel import Recursion
@@ -26,6 +26,7 @@ from rpms_ros.identification.recursion_kernel import process
 from rpms_ros.identification.recursion_kernel import saved_of
 from rpms_ros.identification.recursion_kernel import state_of
 from rpms_ros.identification.recursion_kernel import workspace
+from rpms_ros.identification.recursion_prediction import predict
 from rpms_ros.identification.saved_state import RestorableWithSettings
 from rpms_ros.identification.saved_state import State
 from rpms_ros.identification.saved_state import described
@@ -34,7 +35,6 @@ from rpms_ros.identification.saved_state import plain
 from rpms_ros.identification.saved_state import typed
 from rpms_ros.identification.settings import TABLE_4
 from rpms_ros.identification.settings import RecursiveSettings
-from rpms_ros.identification.trust import Seen
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.identified_form import identified_recruitment
@@ -45,9 +45,9 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import nanoseconds
 
 RESPONSE_STEP = 5e-3
-# Room for this many pulses acting at once, to begin with.
+# Initial room for pulses that act at the same time.
 ACTING_PULSES = 32
-# Where the recursion stands in a saved state.
+# Key of the recursion in a saved state.
 _RECURSION = 'recursion'
 
 
@@ -76,7 +76,7 @@ class RecursiveEstimator(RestorableWithSettings):
     _intensity: FloatArray
     _intensity_range: tuple[float, float]
     _pulses: int
-    _seen: Seen
+    _plausibility: PlausibilityCheck
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class RecursiveEstimator(RestorableWithSettings):
         self._intensity = np.empty(0)
         self._intensity_range = (np.inf, -np.inf)
         self._pulses = 0
-        self._seen = Seen()
+        self._plausibility = PlausibilityCheck()
         self._response_time = np.arange(0.0, settings.basis.duration, RESPONSE_STEP)
         self._response_basis = settings.basis.evaluate(self._response_time)
 
@@ -106,19 +106,19 @@ class RecursiveEstimator(RestorableWithSettings):
 
     @property
     def parameters(self) -> RecruitmentParameters:
-        """Nonlinear parameters as they stand."""
+        """Present nonlinear parameters."""
         return RecruitmentParameters(*(float(value) for value in self._state.theta))
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
         if not len(onset_ns):
             return
-        self._seen.add_pulses(onset_ns, intensity)
+        self._plausibility.add_pulses(onset_ns, intensity)
         self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
         self._intensity = np.concatenate((self._intensity, intensity))
         self._make_room()
         low, high = self._intensity_range
-        # Recruitment at intensity 0 is 0 whatever the parameters: it shows no point of the curve.
+        # Recruitment at intensity 0 is 0 for all parameters, so it does not inform about them.
         recruiting = intensity[intensity > 0.0]
         self._intensity_range = (
             float(recruiting.min(initial=low)),
@@ -127,10 +127,10 @@ class RecursiveEstimator(RestorableWithSettings):
         self._pulses += len(onset_ns)
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act: the clock has jumped, their time is not known."""
+        """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
-        # A stamp from before the newest would make the decaying energies grow instead.
+        # With a stamp before the newest one the decaying energies would grow.
         scalars = self._state.scalars
         scalars['error_energy'][0] = 0.0
         scalars['force_energy'][0] = 0.0
@@ -141,11 +141,11 @@ class RecursiveEstimator(RestorableWithSettings):
         return {**described(self.settings), 'rate_hz': self.rate_hz}
 
     def state(self) -> State:
-        """Return all that is remembered; see `Restorable.state`."""
+        """Return the whole state; see `Restorable.state`."""
         return {**super().state(), _RECURSION: plain(saved_of(self._state))}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what was saved; see `Restorable.restore`."""
+        """Restore a saved state; see `Restorable.restore`."""
         super().restore({name: value for name, value in state.items() if name != _RECURSION})
         saved = typed(SavedRecursion, state.get(_RECURSION), 'RecursiveEstimator.recursion')
         own = saved_of(self._state)
@@ -169,7 +169,7 @@ class RecursiveEstimator(RestorableWithSettings):
         prediction = np.empty(len(stamp_ns))
         if not len(stamp_ns):
             return prediction
-        self._seen.add_forces(force, usable)
+        self._plausibility.add_forces(force, usable)
         process(
             stamp_ns,
             force,
@@ -186,12 +186,12 @@ class RecursiveEstimator(RestorableWithSettings):
             self._intensity = self._intensity[kept:]
         return prediction
 
-    def foretell(self, stamp_ns: IntArray) -> FloatArray:
-        """Return what is expected of samples (samples,) that come next [N]."""
+    def predict(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the prediction of the next samples (samples,) [N]."""
         expected = np.empty(len(stamp_ns))
         constants, state = self._constants, self._state
         weights = state.linear @ constants.mixing
-        foretell(
+        predict(
             stamp_ns,
             self._onset_ns,
             self._intensity,
@@ -203,14 +203,14 @@ class RecursiveEstimator(RestorableWithSettings):
         return expected
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return what is known now."""
+        """Return the present estimate."""
         parameters = self.parameters
         linear = self._state.linear.copy()
         scalars = self._state.scalars
         full = identified_recruitment(parameters, 1.0)
         energy = float(scalars['force_energy'][0])
         error = float(np.sqrt(scalars['error_energy'][0] / energy)) if energy > 0.0 else 0.0
-        # names that a monitor of another package counts are passed on
+        # faults of monitors of other packages are counted under any name
         own = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), (FACTORISATION_FAILED, int(scalars['failures'][0]))):
             own.add(name, count)
@@ -233,10 +233,10 @@ class RecursiveEstimator(RestorableWithSettings):
             condition_number=float(scalars['condition_number'][0]),
             faults=own.counts(),
         )
-        return self._seen.examine(estimate)
+        return self._plausibility.examine(estimate)
 
     def _make_room(self) -> None:
-        """Let the workspace hold as many pulses as act at once at the most."""
+        """Enlarge the workspace to the largest number of pulses that act at the same time."""
         span = nanoseconds(self.memory)
         oldest = np.searchsorted(self._onset_ns, self._onset_ns - span)
         most = int((np.arange(1, len(oldest) + 1) - oldest).max()) + 1

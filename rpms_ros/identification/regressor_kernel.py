@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Separable regressors of one force sample from the pulses that act on it, Eqs. (15) and (16).
 
-Two things are needed of every pulse: the basis at its lag, which the parameters do not touch,
-and its recruitment, which they do.  The basis is evaluated once a sample; the regressors of a
-trial step in the parameters come from the same values.
+Of every pulse the basis at its lag is needed, which does not depend on the nonlinear parameters,
+and its recruitment, which does.  The basis is evaluated once a sample and used again for the
+regressors of a trial step.
 """
 
 import numba

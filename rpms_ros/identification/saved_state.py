@@ -1,11 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What an object remembers as plain values, and back, checked against its annotations.
+"""The state of an object as plain values, restored after a check against its annotations.
 
-A class that derives from `Restorable` names what it remembers by annotations in its body:
-numbers, texts, arrays, containers and records of them, or further `Restorable` objects.  Whatever
-else it has follows from how it was made.  A file may say anything, so nothing is taken over whose
-type is not the one of the annotation.
+A class that derives from `Restorable` declares its state by annotations in its body: numbers,
+texts, arrays, containers and records of them, or further `Restorable` objects.  Its other
+attributes follow from how it was made.  A file may hold anything, so a value whose type is not
+that of the annotation is refused.
 """
 
 import dataclasses
@@ -36,17 +36,17 @@ class Restorable:
     """Has a state that can be saved and restored; see the module."""
 
     def state(self) -> State:
-        """Return all that is remembered, as a copy.
+        """Return a copy of the whole state.
 
         Raises
         ------
         IdentificationError
-            If there is a value that cannot be saved.
+            If a value cannot be saved.
         """
         return {name: plain(getattr(self, name)) for name in remembered(type(self))}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what `state` of an object made alike has returned.
+        """Restore what `state` of an object with the same settings has returned.
 
         Raises
         ------
@@ -83,11 +83,11 @@ class RestorableWithSettings(Restorable, ABC):
         """Return all settings by name, as `described` does."""
 
     def state(self) -> State:
-        """Return all that is remembered, and with which settings; see `Restorable.state`."""
+        """Return the whole state and the settings; see `Restorable.state`."""
         return {**super().state(), _SETTINGS: self.described_settings()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what was saved with the same settings; see `Restorable.restore`."""
+        """Restore what was saved with the same settings; see `Restorable.restore`."""
         refuse_other_settings(state.get(_SETTINGS), self.described_settings())
         super().restore({name: value for name, value in state.items() if name != _SETTINGS})
 
@@ -106,7 +106,7 @@ def described(settings: Any) -> State:
 
 
 def refuse_other_settings(saved: Any, own: State) -> None:
-    """Raise `IdentificationError`, naming what differs, unless settings are those of a state."""
+    """Raise `IdentificationError` with the first difference if settings differ."""
     expect(isinstance(saved, Mapping), 'state', 'settings')
     for name in [*own, *(name for name in saved if name not in own)]:
         here, there = own.get(name, 'nothing'), saved.get(name, 'nothing')
@@ -117,13 +117,13 @@ def refuse_other_settings(saved: Any, own: State) -> None:
 
 
 def expect(fits: bool, where: str, what: str) -> None:
-    """Raise `IdentificationError` unless a saved value is what it has to be."""
+    """Raise `IdentificationError` unless a saved value fits."""
     if not fits:
         raise IdentificationError(f'expected {what} in the saved {where}, got something else')
 
 
 def remembered(kind: type) -> Mapping[str, Any]:
-    """Return the annotations of a class by name, those of class variables apart."""
+    """Return the annotations of a class by name, without those of class variables."""
     hints = get_type_hints(kind)
     return {name: hint for name, hint in hints.items() if get_origin(hint) is not ClassVar}
 
@@ -156,12 +156,12 @@ def plain(value: Any) -> Any:
 
 
 def typed(hint: Any, value: Any, where: str) -> Any:
-    """Return a plain value as what an annotation says.
+    """Return a plain value converted to the type of an annotation.
 
     Raises
     ------
     IdentificationError
-        If it is not that.
+        If it does not fit.
     """
     origin, arguments = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
@@ -178,7 +178,7 @@ def typed(hint: Any, value: Any, where: str) -> Any:
         return _container(origin, arguments, value, where)
     if dataclasses.is_dataclass(hint) or hasattr(hint, '_fields'):
         return _record(hint, value, where)
-    # A bool is an int for Python, and so is a whole float for JSON.
+    # To Python a bool is an int; in JSON a whole float is written as an int.
     accepted = (int, float) if hint is float else (hint,)
     fits = isinstance(value, accepted) and (hint is bool or not isinstance(value, bool))
     expect(fits, where, f'a value of the type {hint.__name__}')

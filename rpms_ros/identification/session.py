@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.arrival import NO_FOREIGN
-from rpms_ros.identification.arrival import Foreign
-from rpms_ros.identification.arrival import feed
+from rpms_ros.identification.arrival_order import NO_FOREIGN
+from rpms_ros.identification.arrival_order import Foreign
+from rpms_ros.identification.arrival_order import feed
 from rpms_ros.identification.checkpoint import save
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.estimate import Estimator
@@ -42,9 +42,9 @@ class IdentifiedSession:
     Attributes
     ----------
     estimates : list of Estimate
-        One an estimate period, and a last one after the last sample.
+        One every estimate period, and one after the last sample.
     stamp_ns, force, prediction : ndarray (samples,)
-        What was processed, and its a-priori prediction [ns], [N], [N].
+        Processed samples and their a-priori prediction [ns], [N], [N].
     usable : ndarray of bool (samples,)
         Whether the sample was learnt from.
     """
@@ -67,7 +67,7 @@ class IdentifiedSession:
 
 
 class _Trace(Monitor):
-    """Keeps what was processed."""
+    """Keeps the processed samples."""
 
     def __init__(self) -> None:
         self.cells: list[ProcessedSamples] = []
@@ -92,28 +92,29 @@ def identify(
     save_state: Path | None = None,
     foreign: Foreign = NO_FOREIGN,
 ) -> IdentifiedSession:
-    """Run an estimator over a recording, as it would have run on line.
+    """Run an estimator over a recording, with the same result as on line.
 
     Parameters
     ----------
     estimator : Estimator
-        Fresh estimator.  One that fits everything anew for each estimate, as ``batch`` does, makes
-        one estimate, after the last sample, whatever the period of the settings.
+        Fresh estimator.  One that is not `on_line`, as ``batch``, makes a single estimate, after
+        the last sample, whatever the period of the settings.
     pulses, forces : PulseTrain, ForceTrace
         The recording, in the order in which it was recorded.
     settings : StreamSettings or None
-        Waiting times and cadence; those of the node give its estimates bit for bit.
+        Waiting times and estimate period; with those of the node the estimates are the same to
+        the bit.
     progress : callable or None
-        Called with the number of samples that were taken since the last call.
+        Called with the number of samples processed since the last call.
     samples_before_pulse : ndarray of int64 (pulses,) or None
-        How many samples had been received when each pulse was, as a recording tells; without it
-        pulses are taken to come in time.
+        How many samples had arrived before each pulse, as recorded; None: see
+        `arrival_order.in_time`.
     sinks : sequence of Monitor
-        Are handed all samples, predictions and estimates too.
+        Further receivers of all samples, predictions and estimates.
     save_state : Path or None
         Where the state after the last sample is saved; see `checkpoint`.
     foreign : Foreign
-        What came of publishers that are not listened to.
+        Messages of publishers that are not used.
 
     Returns
     -------

@@ -16,7 +16,7 @@ from rpms_ros.muscle.identified_form import RecruitmentParameters
 class RecruitmentBounds:
     """Bounds of the nonlinear parameters, and the least distance of saturation and threshold.
 
-    Without it the recursion can end in the mirror minimum near u_thr <-> u_sat.
+    Without that distance the recursion can end in the minimum with u_thr and u_sat exchanged.
 
     Attributes
     ----------
@@ -90,18 +90,23 @@ class RecursiveSettings:
     hessian_scale : float
         Upper end of the uniform distribution of the entries of H[0].
     linear_covariance : float
-        Diagonal of the initial covariance of the linear parameters; large, since theta_h[0] = 0
-        is a guess without knowledge.
+        Diagonal of the initial covariance of the linear parameters; large, since nothing is known
+        of them at the start, theta_h[0] = 0.
     force_scale : float
         Force that counts as one in H and delta, which are absolute numbers [N].  A tenth of the
-        largest expected force is a good choice; a running measure of the force is not, since
-        it is small while a schedule begins below the threshold and makes steps too bold.
+        largest expected force is a good choice; a running measure of the force is not, since it is
+        small while a schedule begins below the threshold, which makes steps too large.
     projected : bool
         Project the gradient off the linear regressors (variable projection); False takes the
         plain partial derivative at fixed linear parameters, which loses the curve under a
         sinusoidal intensity.
     bounds : RecruitmentBounds
-        Where the nonlinear parameters stay.
+        Bounds of the nonlinear parameters.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     basis: DistortedSineBasis = field(default_factory=DistortedSineBasis)
@@ -159,7 +164,7 @@ PAPER_PRESETS = {'paper_table_4': TABLE_4, 'paper_table_5': TABLE_5}
 
 PEOPLE_PRESET = 'people'
 PRESET_NAMES = (PEOPLE_PRESET, *PAPER_PRESETS)
-"""What may be chosen, for command lines and node parameters; nobody has to."""
+"""Presets that command lines and node parameters accept."""
 
 _FORMER_NAMES = {'table_4': 'paper_table_4', 'table_5': 'paper_table_5'}
 

@@ -11,7 +11,7 @@ import numba
 
 from rpms_ros.pulses import FloatArray
 
-# Couplings this small against the diagonal move no digit of a condition number below 1e6.
+# Off-diagonal elements this small do not change a digit of a condition number below 1e6.
 _NEGLIGIBLE = 1e-12
 
 
@@ -112,7 +112,7 @@ def condition_number(matrix: FloatArray, work: FloatArray) -> float:
     Parameters
     ----------
     matrix : ndarray (n, n)
-        Symmetric, left as it is.
+        Symmetric, not changed.
     work : ndarray (n, n)
         Overwritten.
     """

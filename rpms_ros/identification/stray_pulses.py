@@ -8,21 +8,20 @@ from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import PulseTrain
 
-# So long the force goes on, at least, before a stray pulse counts as late [ns].
+# A stray pulse counts as late when the force has gone on at least this long [ns].
 _PATIENCE_NS = NANOSECONDS_PER_SECOND
 _MOST = 1000
 
 
 class StrayPulses(Restorable):
-    """Keeps stray pulses until the force shows what they are.
+    """Keeps stray pulses until the force shows whether the clock has jumped.
 
-    Which pulses are kept follows from what has come, and when the others are late from what was
-    processed: neither depends on how the stream is cut into blocks.
+    The result does not depend on how the stream is cut into blocks.
 
     Parameters
     ----------
     overtaking_ns : int
-        How much earlier than the force a pulse of a new time line may come [ns].
+        How long before the force a pulse of a new time line may arrive [ns].
     """
 
     _kept: deque[tuple[int, PulseTrain]]
@@ -31,14 +30,14 @@ class StrayPulses(Restorable):
 
     def __init__(self, overtaking_ns: int) -> None:
         self._overtaking_ns = overtaking_ns
-        # As long as a pulse may be of a new time line, it is not late.
+        # While a pulse may be of a new time line, it is not late.
         self._patience_ns = max(_PATIENCE_NS, overtaking_ns)
         self._kept = deque()
         self._count = 0
         self._late = deque()
 
     def add(self, pulses: PulseTrain, newest_ns: int) -> None:
-        """Keep pulses (maybe none) that came when the newest force was at `newest_ns`."""
+        """Keep pulses that arrived when the newest force was at `newest_ns`; they may be none."""
         if not len(pulses):
             return
         while self._kept and self._kept[0][0] + self._overtaking_ns < newest_ns:
@@ -51,7 +50,7 @@ class StrayPulses(Restorable):
         self._late.append((newest_ns, before + len(pulses)))
 
     def taken(self, newest_ns: int) -> PulseTrain:
-        """Return the pulses that came just before the clock jumped; the others count as late."""
+        """Return the pulses that arrived just before the clock jumped; the others are late."""
         kept, self._kept, self._count = self._kept, deque(), 0
         recent = [one for one in kept if one[0] >= newest_ns - self._overtaking_ns]
         late = dict(self._late)
@@ -61,9 +60,9 @@ class StrayPulses(Restorable):
         return PulseTrain.joined([PulseTrain.of([]), *(train for _, train in recent)])
 
     def given_up(self, until_ns: int | None) -> int:
-        """Return how many turned out to be late when the force has come to `until_ns`.
+        """Return how many are late, now that the force has come to `until_ns` [ns].
 
-        None: it ends here.
+        None: the session ends.
         """
         count = 0
         while self._late and (until_ns is None or self._late[0][0] + self._patience_ns < until_ns):

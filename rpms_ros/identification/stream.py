@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Alignment of pulses and force by their stamps, in front of an estimator.
 
-Stamps are the truth.  A force sample waits until the newest one is `reorder_delay` later; by then
-every pulse that could act on it has come.  What is done with a sample depends on stamps, values,
-sequence numbers and the order of arrival alone, so a replay of a recording gives the on-line
-estimates bit for bit, however it is cut into blocks.
+A force sample waits until the newest one is `reorder_delay` later; by then every pulse that could
+act on it has arrived.  The result depends on stamps, values, sequence numbers and the order of
+arrival alone, so a replay of a recording gives the same estimates as on line, to the bit, however
+it is cut into blocks.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from rpms_ros.identification import faults
 from rpms_ros.identification.doubts import Doubts
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.estimate import Estimator
-from rpms_ros.identification.estimate import ForetellingEstimator
+from rpms_ros.identification.estimate import PredictingEstimator
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.monitors import Monitor
 from rpms_ros.identification.monitors import ProcessedSamples
@@ -33,9 +33,9 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import nanoseconds
 
-# An excursion so soon after a pulse is a stimulation artifact [ns].
+# A spike within this time after a pulse is a stimulation artifact [ns].
 _ARTIFACT_NS = 10_000_000
-# Cells of the monitors' grid between two looks at the shares of faults.
+# Cells of the monitors' grid between two records of the counts of faults.
 _NOTE_CELLS = 10
 
 
@@ -45,11 +45,11 @@ class IdentificationStream(StreamInput):
     Parameters
     ----------
     estimator : Estimator
-        What learns.
+        The estimator.
     settings : StreamSettings
-        Waiting times, cadence, bounds and the names of monitors.
+        Waiting times, estimate period, bounds and the names of monitors.
     sinks : sequence of Monitor
-        Further monitors: they are handed all samples, predictions and estimates too.
+        Further monitors, which receive all samples, predictions and estimates.
     """
 
     _doubts: Doubts
@@ -60,7 +60,7 @@ class IdentificationStream(StreamInput):
     _samples: int
     _cells: int
     _acting_ns: IntArray
-    _foreseen: tuple[IntArray, FloatArray]
+    _settled_early: tuple[IntArray, FloatArray]
 
     def __init__(
         self,
@@ -85,24 +85,24 @@ class IdentificationStream(StreamInput):
         self._cell = None
         self._monitor_cell = None
         self._finished: list[Estimate] = []
-        self._foretelling = estimator if isinstance(estimator, ForetellingEstimator) else None
+        self._predictor = estimator if isinstance(estimator, PredictingEstimator) else None
         self._last_ns = 0
         self._samples = 0
         self._cells = 0
         self._acting_ns = np.empty(0, dtype=np.int64)
-        self._foreseen = np.empty(0, dtype=np.int64), np.empty(0)
+        self._settled_early = np.empty(0, dtype=np.int64), np.empty(0)
 
     def described_settings(self) -> State:
         """Return all settings by name."""
         return described(self.settings)
 
     def state(self) -> State:
-        """Return all that is remembered besides the estimator's own state.
+        """Return the whole state, without that of the estimator.
 
         Raises
         ------
         IdentificationError
-            If estimates wait to be taken by `advance`.
+            If `advance` has not been called for the newest estimates.
         """
         if self._finished:
             raise IdentificationError(
@@ -128,14 +128,14 @@ class IdentificationStream(StreamInput):
             self._cell = self._last_ns // self._period_ns
 
     def advance(self) -> list[Estimate]:
-        """Process what no pulse can still change; return the estimates that fell due."""
+        """Process the samples that have waited long enough; return the estimates due."""
         if self._intake.newest_ns is not None:
             self._release(self._intake.newest_ns - self._reorder_delay_ns)
         finished, self._finished = self._finished, []
         return finished
 
     def finish(self) -> list[Estimate]:
-        """Process everything that waits; return the estimates, the last one included."""
+        """Process all waiting samples; return the estimates, the last one included."""
         self._intake.drop_alone()
         self._end_of_line()
         if self._intake.newest_ns is not None:
@@ -144,14 +144,14 @@ class IdentificationStream(StreamInput):
         return finished
 
     def estimate(self) -> Estimate:
-        """Return what is known after the newest sample that was processed."""
+        """Return the estimate after the newest processed sample."""
         counts = self._counter.counts()
         estimate = self.estimator.estimate(self._last_ns, counts)
         doubts = (*self._doubts.names(self._samples, counts), *estimate.doubts)
         return replace(estimate, doubts=doubts)
 
     def jump_back(self, stamp_ns: int) -> None:
-        """Start a new time line: what waits belongs to the old one."""
+        """Start a new time line; waiting samples belong to the old one."""
         newest_ns = self._intake.newest_ns
         assert newest_ns is not None
         overtaking = self._strays.taken(newest_ns)
@@ -166,7 +166,7 @@ class IdentificationStream(StreamInput):
             self._held_ns = stamp_ns - 1
         self._cell = self._monitor_cell = None
         self._acting_ns = np.empty(0, dtype=np.int64)
-        self._foreseen = np.empty(0, dtype=np.int64), np.empty(0)
+        self._settled_early = np.empty(0, dtype=np.int64), np.empty(0)
 
     def _end_of_line(self) -> None:
         if self._intake.newest_ns is not None:
@@ -188,12 +188,12 @@ class IdentificationStream(StreamInput):
             self._process(stamps[first:last], values[first:last], marks)
 
     def _cross_into(self, cell: int, monitor_cell: int) -> None:
-        """Hand a complete cell to the monitors; make an estimate when one is due."""
+        """Pass a complete cell to the monitors; make an estimate when one is due."""
         ends_cell = self._cell is not None and cell != self._cell
         ends_monitor_cell = self._monitor_cell is not None and monitor_cell != self._monitor_cell
         if ends_cell or ends_monitor_cell:
-            # Faults after the last sample of the old cell, whether or not they have come by now
-            # with it in one block.
+            # Faults found after the last sample of the old cell count here, however the data are
+            # cut into blocks.
             self._count_postponed(self._last_ns)
         if ends_monitor_cell:
             self._flush()
@@ -225,25 +225,25 @@ class IdentificationStream(StreamInput):
         self._pipeline.add(ProcessedSamples(stamps, values, prediction, usable, onset, intensity))
 
     def _settle(self, stamp_ns: int) -> tuple[IntArray, FloatArray]:
-        """Hand over the pulses that are known at a sample; return those since the last one."""
+        """Pass settled pulses to the estimator; return those since the last sample."""
         cell_ns = self._pipeline.cell_ns
         onset, intensity = self._queue.settle(
             stamp_ns + self._pulse_look_ahead_ns,
             stamp_ns // cell_ns * cell_ns + self._pulse_look_ahead_ns,
         )
         self.estimator.add_pulses(onset, intensity)
-        before, self._foreseen = self._foreseen, (onset[:0], intensity[:0])
+        before, self._settled_early = self._settled_early, (onset[:0], intensity[:0])
         return np.concatenate((before[0], onset)), np.concatenate((before[1], intensity))
 
     def _predicted(self, stamp_ns: IntArray) -> FloatArray | None:
-        """Return what the estimator foretells of samples (samples,) that it has not seen."""
-        if self._foretelling is None:
+        """Return the prediction of samples (samples,) that the estimator has not seen [N]."""
+        if self._predictor is None:
             return None
-        self._foreseen = self._settle(int(stamp_ns[0]))
-        return self._foretelling.foretell(stamp_ns)
+        self._settled_early = self._settle(int(stamp_ns[0]))
+        return self._predictor.predict(stamp_ns)
 
     def _count_marks(self, stamps: IntArray, marks: IntArray, onset_ns: IntArray) -> None:
-        """Count what the monitors found; spikes after a pulse are artifacts."""
+        """Count the faults that the monitors found; spikes after a pulse are artifacts."""
         acting = np.concatenate((self._acting_ns, onset_ns))
         self._acting_ns = acting[acting > stamps[-1] - _ARTIFACT_NS]
         for name, concerned in self._pipeline.concerned(marks).items():
@@ -260,7 +260,7 @@ class IdentificationStream(StreamInput):
 
 
 def _after(stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
-    """Return which stamps (samples,) come soon after one of the onsets (pulses,), ascending."""
+    """Return which stamps (samples,) are soon after one of the onsets (pulses,), ascending."""
     place = np.searchsorted(onset_ns, stamp_ns, side='right')
     since: BoolArray = stamp_ns - onset_ns[np.maximum(place - 1, 0)] <= _ARTIFACT_NS
     return since & (place > 0)

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What comes into a stream, pulses and force in whatever order, and what is not learnt from."""
+"""Takes pulses and force in any order, and marks the samples that are not learnt from."""
 
 from abc import abstractmethod
 
@@ -25,7 +25,7 @@ _BEFORE_ALL = -(2**63)
 
 
 class StreamInput(RestorableWithSettings):
-    """Takes pulses and samples until they are processed, and notes what was wrong with them.
+    """Keeps pulses and samples until they are processed, and counts their faults.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class StreamInput(RestorableWithSettings):
     memory : float
         How long a pulse acts on the force [s].
     counter : FaultCounter
-        Counts what is wrong.
+        Counts the faults.
     """
 
     _counter: FaultCounter
@@ -60,12 +60,12 @@ class StreamInput(RestorableWithSettings):
 
     @property
     def held(self) -> bool:
-        """Whether samples are predicted only, because somebody asked for it."""
+        """Whether `hold` was called: samples are predicted only."""
         return self._held_ns is not None
 
     @property
     def fault_counts(self) -> dict[str, int]:
-        """What went wrong so far, by name, in samples that still wait too."""
+        """Counts of faults so far by name, those of waiting samples included."""
         return self._postponed.counts()
 
     def add_pulses(self, pulses: PulseTrain) -> None:
@@ -77,7 +77,7 @@ class StreamInput(RestorableWithSettings):
         used_ns = newest_ns - self._reorder_delay_ns
         late = pulses.onset_ns <= used_ns + self._pulse_look_ahead_ns
         self._queue.add(pulses[~late], newest_ns)
-        # Much too late: not of this time line, and of the next one if the clock has jumped.
+        # Far too late for this time line; they belong to the next one if the clock has jumped.
         stray = pulses.onset_ns < newest_ns - self._intake.gap_ns
         self._strays.add(pulses[stray], newest_ns)
         for onset_ns in pulses.onset_ns[late & ~stray].tolist():
@@ -85,10 +85,10 @@ class StreamInput(RestorableWithSettings):
             self.exclude(onset_ns, onset_ns + self._memory_ns)
 
     def add_foreign(self, samples: int, onset_ns: IntArray) -> None:
-        """Count messages of publishers that are not believed, in the order of arrival.
+        """Count messages of publishers that are not used, in the order of arrival.
 
-        Nothing is learnt while pulses with these onsets (pulses,) may act.  If they were given,
-        they are part of the force; if not, the force goes on without them, and nobody knows.
+        Nothing is learnt while pulses with these onsets (pulses,) may act, because it is not known
+        whether they were given.
         """
         newest_ns = self._intake.newest_ns
         if samples:
@@ -100,23 +100,23 @@ class StreamInput(RestorableWithSettings):
             self.exclude(onset, onset + self._memory_ns)
 
     def hold(self) -> None:
-        """Predict and do not learn, from the sample after the newest one on."""
+        """Predict without learning, from the sample after the newest one on."""
         if self._held_ns is None:
             newest_ns = self._intake.newest_ns
             self._held_ns = _BEFORE_ALL if newest_ns is None else newest_ns
 
     def resume(self) -> None:
-        """Learn again, from when pulses that were given meanwhile act no more."""
+        """Learn again as soon as the pulses given meanwhile no longer act."""
         held_ns, newest_ns = self._held_ns, self._intake.newest_ns
         self._held_ns = None
         if held_ns is not None and newest_ns is not None:
             self.exclude(held_ns, newest_ns + self._memory_ns)
 
     def takes_early(self, pulses: PulseTrain, stamp_ns: IntArray, before: IntArray) -> bool:
-        """Return whether pulses may come before samples of which some came before them.
+        """Return whether pulses may be added before samples that arrived before them.
 
-        That is so where nothing is irregular: `stamp_ns` (samples,) go on without a jump, and no
-        pulse, `before` (pulses,) of them ahead of it, is late or far.
+        They may if `stamp_ns` (samples,) have no gap or jump, and no pulse is late or far;
+        `before` (pulses,) is how many of the samples arrived before each pulse.
         """
         newest_ns = self._intake.newest_ns
         line = stamp_ns if newest_ns is None else np.append(newest_ns, stamp_ns)
@@ -134,13 +134,14 @@ class StreamInput(RestorableWithSettings):
         self._intake.add(forces)
 
     def postpone(self, name: str) -> None:
-        """Count a fault when the samples up to here are processed, whenever that is."""
+        """Count a fault when the samples up to the newest one are processed."""
         self._postponed.add(name, self._intake.newest_ns)
 
     def exclude(self, start_ns: int, end_ns: int) -> None:
-        """Do not learn from samples after `start_ns` up to `end_ns`, those apart that were used.
+        """Do not learn from samples after `start_ns` up to `end_ns` that are not yet due.
 
-        Where nothing is used before it must be, they are still there: they are used all the same.
+        Samples are due `reorder_delay` before the newest one.  Due samples that wait all the same
+        are learnt from, so that the result does not depend on when `advance` is called.
         """
         if self._intake.newest_ns is not None:
             start_ns = max(start_ns, self._intake.newest_ns - self._reorder_delay_ns)
@@ -148,11 +149,11 @@ class StreamInput(RestorableWithSettings):
             self._queue.exclude(start_ns, end_ns)
 
     def meet_gap(self, until_ns: int) -> None:
-        """Go on after a gap: pulses may have been given meanwhile of which nobody knows."""
+        """Continue after a gap, during which unknown pulses may have been given."""
         self.postpone(faults.FORCE_GAP)
         assert self._intake.newest_ns is not None
         self.exclude(self._intake.newest_ns, until_ns + self._memory_ns)
 
     @abstractmethod
     def jump_back(self, stamp_ns: int) -> None:
-        """Process what waits, then go on from an earlier stamp."""
+        """Process the waiting samples, then continue from an earlier stamp."""

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How samples and pulses are brought together."""
+"""Settings of the alignment of samples and pulses."""
 
 import math
 from dataclasses import dataclass
@@ -11,24 +11,29 @@ from rpms_ros.identification.monitors import MONITORS
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """How samples and pulses are brought together.
+    """Settings of the alignment of samples and pulses.
 
     Attributes
     ----------
     reorder_delay : float
-        How long a sample waits for pulses, and for the samples after it that tell whether it is
-        one to learn from [s]; below 20 ms samples are not examined beforehand.
+        How long a sample waits for late pulses, and for the samples after it that show whether it
+        is an outlier [s]; below 20 ms samples are not checked before they are learnt from.
     pulse_look_ahead : float
-        How far beyond a sample pulses are looked at before it is used [s]; the rest of
-        `reorder_delay` is what a pulse may be late.
+        Up to this time after a sample pulses are checked before it is used [s]; a pulse may be
+        late by the rest of `reorder_delay`.
     estimate_period : float
-        Stamps between two estimates [s].
+        Time between two estimates, by the stamps [s].
     longest_gap : float
         Longest pause of the force that does not count as a gap [s].
     largest_force : float
-        Larger forces, pull or push, are no muscle's and are dropped [N].
+        Samples with a larger force, of either sign, are dropped [N].
     monitors : tuple of str
-        Names of the monitors, of `rpms_ros.identification.monitors` or registered by others.
+        Names of the monitors, of `rpms_ros.identification.monitors` or of other packages.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     reorder_delay: float = 0.2

@@ -1,17 +1,16 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""What the pulses before a pulse make of it: the history law as a weight of each pulse.
+r"""The history law as a weight of each pulse that depends on the pulses before it.
 
 The history law (`rpms_ros.identification.analysis.history_law`) is not linear: facilitated
-twitches add up to an activation x, and force follows ``S(x) = (1 + k^h) x^h / (k^h + x^h)``.  An
-estimator on line adds weighted responses.  So each pulse gets the weight with which the weighted
-twitches meet the force of the law at the peak of that pulse's own twitch, on top of what the
-earlier ones have left there,
+twitches add up to an activation x, and the force is ``S(x) = (1 + k^h) x^h / (k^h + x^h)``.  An
+estimator adds weighted responses.  So each pulse gets the weight for which the sum of the weighted
+twitches equals the force of the law at the peak of that pulse's own twitch,
 
 .. math:: r_q = S\Big(\sum_{j \le q} p_j F(t^* - t_j)\Big) - \sum_{j < q} r_j F(t^* - t_j),
           \qquad t^* = t_q + (n - 1) T_a .
 
-It depends on earlier pulses only.  The series lag of the law is left to the response.
+It depends on earlier pulses only.  The series lag of the law is part of the response.
 """
 
 import json
@@ -46,22 +45,27 @@ _LARGEST_FILE = 64_000_000
 
 @dataclass(frozen=True)
 class TemporalSummation:
-    """Numbers of the history law, and of the twitches that it adds up.
+    """Parameters of the history law and of its twitches.
 
     Attributes
     ----------
     half_level : float
-        k, activation of half the greatest force, in peaks of a single twitch.
+        k, activation at half the greatest force, in peaks of a single twitch.
     cooperation : float
         h, exponent.
     facilitation : float
-        a, what one pulse adds to the gain of the next.
+        a, increase of the gain of the next pulse by one pulse.
     facilitation_decay : float
         tau_p [s].
     time_constant : float
         T_a of the twitches [s].
     order : int
         n, number of equal poles of the twitches.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     half_level: float = 3.0
@@ -85,7 +89,7 @@ class TemporalSummation:
 
     @classmethod
     def of_analysis(cls, document: Mapping[str, Any]) -> 'TemporalSummation':
-        """Return what ``rpms analyze --json`` has found, or the numbers themselves.
+        """Return the law from the JSON of ``rpms analyze``, or from its parameters by name.
 
         Raises
         ------
@@ -117,7 +121,7 @@ class TemporalSummation:
 
     @classmethod
     def of_file(cls, path: Path | str) -> 'TemporalSummation':
-        """Return what a JSON file holds; see `of_analysis`.
+        """Return the law from a JSON file; see `of_analysis`.
 
         Raises
         ------
@@ -142,12 +146,12 @@ class TemporalSummation:
 
 
 class PulseHistory(Restorable):
-    """Weights of pulses as they come.
+    """Computes the weights of pulses one after another.
 
     Parameters
     ----------
     law : TemporalSummation
-        What pulses do to each other.
+        The history law.
     rate_hz : float
         Rate at which the weight of a steady train is 1 [Hz].
     """
@@ -173,7 +177,7 @@ class PulseHistory(Restorable):
         self.forget()
 
     def forget(self) -> None:
-        """Take the next pulse for the first one."""
+        """Forget all pulses: the next one counts as the first."""
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._gain, self._weight = np.empty(0), np.empty(0)
         self._left = 0.0
@@ -181,7 +185,7 @@ class PulseHistory(Restorable):
     def weights(self, onset_ns: IntArray, intensity: FloatArray) -> FloatArray:
         """Return the weights (pulses,) of the next pulses, ascending [ns, 1].
 
-        A pulse of intensity 0 does nothing to those after it.
+        A pulse of intensity 0 does not change the weights of later ones.
         """
         found = np.empty(len(onset_ns))
         for index, onset in enumerate(onset_ns.tolist()):
@@ -203,7 +207,7 @@ class PulseHistory(Restorable):
         weight = law.saturated(activation) - float(self._weight[recent] @ shape)
         weight = max(weight, 0.0)
         if acts:
-            # The newest one stays in any case: the facilitation is counted from there.
+            # The newest pulse is always kept: the facilitation decays from its onset on.
             self._onset_ns = np.append(self._onset_ns[recent], onset_ns)
             self._gain = np.append(self._gain[recent], gain)
             self._weight = np.append(self._weight[recent], weight)

@@ -25,19 +25,19 @@ CONSTANT, LATENCY, ORDER = range(3)
 _STEPS = 30
 _TOLERANCE = 1e-6
 _DAMPING = 1e-2
-# Squared standard deviations per coefficient above which a fit contradicts them.
+# Cost per coefficient, in squared standard deviations, above which a fit is not accepted.
 _CONTRADICTED = 4.0
 # Other starts, in deviations of time constant, latency and order from the centre.
 _OTHER_STARTS = ((-1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (-0.5, 0.0, 1.0), (0.5, 0.0, -1.0))
 
 
 class TwitchPrior(NamedTuple):
-    """What is known of time constant [s], latency [s] and order before any data, (3,) each.
+    """Prior of time constant [s], latency [s] and order.
 
     Attributes
     ----------
     centre, deviation : ndarray (3,)
-        Gaussian prior.
+        Mean and standard deviation.
     lower, upper : ndarray (3,)
         Bounds.
     """
@@ -49,18 +49,18 @@ class TwitchPrior(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """A response by its coefficients.
+    """The coefficients to which a twitch is fitted.
 
     Attributes
     ----------
     lag : ndarray (grid,)
-        Times on which twitches are projected [s].
+        Times of the grid [s].
     projection : ndarray (functions, grid)
-        From a force on the grid to whitened coefficients.
+        Maps a force on the grid to whitened coefficients.
     target : ndarray (functions,)
         Whitened coefficients of the response.
     prior : TwitchPrior
-        What is known besides.
+        Prior.
     """
 
     lag: FloatArray
@@ -81,7 +81,7 @@ class TwitchMatch(NamedTuple):
     columns : ndarray (functions, 4)
         Whitened coefficients of the twitch of peak 1, and their derivatives by theta.
     cost, energy, damping, moved, failures : ndarray (1,)
-        Squared distance in standard deviations, the target's own, and those of the loop.
+        Squared distance in standard deviations, that of zero force, and those of the loop.
     """
 
     theta: FloatArray
@@ -184,16 +184,16 @@ def _fit_from(start: FloatArray, response: Coefficients) -> TwitchMatch:
         for _ in range(2)
     )
     _measure(response, match)
-    # In squared standard deviations: a cost of 1 is nothing to fit any better.
+    # In squared standard deviations: a cost of 1 need not be reduced.
     _minimise(response, match, trial, Ending(_STEPS, _TOLERANCE, 1.0), True)
     return match
 
 
 def match_twitch(response: Coefficients) -> TwitchMatch:
-    """Return the twitch that the coefficients show.
+    """Return the twitch that fits the coefficients.
 
-    The search begins at the centre of the prior; where it ends in a twitch that contradicts the
-    coefficients, it may be a local minimum, and other starts are tried too.
+    The search begins at the centre of the prior.  If the fit is poor, it may be a local minimum,
+    and other starts are tried.
     """
     best = _fit_from(response.prior.centre, response)
     for shift in _OTHER_STARTS:

@@ -1,11 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""One answer to the question whether a result may be used: good, doubtful or no, with reasons.
+"""Whether a result may be used: good, doubtful or no, with reasons.
 
-Every check looks at something that a wrong input or a failed identification cannot hide: the
-pulses and the force themselves, the force that the estimate states for these pulses
-(`rpms_ros.identification.restated`), what an earlier estimate foretells of the end, the a-priori
-residual, and what the estimator says of itself.
+The checks look for signs of wrong input or failed identification in the pulses and the force, the
+force simulated with the estimate (`rpms_ros.identification.simulated_fit`), the prediction of the
+end of the session by an earlier estimate, the a-priori residual, and the doubts and intervals of
+the estimator.
 """
 
 import math
@@ -20,10 +20,10 @@ from rpms_ros.identification import verdict_of_data
 from rpms_ros.identification import verdict_of_estimate
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
 from rpms_ros.identification.output_error import settled
-from rpms_ros.identification.restated import Restated
-from rpms_ros.identification.restated import restate
-from rpms_ros.identification.restated import white_noise
 from rpms_ros.identification.session import IdentifiedSession
+from rpms_ros.identification.simulated_fit import SimulatedFit
+from rpms_ros.identification.simulated_fit import simulated_fit
+from rpms_ros.identification.simulated_fit import white_noise
 from rpms_ros.identification.stream_settings import StreamSettings
 from rpms_ros.identification.verdict_settings import DOUBTFUL
 from rpms_ros.identification.verdict_settings import GOOD
@@ -38,15 +38,15 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 from rpms_ros.schema import documented
 
-# What is looked at: long enough for two periods of the slow sinusoids in use; a muscle that tires
-# changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  An estimator that
-# follows such changes states the muscle of the end: half of it is looked at.
+# Length of the end that is judged: two periods of the slow sinusoids in use; a muscle that tires
+# changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
+# estimator that follows such changes, because its estimate is that of the end.
 _SPAN_NS = 20 * NANOSECONDS_PER_SECOND
 # The force of the last pulse is over by then.
 _AFTER_NS = NANOSECONDS_PER_SECOND // 2
-# An estimate from this share of the session on has to foretell the rest.
+# The estimate after this share of the session has to predict the rest.
 _LEARNT_SHARE = 0.8
-# So many estimates are enough to find one from about there.
+# With so many estimates there is one close to that time.
 _ESTIMATES = 8
 
 
@@ -55,7 +55,7 @@ class Verdict:
     """Whether a result may be used."""
 
     grade: str = documented('good, doubtful or no')
-    reasons: tuple[str, ...] = documented('why, the gravest first')
+    reasons: tuple[str, ...] = documented('why, the most serious first')
 
     @property
     def line(self) -> str:
@@ -64,7 +64,7 @@ class Verdict:
 
 
 def of_reasons(reasons: Sequence[Reason], praise: str) -> Verdict:
-    """Return the verdict that the gravest reason gives; with `praise` if there is none."""
+    """Return the verdict with the grade of the most serious reason; `praise` if there is none."""
     ordered = sorted(reasons, key=lambda reason: -GRADES.index(reason[0]))
     if not ordered:
         return Verdict(grade=GOOD, reasons=(praise,))
@@ -72,10 +72,10 @@ def of_reasons(reasons: Sequence[Reason], praise: str) -> Verdict:
 
 
 def period_of_estimates(duration: float) -> float:
-    """Return how often there must be an estimate to judge a session of a duration [s].
+    """Return the estimate period needed to judge a session of a duration [s].
 
-    A power of two of the period on line, so that every estimate of a coarser grid is one of
-    each finer grid: the verdict does not depend on how many estimates were made besides.
+    It is the period on line times a power of two, so that every estimate of a coarser grid is one
+    of each finer grid: the verdict does not depend on how many other estimates there are.
     """
     on_line = StreamSettings().estimate_period
     return on_line * doublings(duration / (_ESTIMATES * on_line))
@@ -98,13 +98,13 @@ def verdict_of(
     Parameters
     ----------
     session : IdentifiedSession
-        What was identified.
+        The result.
     pulses, forces : PulseTrain, ForceTrace
         The recording.
     settings : VerdictSettings, optional
         Thresholds.
     dynamics : TrainDynamics, optional
-        What trains of one intensity told: then this is the result that is judged.
+        Dynamics found from trains of one intensity; judged if the estimate has no curve.
     """
     settings = settings or VerdictSettings()
     unit = session.last.unit
@@ -116,7 +116,7 @@ def verdict_of(
     part = _looked_at(session, pulses)
     if np.count_nonzero(part) < 3:
         return of_reasons([*reasons, (NO, 'there is no force to judge by while pulses act')], '')
-    found = restate(session.last, pulses, session.stamp_ns[part], session.force[part])
+    found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
     reasons += verdict_of_estimate.of_the_estimate(session.last, found, span, settings)
     reasons += _of_the_fit(session, pulses, part, found, settings)
@@ -132,7 +132,7 @@ def verdict_of(
 def _of_dynamics(
     reasons: list[Reason], dynamics: TrainDynamics, settings: VerdictSettings
 ) -> Verdict:
-    """Return the verdict on trains of one intensity, which have dynamics and no curve."""
+    """Return the verdict on trains of one intensity, which give dynamics but no curve."""
     explained = 1.0 - (1.0 - dynamics.fit_percent / 100.0) ** 2
     text = (
         f'dynamics only: one intensity shows no recruitment curve; {dynamics.model} explains '
@@ -147,7 +147,7 @@ def _of_dynamics(
 
 
 def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
-    """Return the samples (samples,) of the last seconds of stimulation; of a short session all."""
+    """Return which samples (samples,) are judged: those of the end, or all of a short session."""
     stamps = session.stamp_ns
     onset = pulses.onset_ns[(pulses.onset_ns >= stamps[0]) & (pulses.onset_ns <= stamps[-1])]
     if not len(onset):
@@ -165,10 +165,10 @@ def _of_the_fit(
     session: IdentifiedSession,
     pulses: PulseTrain,
     part: BoolArray,
-    found: Restated,
+    found: SimulatedFit,
     settings: VerdictSettings,
 ) -> Iterator[Reason]:
-    """Yield what residuals, held-out error and baseline say."""
+    """Yield reasons from residual, held-out error and baseline."""
     force, stamps = session.force, session.stamp_ns
     span = float(np.ptp(force[session.usable]))
     late = part & settled(stamps)
@@ -207,9 +207,9 @@ def _of_the_fit(
 
 
 def _foretold(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, float] | None:
-    """Return the error on the end of the session of an estimate before it, and of the last [N].
+    """Return the error on the end of the session with an earlier estimate, and with the last [N].
 
-    None if the estimator made none before.
+    None if there is no earlier estimate.
     """
     stamps = session.stamp_ns
     duration = int(stamps[-1] - stamps[0])
@@ -222,7 +222,7 @@ def _foretold(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, fl
     if np.any(np.diff(stamps[end]) <= 0):
         return None
     errors = [
-        restate(one, pulses, stamps[end], session.force[end]).error
+        simulated_fit(one, pulses, stamps[end], session.force[end]).error
         for one in (before[-1], session.last)
     ]
     return errors[0], errors[1]

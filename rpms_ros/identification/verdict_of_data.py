@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with pulses and force before anything is identified: unit, topic, axis."""
+"""Checks of pulses and force before identification: wrong unit, topic or axis."""
 
 from collections.abc import Iterator
 
@@ -12,18 +12,18 @@ from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 
-# A twitch rises within 20 to 100 ms: slower samples do not show it, whatever the unit of time.
+# A twitch rises within 20 to 100 ms: fewer samples a second do not show it.
 _LEAST_SAMPLING_HZ = 100.0
 # No force sensor of the field is sampled faster.
 _MOST_SAMPLING_HZ = 100_000.0
-# Stimulators repeat at up to 100 Hz; above, the twitches of no muscle are told apart.
+# Stimulators repeat at up to 100 Hz.
 _MOST_PULSES_HZ = 200.0
 
 
 def reasons(
     pulses: PulseTrain, forces: ForceTrace, expected_force: float, unit: str = 'N'
 ) -> Iterator[tuple[str, str]]:
-    """Yield grade and sentence for everything that cannot be what was measured.
+    """Yield grade and sentence for everything that cannot be right.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def reasons(
     expected_force : float
         Largest force that the muscle can have [N].
     unit : str
-        Of the force: ``N``, or ``N m`` of a torque.
+        Unit of the force: ``N``, or ``N m`` for a torque.
     """
     force = forces.force[np.isfinite(forces.force)]
     if not np.any(pulses.intensity > 0.0) and not np.isnan(pulses.intensity).any():
@@ -71,6 +71,6 @@ def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]
 
 
 def _rate(stamp_ns: IntArray) -> float:
-    """Return how often in a second [Hz]; 0 if it cannot be told."""
+    """Return the rate of stamps (n,) [Hz]; 0 if there are fewer than two."""
     steps = np.diff(np.unique(stamp_ns))
     return NANOSECONDS_PER_SECOND / float(np.median(steps)) if len(steps) else 0.0

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with an estimate itself: sign, shape, what it explains, what it says it knows."""
+"""Checks of an estimate: sign, shape, the force it explains, its doubts and intervals."""
 
 from collections.abc import Iterator
 
@@ -9,9 +9,9 @@ import numpy as np
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification.estimate import NOT_INFORMED
 from rpms_ros.identification.estimate import Estimate
-from rpms_ros.identification.restated import Restated
+from rpms_ros.identification.plausibility import meaning_of_doubt
 from rpms_ros.identification.session import IdentifiedSession
-from rpms_ros.identification.trust import meaning_of_doubt
+from rpms_ros.identification.simulated_fit import SimulatedFit
 from rpms_ros.identification.verdict_settings import DOUBTFUL
 from rpms_ros.identification.verdict_settings import NO
 from rpms_ros.identification.verdict_settings import Reason
@@ -20,16 +20,16 @@ from rpms_ros.pulses import PulseTrain
 
 
 def of_the_estimate(
-    last: Estimate, found: Restated, span: float, settings: VerdictSettings
+    last: Estimate, found: SimulatedFit, span: float, settings: VerdictSettings
 ) -> Iterator[Reason]:
-    """Yield what is wrong with the numbers themselves, held against the force.
+    """Yield what is wrong with an estimate, compared with the force.
 
     Parameters
     ----------
     last : Estimate
         The estimate that is judged.
-    found : Restated
-        The force that it states for the recorded pulses, beside the measured one.
+    found : SimulatedFit
+        Comparison of the force simulated with it and the measured one.
     span : float
         Range of the measured force, in the unit of the estimate.
     settings : VerdictSettings
@@ -67,9 +67,9 @@ def of_the_estimate(
 
 
 def _of_the_explanation(
-    found: Restated, span: float, settings: VerdictSettings, unit: str
+    found: SimulatedFit, span: float, settings: VerdictSettings, unit: str
 ) -> Iterator[Reason]:
-    """Yield a reason if the stated force misses too much of the measured one."""
+    """Yield a reason if the simulated force differs too much from the measured one."""
     missed = max(found.error**2 - found.noise**2, 0.0) ** 0.5
     if found.explained_straight < settings.least_explained:
         grade = NO
@@ -90,7 +90,7 @@ def _of_the_explanation(
 def of_the_estimator(
     session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings
 ) -> Iterator[Reason]:
-    """Yield what the estimator says of itself.
+    """Yield reasons from doubts, parameters and intervals of the estimate.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Grades of a verdict, and the thresholds that lead to them."""
+"""Grades of a verdict, and their thresholds."""
 
 from dataclasses import dataclass
 
@@ -15,32 +15,37 @@ Reason = tuple[str, str]
 
 @dataclass(frozen=True)
 class VerdictSettings:
-    """What is taken for granted of a muscle and of a result that may be used.
+    """Thresholds of the verdict.
 
     Attributes
     ----------
     expected_force : float
-        Largest force of the muscle at a sensor [N].  The 200 N are far above what a hand, a
-        forearm or a foot gives; a strong leg at a dynamometer needs more.
+        Largest force of the muscle at a sensor [N].  200 N are far above that of a hand, a
+        forearm or a foot; a strong leg at a dynamometer needs more.
     least_explained, good_explained : float
         Share of the force's variance, noise apart, that the estimate has to explain, or it is
         not used, or doubted.  Equal pulses explain about 0.98 of trains of real muscle, whose
         pulses are not equal (docs/analysis.md); muscle that
         tires explains no less than 0.95 over twenty seconds.
     largest_error : float
-        Error of the stated force that is no noise, as a share of the range of the force.
+        Error of the simulated force, noise excluded, as a share of the range of the force.
     deepest_swing, worst_swing : float
-        How far the response to a pulse may go below zero, as a share of its peak, or it is
-        doubted, or not used: a muscle does not push.
+        How far the response to a pulse may go below zero, as a share of its peak, before the
+        result is doubtful, or not used: a muscle does not push.
     largest_residual : float
-        Residual that may be correlated without a doubt, as a share of the range of the force.
+        Residual that is no white noise, as a share of the range of the force.
     held_out_times, largest_held_out : float
-        The error on the end of the session, foretold from before, may be so many times that of
-        the final estimate, or this share of the range of the force.
+        The error on the end of the session with an earlier estimate may be so many times that
+        with the final one, or this share of the range of the force.
     largest_drift : float
-        Change of the baseline over the span looked at, as a share of the range of the force.
+        Change of the baseline over the time that is judged, as a share of the range of the force.
     widest_interval : float
         Half the interval of the curve at the highest intensity that was used, as a share of it.
+
+    Raises
+    ------
+    IdentificationError
+        If `expected_force` is not above 0.
     """
 
     expected_force: float = 200.0

@@ -1,15 +1,15 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""What is known of a returning patient from the last session, as a prior that can be wrong.
+r"""The last session of a returning patient as a prior, which is reduced where it is wrong.
 
-Parameters, response and covariance P of the last session are widened by what changes from one
-day to the next, the coil that is put on anew most of all,
+The covariance P of parameters and response of the last session is increased by the changes from
+one day to the next, most of all by the new position of the coil,
 
 .. math:: P' = P + Q_\theta + g^2 w w^T + h^2 \|w\|^2 I / n ,
 
-and become the arrival cost of a horizon (`projection.arrival_cost`), which is held against the
-samples before every step and gives way where it contradicts them, or the prior of `tracking`,
-which is given up where a fit without it contradicts it.
+and becomes the arrival cost of a horizon (`projection.arrival_cost`), which is compared with the
+samples before every step and reduced where it contradicts them, or the prior of `tracking`, which
+is dropped where a fit without it contradicts it.
 """
 
 import json
@@ -30,17 +30,17 @@ from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.pulses import FloatArray
 
-# Where a response is compared with that on another basis [s].
+# Grid on which a response is converted to another basis [s].
 _LAG: FloatArray = np.arange(0.0, 0.6, 1e-3)
 _LARGEST_RESULT = 64_000_000
-# What a result does not tell: deviation of the response, as share of it, and of alpha.
+# Standard deviations that the JSON of a result lacks: response, as a share of it, and parameters.
 _RESULT_SHARE = 0.02
 _RESULT_DEVIATION = (0.02, 0.02, 0.3, 0.2)
 
 
 @dataclass(frozen=True)
 class DayToDay:
-    """How far a muscle is from that of the last session: standard deviations.
+    """Standard deviations of the changes of a muscle from one session to the next.
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class DayToDay:
     slope : float
         Of the logarithms of alpha_sat and alpha_thr.
     gain : float
-        Of the force, as share of it.
+        Of the force, as a share of it.
     shape : float
-        Of the response, as share of it.
+        Of the response, as a share of it.
     """
 
     threshold: float = 0.02
@@ -62,7 +62,7 @@ class DayToDay:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What a session has told of a muscle.
+    """Result of a session for a warm start.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Knowledge:
             raise IdentificationError(f'expected alpha above 0, got {self.theta[2:].tolist()}')
 
     def on(self, basis: LaguerreBasis) -> 'Knowledge':
-        """Return the same on another basis, as near as it comes."""
+        """Return the same on another basis, by least squares."""
         if basis == self.basis:
             return self
         change = np.linalg.lstsq(basis.evaluate(_LAG), self.basis.evaluate(_LAG), rcond=None)[0]
@@ -107,7 +107,7 @@ class Knowledge:
         return Knowledge(self.theta, change @ self.linear, covariance, self.variance, basis)
 
     def widened(self, change: DayToDay) -> FloatArray:
-        """Return the covariance of the muscle of today."""
+        """Return the covariance (4 + functions, 4 + functions) after a change from day to day."""
         size = float(self.linear @ self.linear)
         spread = np.concatenate(
             (
@@ -123,25 +123,25 @@ class Knowledge:
 
 @runtime_checkable
 class WarmStarting(Estimator, Protocol):
-    """An estimator that can start from what is known."""
+    """An estimator that can start from an earlier session."""
 
     def start_from(self, known: Knowledge) -> None:
-        """Take what is known as a prior, before any data.
+        """Use the result of an earlier session as prior.
 
         Raises
         ------
         IdentificationError
-            If there were data.
+            If there have been data.
         """
 
 
 def warm_start(estimator: Estimator, path: Path | str) -> None:
-    """Let a fresh estimator start from a saved state, or from the JSON of ``rpms identify``.
+    """Start a fresh estimator from a saved state, or from the JSON of ``rpms identify``.
 
     Raises
     ------
     IdentificationError
-        If the file says nothing of a muscle, or the estimator cannot start from it.
+        If the file holds no recruitment curve, or the estimator cannot start from one.
     """
     if not isinstance(estimator, WarmStarting):
         raise IdentificationError(
@@ -152,12 +152,12 @@ def warm_start(estimator: Estimator, path: Path | str) -> None:
 
 
 def known_from(path: Path | str) -> Knowledge:
-    """Return what a saved state, or the JSON of ``rpms identify``, says of a muscle.
+    """Return the knowledge in a saved state, or in the JSON of ``rpms identify``.
 
     Raises
     ------
     IdentificationError
-        If it says nothing.
+        If it holds no recruitment curve.
     """
     try:
         if checkpoint.is_state(path):
@@ -171,7 +171,7 @@ def known_from(path: Path | str) -> Knowledge:
 
 
 def _of_state(state: Mapping[str, Any]) -> Knowledge:
-    """Return what the state of a batch or a horizon holds."""
+    """Return the knowledge in the state of a batch or a horizon."""
     settings, fit, prior = state['settings'], state['_fit'], state['_problem']['prior']
     variance = float(fit['variance'][0])
     lower = np.tril(fit['complete'])
@@ -190,7 +190,7 @@ def _of_state(state: Mapping[str, Any]) -> Knowledge:
 
 
 def _of_tracking(state: Mapping[str, Any]) -> Knowledge:
-    """Return what the state of `tracking` holds: the muscle as it was last."""
+    """Return the knowledge in the state of `tracking`: the muscle at the end."""
     fit, basis = state['_window'], LaguerreBasis(**state['_basis'])
     point, joint = fit['point'], PARAMETERS + basis.functions
     covariance = np.array(fit['covariance'][:joint, :joint], dtype=np.float64)
@@ -198,7 +198,7 @@ def _of_tracking(state: Mapping[str, Any]) -> Knowledge:
 
 
 def _of_result(document: Mapping[str, Any]) -> Knowledge:
-    """Return what the JSON of ``rpms identify`` holds: no covariance of the response."""
+    """Return the knowledge in the JSON of ``rpms identify``, with assumed covariance."""
     theta = np.array([float(value) for value in document['recruitment'].values()])
     response = document['impulse_response']
     time = np.array(response['time_s'], dtype=np.float64)

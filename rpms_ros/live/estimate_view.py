@@ -10,7 +10,7 @@ import numpy as np
 
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import MEANING
-from rpms_ros.identification.trust import meaning_of_doubt
+from rpms_ros.identification.plausibility import meaning_of_doubt
 from rpms_ros.live.numbers import MOST_NAMES
 from rpms_ros.live.numbers import number
 from rpms_ros.live.numbers import numbers

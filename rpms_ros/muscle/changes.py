@@ -13,28 +13,33 @@ import numpy as np
 from rpms_ros.errors import MuscleError
 from rpms_ros.pulses import FloatArray
 
-# Two knots this far apart are a step at every sampling rate there is [s].
+# Distance of the two knots of a step, shorter than any sampling period [s].
 _STEP_S = 1e-9
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of the muscle at a time; what is None stays as it is.
+    """A change of the muscle from a time on; a field that is None does not change.
 
     Attributes
     ----------
     at : float
         When it begins, from the start of the session [s].
     over : float
-        How long it takes, linearly [s]; 0 for at once.
+        Duration of the linear transition [s]; 0 for a step.
     gain : float or None
-        Factor on the steady force from then on, relative to the unchanged subject.
+        Factor on the steady force afterwards, relative to the unchanged subject.
     time_constant : float or None
         T_a [s].
     latency : float or None
         From the pulse to the onset of its twitch [s].
     threshold, saturation : float or None
         u_thr and u_sat of the recruitment curve; a coil that moves changes these two.
+
+    Raises
+    ------
+    MuscleError
+        If a value is not possible, or nothing changes.
     """
 
     at: float
@@ -65,7 +70,7 @@ CHANGEABLE = tuple(field.name for field in fields(Change) if field.name not in (
 
 
 class Timeline:
-    """Values over time: each change starts from where the one before it has come to.
+    """Values over time; each change starts from the value reached so far.
 
     Parameters
     ----------
@@ -92,7 +97,7 @@ def _knots(name: str, start: float, changes: Sequence[Change]) -> tuple[FloatArr
         target = getattr(change, name)
         if target is None:
             continue
-        # what begins before the change before it has ended takes over from there
+        # a change that begins during the one before it replaces the rest of that one
         begin = change.at if change.over > 0.0 else change.at - _STEP_S
         here = float(np.interp(begin, at, value))
         kept = bisect.bisect_left(at, begin)

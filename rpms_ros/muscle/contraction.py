@@ -3,16 +3,16 @@
 r"""The complete contraction, Eq. (11), as a stream of pulses in and force out.
 
 An n-th order twitch with equal poles is a polynomial times one exponential, so the sum over any
-number of past pulses is too.  With lags ``s`` in units of T_a it is carried exactly by n moments
+number of past pulses is too.  With lags ``s`` in units of T_a it follows exactly from n moments
 
 .. math:: M_j = \sum_q w_q s_q^j e^{-s_q}, \qquad j = 0 .. n-1
 
-which move on by a time ``d`` through the binomial theorem,
+which advance by a time ``d`` by the binomial theorem,
 ``M_j' = e^{-d} sum_i C(j, i) d^(j-i) M_i``, and give the force as ``c M_(n-1)`` with
 ``c = (e / (n-1))^(n-1)``.  Every term is positive: nothing cancels, however long the history.
 
-The youngest pulses stay separate for a while, so that one which arrives late, or between two
-others, still gets its exact place and repetition rate.
+Recent pulses are kept separately, so that one which arrives late, or between two others, still
+gets its exact onset and repetition rate; older ones are added to the moments.
 """
 
 import math
@@ -29,13 +29,13 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import nanoseconds
 
-# A motor axon is absolutely refractory for about a millisecond: no interval counts as shorter.
+# A motor axon is absolutely refractory for about a millisecond: shorter intervals count as this.
 REFRACTORY_PERIOD = 1e-3
 
 
 @numba.njit(cache=True)
 def move_moments(moments: FloatArray, distance: float) -> None:
-    """Move the moments (n,) on by `distance` (in units of T_a), in place."""
+    """Advance the moments (n,) by `distance` (in units of T_a), in place."""
     decay = math.exp(-distance)
     for j in range(len(moments) - 1, -1, -1):
         total = 0.0
@@ -77,7 +77,7 @@ def _read(
     weight: FloatArray,
     time_constant_ns: float,
 ) -> FloatArray:
-    """Return the top moment at ascending stamps (samples,); `moments` is used up."""
+    """Return M_(n-1) at ascending stamps (samples,); overwrites `moments`."""
     result = np.empty(len(stamp_ns))
     at_sample = np.empty_like(moments)
     begun = 0
@@ -96,7 +96,7 @@ def _read(
 
 
 def twitch_peak_factor(order: int) -> float:
-    """Return c = (e / (n-1))^(n-1): the top moment times c is the force (1 for n = 1)."""
+    """Return c = (e / (n-1))^(n-1), 1 for n = 1: the force is c times M_(n-1)."""
     power = order - 1
     return 1.0 if power == 0 else (math.e / power) ** power
 
@@ -104,12 +104,12 @@ def twitch_peak_factor(order: int) -> float:
 def checked_pulses(
     onset_ns: npt.ArrayLike, intensity: npt.ArrayLike
 ) -> tuple[IntArray, FloatArray]:
-    """Return onsets (pulses,) [ns] and intensities (pulses,) of pulses that can be given.
+    """Return onsets (pulses,) [ns] and intensities (pulses,) as arrays.
 
     Raises
     ------
     MuscleError
-        If there are not as many of both, or an intensity is not between 0 and 1.
+        If their lengths differ, or an intensity is not between 0 and 1.
     """
     onsets = np.atleast_1d(np.asarray(onset_ns, dtype=np.int64))
     values = np.atleast_1d(np.asarray(intensity, dtype=np.float64))
@@ -126,20 +126,20 @@ def checked_pulses(
 class Contraction:
     """Isometric force of a stimulated muscle, Eq. (11).
 
-    Pulses may be added at any time and in any order; force may be read at any time that is not
-    more than `window` seconds before the newest one read.  A pulse that comes later than that
-    acts from its own time on, but is weighted as if it stood alone.  The cost of a sample does
-    not depend on how many pulses there have been.
+    Pulses may be added in any order; force may be read at any time that is not more than `window`
+    before the latest time read.  A pulse that is added later than that acts from its own onset
+    on, but has the weight of a pulse without a predecessor.  The cost of a sample does not depend
+    on how many pulses there have been.
 
     Parameters
     ----------
     subject : Subject
         The muscle.
     fixed_rate_hz : float or None
-        Repetition rate at which every pulse is weighted [Hz]; None takes each pulse's own, from
-        the interval to the pulse before it (the first one counts as alone).
+        Repetition rate from which every pulse gets its weight [Hz]; None takes each pulse's own,
+        from the interval to the pulse before it (0 Hz for the first).
     window : float
-        Span over which pulses are kept apart [s].
+        How long pulses are kept separately [s].
 
     Raises
     ------
@@ -173,7 +173,7 @@ class Contraction:
         """Do nothing: a steady muscle does not depend on the time."""
 
     def state(self, stamp_ns: int) -> MuscleState:
-        """Return what is true of the muscle at any time."""
+        """Return the state, the same at any time."""
         del stamp_ns
         curve = self.subject.recruitment
         return MuscleState(
@@ -231,7 +231,7 @@ class Contraction:
         Raises
         ------
         MuscleError
-            If a time lies further back than pulses are kept apart.
+            If a time is before pulses that are no longer kept separately.
         """
         stamps = np.atleast_1d(np.asarray(stamp_ns, dtype=np.int64))
         if not len(stamps):
@@ -241,7 +241,7 @@ class Contraction:
         effective = self._effective()
         reference = self._reference_ns
         if reference is None:
-            # Nothing is folded yet: the moments are zero at any time.
+            # The moments hold no pulse yet: they are zero at any time.
             reference = int(np.concatenate((ascending[:1], effective[:1])).min())
         if ascending[0] < reference:
             raise MuscleError(f'expected times from {reference} ns on, got {ascending[0]} ns')
@@ -259,7 +259,7 @@ class Contraction:
         return result
 
     def _effective(self) -> IntArray:
-        """Return when the separate pulses begin to act (pulses,) [ns]."""
+        """Return the onsets of the twitches of the separate pulses (pulses,) [ns]."""
         return self._onset_ns + self._latency_ns
 
     def _begun(self, onset_ns: IntArray) -> npt.NDArray[np.bool_]:
@@ -280,12 +280,12 @@ class Contraction:
         return self.subject.pulse_weight(self._intensity, rate)
 
     def _add_late(self, onset_ns: IntArray, intensity: FloatArray) -> None:
-        """Add pulses from before the separate ones: exact, but as if each stood alone."""
+        """Add pulses from before the separate ones, each with the weight of a single pulse."""
         rate = self._fixed_rate if self._fixed_rate is not None else 0.0
         self._fold(onset_ns + self._latency_ns, self.subject.pulse_weight(intensity, rate))
 
     def _fold_before(self, limit_ns: int) -> None:
-        """Fold what began to act before `limit_ns` into the moments."""
+        """Add the pulses whose twitch began before `limit_ns` to the moments."""
         effective = self._effective()
         count = int(np.searchsorted(effective, limit_ns))
         if not count:

@@ -30,12 +30,17 @@ class Disturbances:
     drift_period : float
         Its period [s].
     artifact : float
-        Peak of the stimulation artifact at full intensity [N]; the artifact grows with the
-        intensity and dies away with `artifact_decay`.
+        Peak of the stimulation artifact at full intensity [N]; the artifact is proportional to
+        the intensity and decays with `artifact_decay`.
     artifact_decay : float
         Time constant of the artifact [s].
     saturation : float
         Largest force that the sensor can show, in either direction [N].
+
+    Raises
+    ------
+    MuscleError
+        If a value is not possible.
     """
 
     noise: float = 0.0
@@ -63,7 +68,7 @@ class Sensor:
     Parameters
     ----------
     disturbances : Disturbances
-        What it adds.
+        What it adds to the force.
     seed : int
         Seed of the noise.
     """
@@ -118,7 +123,7 @@ class Sensor:
         onset_ns: IntArray,
         intensity: FloatArray,
     ) -> FloatArray:
-        """Return the artifact of the pulse before each sample (samples,) [N]."""
+        """Return the artifact of the latest pulse at each sample (samples,) [N]."""
         latest = np.searchsorted(onset_ns, stamp_ns, side='right') - 1
         lag = (stamp_ns - onset_ns[np.maximum(latest, 0)]) / NANOSECONDS_PER_SECOND
         decay = np.exp(-np.maximum(lag, 0.0) / self.disturbances.artifact_decay)

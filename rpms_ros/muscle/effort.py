@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Force that the stimulation does not cause: voluntary effort, spasm, tremor, a bumped sensor.
 
-Every event is a function of time alone, so a session is repeatable in blocks of any length.
+Each depends on time alone, so the result does not depend on how samples are cut into blocks.
 """
 
 import math
@@ -18,7 +18,7 @@ from rpms_ros.pulses import FloatArray
 
 
 class Effort(Protocol):
-    """One kind of force beside the stimulated one."""
+    """One kind of force that the stimulation does not cause."""
 
     kind: ClassVar[str]
     """Name in a scenario."""
@@ -110,7 +110,7 @@ class Tremor:
     at : float
         Beginning [s].
     duration : float or None
-        Length [s]; None for to the end.
+        Length [s]; None: to the end of the session.
     """
 
     kind: ClassVar[str] = 'tremor'

@@ -14,9 +14,9 @@ with the steady force `g` and the time constant of the twitch `s` relative to th
 Their value for human quadriceps is tau_fat = 127 s; their rates are per newton of that muscle, so
 `a` and `b` are stated here per share of the subject's own maximum.
 
-Potentiation is the growth of the twitch with the number of preceding pulses that fades within
-minutes (Rassier and MacIntosh, Braz J Med Biol Res 33, 2000): each pulse adds a share of what is
-left to the largest potentiation, in proportion to its recruitment, and it decays exponentially.
+Potentiation is the growth of the twitch with the number of preceding pulses, which fades within
+minutes (Rassier and MacIntosh, Braz J Med Biol Res 33, 2000): each pulse adds a share of the
+difference to the largest potentiation, in proportion to its recruitment; it decays exponentially.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ from rpms_ros.errors import MuscleError
 
 @dataclass(frozen=True)
 class Fatigue:
-    """Fatigue and recovery; the defaults do nothing.
+    """Fatigue and recovery; without effect by default.
 
     Attributes
     ----------
@@ -40,6 +40,11 @@ class Fatigue:
         Time constant with which both return [s].
     lowest_gain : float
         The steady force never falls below this share of the rested one.
+
+    Raises
+    ------
+    MuscleError
+        If a value is not possible.
     """
 
     force_loss: float = 0.0
@@ -57,16 +62,21 @@ class Fatigue:
 
 @dataclass(frozen=True)
 class Potentiation:
-    """Growth of the twitch with use; the defaults do nothing.
+    """Growth of the twitch with use; without effect by default.
 
     Attributes
     ----------
     largest : float
         Largest growth of the twitch, as a share of the rested one.
     per_pulse : float
-        Share of what is left to `largest` that one pulse at full recruitment adds.
+        Share of the difference to `largest` that one pulse at full recruitment adds.
     decay : float
         Time constant with which it fades [s].
+
+    Raises
+    ------
+    MuscleError
+        If a value is not possible.
     """
 
     largest: float = 0.0

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recruitment curve in the form that is identified, Eq. (30), with its derivatives.
 
-Gain 1 (the linear dynamics carry it) and the offset for which rho(0) = 0::
+Its gain is 1 (the gain is part of the linear dynamics), its offset that for which rho(0) = 0::
 
     rho(u) = T(u - u_thr, a_thr) - T(u - u_sat, a_sat) - T(-u_thr, a_thr) + T(-u_sat, a_sat)
     T(x, a) = x atan(a x)
@@ -112,7 +112,7 @@ def identified_recruitment(
     Returns
     -------
     ndarray, shape (...)
-        Recruitment up to the gain that the linear dynamics carry; 0 at intensity 0.
+        Recruitment, without the gain, which is part of the linear dynamics; 0 at intensity 0.
     """
     return identified_recruitment_with_gradient(parameters, intensity)[0]
 

@@ -4,16 +4,16 @@ r"""A muscle that changes while it is stimulated: fatigue, potentiation, scripte
 
 A chain of n equal poles whose time constant T_a(t) changes is the fixed chain of `contraction` in
 the time ``theta(t) = int dt / T_a(t)``, so its moments stay exact.  Everything that changes is
-constant within cells of 10 ms; cells lie on multiples of 10 ms of the stamps themselves, so that
-blocks of any length give the same bits.  Per cell:
+held constant within cells of 10 ms, which begin at multiples of 10 ms of the time stamp: the
+result does not depend on how samples are cut into blocks.  Per cell:
 
-- scripted values (`Timeline`) at its beginning;
-- fatigue and potentiation, moved on at its end with the force there.
+- scripted values (`Timeline`) are those at its beginning;
+- fatigue and potentiation are updated at its end, with the force there.
 
-A pulse is weighted when it begins to act.  ``gain`` and fatigue scale the *steady force*: the
-peak of a twitch that has become slower is smaller in proportion.  A pulse that arrives after
-samples on which it should have acted acts from its own time on, as if T_a had always been what it
-is now.
+A pulse has the recruitment of its onset, and the gain of the time at which its twitch begins.
+``gain`` and fatigue scale the *steady force*: the peak of a slower twitch is smaller in
+proportion.  A pulse that is added after samples on which it should have acted acts from its own
+onset on, with the present T_a.
 """
 
 from dataclasses import dataclass
@@ -65,11 +65,11 @@ class LivingSettings:
     Attributes
     ----------
     fatigue : Fatigue
-        By its own force.
+        Changes caused by its force.
     potentiation : Potentiation
-        By its own pulses.
+        Changes caused by the pulses.
     changes : tuple of Change
-        By the script.
+        Scripted changes.
     """
 
     fatigue: Fatigue = field(default_factory=Fatigue)
@@ -91,11 +91,11 @@ def _advance(
     state: FloatArray,
     reference_ns: int,
 ) -> tuple[FloatArray, int, int]:
-    """Move the muscle on to the last stamp; return the force, pulses used and reference time.
+    """Advance the muscle to the last stamp; return force, pulses used and reference time.
 
     `scripted` (cells, 2) holds T_a / T_a(rest) and gain of each cell; `state` (3,) fatigue gain,
     slowing and potentiation; `weight` (pulses,) the peak of each twitch [N] at rest, `share` its
-    recruitment; `moments` are in newtons and the time theta.
+    recruitment; `moments` (n,) are in newtons, of lags in the time theta.
     """
     force = np.empty(len(stamp_ns))
     at_sample = np.empty_like(moments)
@@ -190,7 +190,7 @@ class LivingContraction:
         self._intensity = np.empty(0)
 
     def begin(self, start_ns: int) -> None:
-        """Let scripted changes count from `start_ns` [ns]."""
+        """Count the times of scripted changes from `start_ns` [ns]."""
         self._start_ns = start_ns
 
     def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
@@ -213,7 +213,7 @@ class LivingContraction:
         Raises
         ------
         MuscleError
-            If a time lies before one that has been read, or the times do not ascend.
+            If a time is before one that has been read, or the times do not ascend.
         """
         stamps = np.atleast_1d(np.asarray(stamp_ns, dtype=np.int64))
         if not len(stamps):
@@ -247,7 +247,7 @@ class LivingContraction:
         return self._peak * force
 
     def state(self, stamp_ns: int) -> MuscleState:
-        """Return what is true of the muscle at a time [ns]; fatigue is that of the last read."""
+        """Return the state at a time [ns]; fatigue and potentiation as of the last `force`."""
         at = np.array((stamp_ns - self._start_ns) / NANOSECONDS_PER_SECOND)
         script = {name: float(self._timeline(name, at)) for name in CHANGEABLE}
         fatigue, slow, potentiation = self._state.tolist()
@@ -294,7 +294,7 @@ class LivingContraction:
         return np.column_stack((slow, self._timeline('gain', at)))
 
     def _acting(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return of each waiting pulse its begin [ns], peak at rest [N] and recruitment."""
+        """Return twitch onset [ns], peak at rest [N] and recruitment of the pulses to come."""
         at = self._elapsed(self._onset_ns)
         latency = np.rint(self._timeline('latency', at) * NANOSECONDS_PER_SECOND)
         rate = np.zeros(len(self._onset_ns))
@@ -315,7 +315,7 @@ class LivingContraction:
     def _recruitment(
         self, intensity: FloatArray, threshold: FloatArray, saturation: FloatArray
     ) -> FloatArray:
-        """Return rho_u with moved threshold and saturation, none at intensity 0, same gain."""
+        """Return rho_u with changed threshold and saturation, the same gain, 0 at intensity 0."""
         curve = self.subject.recruitment
 
         def shape(u: FloatArray) -> FloatArray:
@@ -328,7 +328,7 @@ class LivingContraction:
         return curve.gain * shape(intensity) + none
 
     def _drop(self, used: IntArray) -> None:
-        """Forget pulses that have begun to act."""
+        """Drop pulses whose twitch has begun."""
         if not len(used):
             return
         newest = int(self._onset_ns[used].max())
@@ -342,7 +342,7 @@ class LivingContraction:
 def muscle_of(
     subject: Subject, settings: LivingSettings, fixed_rate_hz: float | None = None
 ) -> Muscle:
-    """Return a muscle: the exact steady one where nothing is to change."""
+    """Return a `LivingContraction`, or a `Contraction` if the settings change nothing."""
     if settings == LivingSettings():
         return Contraction(subject, fixed_rate_hz)
     return LivingContraction(subject, settings, 0, fixed_rate_hz)

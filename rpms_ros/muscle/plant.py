@@ -24,7 +24,7 @@ INTENSITY = 'pulse_intensity_out_of_range'
 WIDTH = 'pulse_width_out_of_range'
 LATE = 'pulse_late'
 
-# The artifact of a pulse has gone to exp(-40) by then, whatever its decay up to 5 ms.
+# After this time an artifact with a time constant of 5 ms has decayed to exp(-40).
 _ARTIFACT_MEMORY_NS = NANOSECONDS_PER_SECOND // 5
 
 
@@ -66,8 +66,8 @@ class SampledPlant:
     def add(self, pulse: Pulse) -> str | None:
         """Add a pulse; return the name of its fault, if it has one.
 
-        An invalid pulse has no effect.  A late one, whose effect should have begun before
-        samples that are already out, acts on the samples still to come, exactly.
+        An invalid pulse has no effect.  A late one, whose twitch should have begun before samples
+        that were already produced, acts exactly on the samples still to come.
         """
         fault = _fault_of(pulse)
         if fault is None:
@@ -81,7 +81,7 @@ class SampledPlant:
         return fault
 
     def due(self, now_ns: int) -> int:
-        """Return how many samples lie up to `now_ns` and have not been produced."""
+        """Return how many samples up to `now_ns` [ns] have not been produced yet."""
         begun = (now_ns - self._first_ns) // self._period_ns + 1
         return max(0, begun - self._produced)
 
@@ -94,7 +94,7 @@ class SampledPlant:
         return self._surroundings.measured(stamps, force, self._acting_pulses(stamps))
 
     def truth(self) -> Truth:
-        """Return what is true at the newest sample."""
+        """Return the true state at the newest sample."""
         return truth_at(self._muscle, self._surroundings, self.newest_ns)
 
     def _stamp(self, index: int) -> int:

@@ -144,9 +144,8 @@ class RateRecruitment:
         Eq. (11) divides rho_f by the steady mean of the train, which is proportional to f.
         Towards f = 0 that is 0/0, spoiled by the rounding of delta_2, and below the lowest
         measured rate it is extrapolation; twitches that far apart do not influence each other,
-        so the weight of the lowest measured rate is kept from there down.
-        Above the highest measured rate Eq. (10) is extrapolated: it levels off, so the weight
-        falls with 1/f.
+        so lower rates get the weight of the lowest measured one.  Above the highest measured rate
+        Eq. (10) is extrapolated: it levels off, so the weight falls with 1/f.
         """
         rate = np.maximum(np.asarray(rate_hz, dtype=np.float64), self.lowest_rate)
         return self(rate) / rate

@@ -45,15 +45,15 @@ class Scenario:
     Attributes
     ----------
     name, description : str
-        What people call it, and what it shows.
+        Its name, and a sentence that says what happens.
     living : LivingSettings
-        What changes in the muscle.
+        Changes of the muscle.
     efforts : tuple of Effort
         Force that the stimulation does not cause.
     disturbances : Disturbances
         What the sensor adds.
     sensor_faults : tuple of SensorFault
-        What the sensor does wrong.
+        Faults of the sensor.
     """
 
     name: str = 'steady'
@@ -75,7 +75,7 @@ def load_scenario(name: str) -> Scenario:
     Raises
     ------
     MuscleError
-        If there is none, or it holds a fault; the message names file, line and key.
+        If there is none, or it is not valid; the message names file, line and key.
     """
     path = _FOLDER / f'{name}.yaml' if name in scenario_names() else Path(name)
     try:
@@ -97,7 +97,7 @@ def scenario_from_text(text: str) -> Scenario:
     Raises
     ------
     MuscleError
-        If it holds a fault; the message names line and key.
+        If it is not valid; the message names line and key.
     """
     try:
         node = read_yaml(text)
@@ -157,7 +157,7 @@ def _all_built(cls: type[T], keys: Mapping[str, Any], name: str) -> tuple[T, ...
 
 
 def _built(cls: type[T], content: object, place: str) -> T:
-    """Return a dataclass whose numbers and texts stand in a mapping."""
+    """Return a dataclass made from the numbers and texts of a mapping."""
     declared = _declared(cls)
     keys = _mapping(content, place, tuple(declared))
     for key, value in keys.items():

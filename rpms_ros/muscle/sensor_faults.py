@@ -22,7 +22,7 @@ KINDS = (FROZEN, CLIPPED, SCALED, OFFSET, LOST, DOUBLED)
 
 @dataclass(frozen=True)
 class SensorFault:
-    """What a sensor does wrong for a while.
+    """A fault of a sensor, for a limited time.
 
     Attributes
     ----------
@@ -35,7 +35,12 @@ class SensorFault:
     duration : float
         Length [s].
     value : float
-        See `fault`; without a meaning for the others.
+        See `fault`; not used by the other faults.
+
+    Raises
+    ------
+    MuscleError
+        If the fault is unknown or a number is not possible.
     """
 
     fault: str
@@ -68,7 +73,7 @@ class FaultySensor:
     def __init__(self, faults: Sequence[SensorFault], start_ns: int) -> None:
         self._faults = tuple(faults)
         self._start_ns = start_ns
-        # what each frozen sensor showed last
+        # value that each frozen sensor repeats
         self._last: dict[SensorFault, float] = {}
 
     def __call__(self, stamp_ns: IntArray, force: FloatArray) -> ForceTrace:

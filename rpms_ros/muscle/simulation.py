@@ -15,7 +15,7 @@ from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 
-# Long enough that a block is worth its overhead, short enough that a bar moves.
+# Samples: enough that the overhead of a block is small, few enough for a smooth progress bar.
 _BLOCK = 20_000
 
 
@@ -27,12 +27,12 @@ def simulate_session(
     truth_rate: float = 0.0,
     advance: Callable[[int], None] = lambda _: None,
 ) -> tuple[ForceTrace, list[Truth]]:
-    """Return what leaves the force sensor in a session, and what was true meanwhile.
+    """Return the samples of the force sensor in a session, and the true states meanwhile.
 
     Parameters
     ----------
     muscle : Muscle
-        Before any pulse.
+        The muscle, before any pulse.
     surroundings : Surroundings
         Efforts and sensor.
     pulses : PulseTrain
@@ -40,9 +40,9 @@ def simulate_session(
     stamp_ns : ndarray of int64, shape (samples,)
         Ascending times of the samples [ns]; the session starts at the first.
     truth_rate : float
-        How often the truth is noted [Hz]; 0 for never.
+        How often the true state is recorded [Hz]; 0 for never.
     advance : callable
-        Is told how many samples were made since the last call.
+        Called with the number of samples simulated since the last call.
     """
     if len(stamp_ns):
         muscle.begin(int(stamp_ns[0]))
@@ -53,7 +53,7 @@ def simulate_session(
     for part in _blocks(stamp_ns, truth_rate):
         due = int(np.searchsorted(pulses.onset_ns, part[-1], side='right'))
         muscle.add_pulses(pulses.onset_ns[done:due], pulses.intensity[done:due])
-        # the artifact of the pulse before this block reaches into it
+        # the artifact of the last pulse before this block may extend into it
         traces.append(
             surroundings.measured(part, muscle.force(part), pulses[max(0, done - 1) : due])
         )

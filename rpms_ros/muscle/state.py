@@ -12,18 +12,19 @@ from rpms_ros.pulses import FloatArray
 
 
 class MuscleState(NamedTuple):
-    """What is true of a muscle at one time.
+    """True state of a muscle at one time.
 
     Attributes
     ----------
     gain : float
-        Steady force relative to the rested, unchanged subject: script, fatigue and potentiation.
+        Steady force relative to the rested, unchanged subject, by scripted changes, fatigue and
+        potentiation together.
     time_constant : float
         T_a [s].
     latency : float
-        [s].
+        From the pulse to the onset of its twitch [s].
     threshold, saturation : float
-        u_thr and u_sat.
+        u_thr and u_sat, share of the maximum intensity.
     fatigue : float
         Steady force relative to the rested muscle, by fatigue alone.
     potentiation : float
@@ -47,7 +48,7 @@ class Muscle(Protocol):
         """The muscle at rest."""
 
     def begin(self, start_ns: int) -> None:
-        """Let the session start at `start_ns` [ns]."""
+        """Count the times of scripted changes from `start_ns` [ns]."""
 
     def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
         """Add pulses (pulses,) at onsets [ns] with intensities (share 0..1)."""
@@ -56,7 +57,7 @@ class Muscle(Protocol):
         """Return the force [N] (samples,) at times [ns]."""
 
     def state(self, stamp_ns: int) -> MuscleState:
-        """Return what is true of the muscle at a time [ns]."""
+        """Return the true state at a time [ns]."""
 
     def steady_force(self, stamp_ns: int, intensity: FloatArray, rate_hz: float) -> FloatArray:
         """Return the true recruitment curve at a time: steady mean force [N] (intensities,)."""

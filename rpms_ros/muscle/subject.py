@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subjects: the parameters of one stimulated muscle.
 
-The presets hold the averages of the paper; `random_subject` draws from its ranges, so that a
-method can be tried on people who differ as much as its subjects did.
+The presets are the averages of the paper; `random_subject` draws from its ranges, so that a
+method can be tried on people who differ as much as the subjects of the paper.
 """
 
 import math
@@ -48,6 +48,11 @@ class Subject:
         rho_f.
     maximum_force : float
         Steady mean force at full recruitment, rho_u = 1, and `REFERENCE_RATE` [N].
+
+    Raises
+    ------
+    MuscleError
+        If a value is not possible.
     """
 
     time_constant: float = 38.44e-3
@@ -79,7 +84,7 @@ class Subject:
     def steady_force(self, intensity: npt.ArrayLike, rate_hz: npt.ArrayLike) -> FloatArray:
         """Return the steady mean force [N] of a train, rho(u, f) F_max (Eq. 8).
 
-        Below the lowest measured rate it falls in proportion to the rate, as `pulse_weight` stays.
+        Below the lowest measured rate `pulse_weight` is constant, so this falls with the rate.
         """
         area = twitch_area(self.time_constant, self.order)
         mean = np.asarray(rate_hz, dtype=np.float64) * area
@@ -87,7 +92,7 @@ class Subject:
         return force
 
     def _reference(self) -> float:
-        # Table 3 gives rho_f(20 Hz) = 0.9990; F_max is meant to be exact at that rate.
+        # Table 3 gives rho_f(20 Hz) = 0.9990; with this F_max is exact at that rate.
         return REFERENCE_RATE * float(self.rate_recruitment.per_pulse(REFERENCE_RATE))
 
 
@@ -111,8 +116,8 @@ def random_subject(
     """Return a subject drawn uniformly from the ranges of Tables 1, 2 and 6.
 
     Latency and time constant come from Tables 1 and 2 of the modality, threshold, saturation
-    and its slope from Table 6 widened to hold Table 3, the force from 5 to 50 N.  Some corners of
-    these ranges bend the curve down at one of its ends, below zero at worst: they are drawn again.
+    and its slope from Table 6 widened to include Table 3, the force from 5 to 50 N.  Draws whose
+    curve does not rise over the whole range of intensity are repeated.
     """
     latencies = {Modality.MAGNETIC: (6.28, 14.63), Modality.ELECTRICAL: (20.83, 28.24)}
     constants = {Modality.MAGNETIC: (26.71, 49.81), Modality.ELECTRICAL: (22.58, 53.22)}

@@ -14,12 +14,12 @@ from rpms_ros.pulses import PulseTrain
 
 
 class Surroundings:
-    """Turns the force of a muscle into what leaves the sensor, in blocks of any length.
+    """Turns the force of a muscle into the samples of the sensor, in blocks of any length.
 
     Parameters
     ----------
     scenario : Scenario
-        What happens.
+        Efforts, disturbances and sensor faults.
     seed : int
         Seed of the noise.
     start_ns : int
@@ -32,7 +32,7 @@ class Surroundings:
         self.begin(start_ns)
 
     def begin(self, start_ns: int) -> None:
-        """Begin the session at `start_ns` [ns]: events count from there."""
+        """Begin the session at `start_ns` [ns]: the times of events count from there."""
         self._start_ns = start_ns
         self._sensor = Sensor(self.scenario.disturbances, self._seed)
         self._faulty = FaultySensor(self.scenario.sensor_faults, start_ns)
@@ -43,7 +43,7 @@ class Surroundings:
         return total_effort(self.scenario.efforts, time)
 
     def measured(self, stamp_ns: IntArray, force: FloatArray, recent: PulseTrain) -> ForceTrace:
-        """Return the samples that leave the sensor.
+        """Return the samples of the sensor.
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class Surroundings:
         force : ndarray, shape (samples,)
             Force of the stimulated muscle [N].
         recent : PulseTrain
-            Pulses whose artifact may reach into these samples, ascending.
+            Pulses that may leave an artifact in these samples, ascending.
         """
         shown = self._sensor.measure(
             stamp_ns, force + self.effort(stamp_ns), recent.onset_ns, recent.intensity

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is true of a simulated muscle, for comparison with what was identified."""
+"""True state of a simulated muscle, for comparison with what was identified."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ class Truth:
     state : MuscleState
         Gain, dynamics, thresholds.
     repetition_rate : float
-        For which the curve is stated [Hz].
+        Repetition rate for which the curve is stated [Hz].
     curve_intensity, curve_force : ndarray, shape (points,)
         Recruitment curve: steady mean force [N] over intensity (share).
     effort : float
@@ -47,7 +47,7 @@ def truth_at(
     stamp_ns: int,
     repetition_rate: float = REFERENCE_RATE,
 ) -> Truth:
-    """Return what is true at a time [ns] up to which the muscle has been read."""
+    """Return the true state at a time [ns] up to which the force has been computed."""
     intensity = np.linspace(0.0, 1.0, CURVE_POINTS)
     return Truth(
         stamp_ns=stamp_ns,

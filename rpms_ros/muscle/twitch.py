@@ -27,7 +27,7 @@ def _require_twitch(time_constant: float, order: float) -> None:
 
 
 def twitch(lag: npt.ArrayLike, time_constant: float, order: float = 3) -> FloatArray:
-    """Return the normalised force after one pulse, Eqs. (2) and (5).
+    """Return the normalised twitch, Eqs. (2) and (5).
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def twitch(lag: npt.ArrayLike, time_constant: float, order: float = 3) -> FloatA
     Raises
     ------
     MuscleError
-        If the time constant or the order cannot be one.
+        If the time constant is not above 0 s or the order below 1.
     """
     _require_twitch(time_constant, order)
     scaled = np.asarray(lag, dtype=np.float64) / time_constant
@@ -64,7 +64,7 @@ def twitch_area(time_constant: float, order: float = 3) -> float:
     Raises
     ------
     MuscleError
-        If the time constant or the order cannot be one.
+        If the time constant is not above 0 s or the order below 1.
     """
     _require_twitch(time_constant, order)
     power = order - 1.0

@@ -26,7 +26,7 @@ from rpms_ros import messages
 from rpms_ros.axis import UNITS
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification.arrival import add_in_order
+from rpms_ros.identification.arrival_order import add_in_order
 from rpms_ros.identification.checkpoint import load
 from rpms_ros.identification.checkpoint import save
 from rpms_ros.nodes import qos

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpms_ros.identification import Estimate
-from rpms_ros.identification.trust import meaning_of_doubt
+from rpms_ros.identification.plausibility import meaning_of_doubt
 from rpms_ros.nodes.diagnostics import Health
 
 

@@ -19,7 +19,7 @@ from rclpy.serialization import deserialize_message
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.axis import Axis
-from rpms_ros.identification.arrival import Foreign
+from rpms_ros.identification.arrival_order import Foreign
 from rpms_ros.identification.first_publisher import FirstPublisher
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics

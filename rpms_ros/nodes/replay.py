@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
-from rpms_ros.identification.arrival import feed
+from rpms_ros.identification.arrival_order import feed
 from rpms_ros.nodes.discovery import reserved_domain
 from rpms_ros.nodes.discovery import use_fast_discovery
 from rpms_ros.nodes.identifier import Identifier

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpms_ros.identification.arrival import NO_FOREIGN
-from rpms_ros.identification.arrival import Foreign
+from rpms_ros.identification.arrival_order import NO_FOREIGN
+from rpms_ros.identification.arrival_order import Foreign
 from rpms_ros.identification.first_publisher import FirstPublisher
 from rpms_ros.identification.stream_settings import StreamSettings
 from rpms_ros.pulses import BoolArray

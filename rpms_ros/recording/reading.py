@@ -13,8 +13,8 @@ import numpy as np
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
-from rpms_ros.identification.arrival import NO_FOREIGN
-from rpms_ros.identification.arrival import Foreign
+from rpms_ros.identification.arrival_order import NO_FOREIGN
+from rpms_ros.identification.arrival_order import Foreign
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray

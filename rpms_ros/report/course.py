@@ -13,7 +13,7 @@ from rpms_ros.identification import NOT_INFORMED
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.faults import MEANING
-from rpms_ros.identification.narrowed import narrowed_physiology
+from rpms_ros.identification.informed import informed_physiology
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -213,7 +213,7 @@ def _parameter(one: Estimate, name: str) -> tuple[float, float, float] | None:
 
 
 def _physiology(one: Estimate, name: str) -> tuple[float, float, float] | None:
-    for index in narrowed_physiology(one):
+    for index in informed_physiology(one):
         if one.physiology_names[index] == name:
             columns = (one.physiology, one.physiology_lower, one.physiology_upper)
             value, lower, upper = (float(column[index]) for column in columns)

@@ -18,8 +18,8 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.analysis import analyze
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
 from rpms_ros.identification.analysis.dynamics import train_dynamics
-from rpms_ros.identification.narrowed import informed_parameters
-from rpms_ros.identification.narrowed import narrowed_physiology
+from rpms_ros.identification.informed import informed_parameters
+from rpms_ros.identification.informed import informed_physiology
 from rpms_ros.identification.verdict import Verdict
 from rpms_ros.identification.verdict import verdict_of
 from rpms_ros.identification.verdict_settings import VerdictSettings
@@ -226,7 +226,7 @@ def _physiology(estimate: Estimate) -> dict[str, Stated]:
     rows = np.stack(columns, axis=1)
     return {
         estimate.physiology_names[index]: Stated(*rows[index].tolist())
-        for index in narrowed_physiology(estimate)
+        for index in informed_physiology(estimate)
     }
 
 

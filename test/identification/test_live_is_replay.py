@@ -19,9 +19,9 @@ from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.arrival import Foreign
-from rpms_ros.identification.arrival import add_in_order
-from rpms_ros.identification.arrival import feed
+from rpms_ros.identification.arrival_order import Foreign
+from rpms_ros.identification.arrival_order import add_in_order
+from rpms_ros.identification.arrival_order import feed
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import Pulse
 from rpms_ros.pulses import PulseTrain

@@ -13,9 +13,9 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification import identify
-from rpms_ros.identification.restated import restate
-from rpms_ros.identification.restated import stated_force
-from rpms_ros.identification.restated import white_noise
+from rpms_ros.identification.simulated_fit import simulated_fit
+from rpms_ros.identification.simulated_fit import simulated_force
+from rpms_ros.identification.simulated_fit import white_noise
 from rpms_ros.identification.verdict import Verdict
 from rpms_ros.identification.verdict import doublings
 from rpms_ros.identification.verdict import of_reasons
@@ -178,14 +178,14 @@ def test_the_estimates_that_are_needed_are_among_those_of_any_finer_grid() -> No
 def test_the_stated_force_is_the_force_of_the_muscle_that_is_stated(trial: Trial) -> None:
     pulses, forces = trial
     last = identify(estimator_by_name('batch'), pulses, forces).last
-    stated = stated_force(last, pulses, forces.stamp_ns)
+    stated = simulated_force(last, pulses, forces.stamp_ns)
     # responses end after 0.4 s and are linear between steps of 5 ms: below 1 % of the range
     assert np.abs(stated - forces.force)[2000:].max() < 4 * NOISE + 0.01 * np.ptp(forces.force)
-    found = restate(last, pulses, forces.stamp_ns, forces.force)
+    found = simulated_fit(last, pulses, forces.stamp_ns, forces.force)
     assert found.explained > 0.99
     assert found.gain == pytest.approx(1.0, abs=0.01)
     # a half of the force that is measured fits twice as large
-    assert restate(last, pulses, forces.stamp_ns, 2 * forces.force).gain == pytest.approx(
+    assert simulated_fit(last, pulses, forces.stamp_ns, 2 * forces.force).gain == pytest.approx(
         2.0, abs=0.02
     )
 

@@ -70,8 +70,8 @@ class Pipeline(Restorable):
         self._counter = counter
         self._examines = delay_ns >= LEAST_DELAY_NS
         self.cell_ns = min(delay_ns // 2, CELL_NS) if self._examines else CELL_NS
-        self._foretells = self._examines and look_ahead_ns >= LEAST_DELAY_NS // 2
-        if self._foretells:
+        self._predicts = self._examines and look_ahead_ns >= LEAST_DELAY_NS // 2
+        if self._predicts:
             self.cell_ns = min(self.cell_ns, look_ahead_ns)
         self._names = []
         self._cell = None
@@ -194,7 +194,7 @@ class Pipeline(Restorable):
             before,
             before + stop - first,
             np.zeros(stop - first, dtype=np.bool_),
-            predicted(stamp_ns[first:stop]) if self._foretells else None,
+            predicted(stamp_ns[first:stop]) if self._predicts else None,
         )
 
     def _marks_of(self, window: Window) -> IntArray:

@@ -22,7 +22,7 @@ from rpms_ros.identification.projection.estimate_builder import Counters
 from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import empty_fit
-from rpms_ros.identification.projection.foretelling import foretell
+from rpms_ros.identification.projection.prediction import predict
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import BaselineKnots
 from rpms_ros.identification.projection.problem import Problem
@@ -155,10 +155,10 @@ class ProjectionEstimator(RestorableWithSettings):
         super().restore(state)
         _check(self._problem, made, (self._fit, self._trial), self._intake)
 
-    def foretell(self, stamp_ns: IntArray) -> FloatArray:
+    def predict(self, stamp_ns: IntArray) -> FloatArray:
         """Return what is expected of samples (samples,) that come next [N]."""
         pending, expected = self._delay_line, np.empty(len(stamp_ns))
-        foretell(
+        predict(
             stamp_ns,
             pending.begin_ns,
             pending.intensity,

@@ -23,6 +23,7 @@ from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import FACTORISATION_FAILED
 from rpms_ros.identification.faults import FaultCounter
+from rpms_ros.identification.plausibility import PlausibilityCheck
 from rpms_ros.identification.projection.block_statistics import COUNT
 from rpms_ros.identification.projection.block_statistics import LONGEST_BLOCK_NS
 from rpms_ros.identification.projection.block_statistics import newest
@@ -53,7 +54,6 @@ from rpms_ros.identification.saved_state import RestorableWithSettings
 from rpms_ros.identification.saved_state import State
 from rpms_ros.identification.saved_state import described
 from rpms_ros.identification.saved_state import expect
-from rpms_ros.identification.trust import Seen
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
@@ -93,7 +93,7 @@ class ExactRecursion(RestorableWithSettings):
     _fresh: bool
     _stepped_ns: int | None
     _pulses: int
-    _seen: Seen
+    _plausibility: PlausibilityCheck
     _intensity_range: tuple[float, float]
 
     def __init__(
@@ -117,7 +117,7 @@ class ExactRecursion(RestorableWithSettings):
         self._delay_line = PulseDelayLine(model.basis.latency, model.by_rate, rate_hz)
         self._builder = EstimateBuilder(self.name, model.basis, rate_hz, model.confidence)
         self._pulses = 0
-        self._seen = Seen()
+        self._plausibility = PlausibilityCheck()
         self._intensity_range = (np.inf, -np.inf)
 
     @property
@@ -134,7 +134,7 @@ class ExactRecursion(RestorableWithSettings):
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
         if not len(onset_ns):
             return
-        self._seen.add_pulses(onset_ns, intensity)
+        self._plausibility.add_pulses(onset_ns, intensity)
         self._delay_line.add(onset_ns, intensity)
         self._pulses += len(onset_ns)
         low, high = self._intensity_range
@@ -182,7 +182,7 @@ class ExactRecursion(RestorableWithSettings):
         See `rpms_ros.identification.estimate.Estimator.update`.
         """
         prediction = np.empty(len(stamp_ns))
-        self._seen.add_forces(force, usable)
+        self._plausibility.add_forces(force, usable)
         first = 0
         while first < len(stamp_ns):
             end_ns = self._begin_blocks(int(stamp_ns[first]))
@@ -220,7 +220,7 @@ class ExactRecursion(RestorableWithSettings):
         estimate = self._builder.make(
             stamp_ns, fit, self._learner.prior, spread, counters, own.counts()
         )
-        estimate = self._seen.examine(estimate)
+        estimate = self._plausibility.examine(estimate)
         if not self._test.changes:
             return estimate
         ago = (stamp_ns - self._test.changed_ns) / NANOSECONDS_PER_SECOND

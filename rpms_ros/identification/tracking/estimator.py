@@ -196,9 +196,9 @@ class TrackingEstimator(ProjectionEstimator):
             self._last_ns = int(stamp_ns[last - 1])
         return prediction
 
-    def foretell(self, stamp_ns: IntArray) -> FloatArray:
+    def predict(self, stamp_ns: IntArray) -> FloatArray:
         """Return what is expected of samples (samples,) that come next [N]."""
-        return super().foretell(stamp_ns) + self._tremor.force(stamp_ns)
+        return super().predict(stamp_ns) + self._tremor.force(stamp_ns)
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act; what is known of the muscle is kept."""

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import Estimate
-from rpms_ros.identification.narrowed import informed_parameters
+from rpms_ros.identification.informed import informed_parameters
 from rpms_ros.pulses import FloatArray
 from rpms_ros.report.course import Course
 from rpms_ros.report.course import Path

@@ -1,11 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a curve and a response can be those of the muscle that was measured.
+"""Whether a curve and a response are possible for the muscle that was measured.
 
-An estimator can explain the force by numbers that no muscle has: a recursion that forgets within
-a tenth of a second does so under a slow sinusoid, with an output error of 1 %.  What the force
-itself says is simple: a muscle does not push, and one pulse does not pull harder than the most
-that was measured while pulses of that intensity came.
+An estimator can explain the force by impossible parameters: a recursion that forgets within a
+tenth of a second does so under a slow sinusoid, with an output error of 1 %.  But a muscle does
+not push, and the twitch of one pulse is not larger than the largest force that was measured while
+such pulses were given.
 """
 
 import math
@@ -40,25 +40,25 @@ REASON: Mapping[str, str] = MappingProxyType(
         BAND_WIDER_THAN_CURVE: 'the interval of the curve is wider than the curve is high',
     }
 )
-"""What is wrong, in plain words, by the name that stands among the doubts."""
+"""Explanation of each doubt, by its name."""
 
 
 def meaning_of_doubt(name: str) -> str:
-    """Return what a name among the doubts of an estimate means; a monitor may bring others."""
-    return REASON.get(name) or MEANING.get(name, 'said by a monitor')
+    """Return the explanation of a doubt of an estimate; monitors may add others."""
+    return REASON.get(name) or MEANING.get(name, 'reported by a monitor')
 
 
-# Of the largest force: noise and baseline may make this much of it.
+# Limits as shares of the largest force, with room for noise and baseline.
 _BEYOND = 1.5
 _NEGATIVE = 0.2
-# Of the largest value of the response: noise leaves a tenth.
+# Limit as a share of the largest value of the response; noise causes a tenth.
 _RESPONSE_NEGATIVE = 0.25
-# Pulses this much slower than the rate of the curve never let its force appear.
+# Pulses slower than this share of the rate of the curve never reach the force of the curve.
 _SLOWER = 0.7
 
 
-class Seen(Restorable):
-    """What force and pulses an estimator has seen, and what cannot be true after that."""
+class PlausibilityCheck(Restorable):
+    """Compares an estimate with the largest force and intensity that the estimator was given."""
 
     largest_force: float
     largest_intensity: float
@@ -74,7 +74,7 @@ class Seen(Restorable):
         self._last_ns = None
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
-        """Take pulses (pulses,), ascending."""
+        """Add pulses (pulses,), ascending [ns, 1]."""
         if not len(onset_ns):
             return
         if self._last_ns is not None:
@@ -85,19 +85,19 @@ class Seen(Restorable):
         self.largest_intensity = max(self.largest_intensity, float(intensity.max()))
 
     def add_forces(self, force: FloatArray, usable: BoolArray) -> None:
-        """Take samples (samples,)."""
+        """Add samples (samples,) [N]."""
         largest = np.abs(force[usable]).max(initial=self.largest_force)
         self.largest_force = float(largest)
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of the pulses [Hz]; infinite while there are less than two."""
+        """Mean rate of the pulses [Hz]; infinite with fewer than two."""
         if not self._time_ns:
             return math.inf
         return (self._pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
 
     def examine(self, estimate: Estimate) -> Estimate:
-        """Return the estimate, with doubts and reasons where it cannot be that of the muscle."""
+        """Return the estimate, with doubts and reasons added where it is impossible."""
         if not estimate.curve_known:
             return estimate
         found = [name for name, wrong in self._wrong(estimate).items() if wrong]
@@ -110,11 +110,11 @@ class Seen(Restorable):
         )
 
     def _wrong(self, estimate: Estimate) -> dict[str, bool]:
-        """Return what is wrong at intensities that were given."""
+        """Return by the name of each doubt whether it applies, at intensities that were given."""
         given = estimate.curve_intensity <= self.largest_intensity + 1e-9
         curve = estimate.curve_force[given]
         full = float(estimate.curve_force[-1])
-        # The response is one to full intensity, which need not have been given.
+        # The response is to full intensity, which need not have been given.
         share = abs(float(curve[-1]) / full) if full else 1.0
         highest = float(estimate.response_force.max(initial=0.0))
         lowest = float(estimate.response_force.min(initial=0.0))

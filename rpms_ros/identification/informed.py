@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the data have narrowed: the numbers of an estimate that say more than was known before.
+"""Which numbers of an estimate come from the data, and not from the prior.
 
-Where the data say little, an estimator that knows how people differ answers with that.  Such a
-number is no measurement, and is not shown as one.
+Where the data determine little, an estimator with a prior returns the values of the prior.  Such
+a number is no measurement and is not shown as one.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ _PEAK_DIFFERENCE = 0.3
 
 
 def informed_parameters(estimate: Estimate) -> BoolArray:
-    """Return which nonlinear parameters (p,) are no mere start; all where nothing tells."""
+    """Return which nonlinear parameters (p,) are informed; all if the estimator has no flags."""
     flags = estimate.nonlinear_identifiability
     if len(flags) != len(estimate.nonlinear):
         return np.ones(len(estimate.nonlinear), dtype=np.bool_)
@@ -30,12 +30,12 @@ def informed_parameters(estimate: Estimate) -> BoolArray:
     return informed
 
 
-def narrowed_physiology(estimate: Estimate) -> Iterator[int]:
-    """Yield the indices of the physiology that the data have narrowed.
+def informed_physiology(estimate: Estimate) -> Iterator[int]:
+    """Yield the indices of the physiology of which the data inform.
 
-    That is a standard deviation below 0.7 of what people differ by, the rule of `identifiability`,
-    or of the value itself where nothing was known before.  None where the twitch has another
-    peak than the response that it was read off.
+    Informed is a number whose standard deviation is below 0.7 (as in `identifiability`) of that
+    of the prior, or of the value itself where there is no prior.  None is if the twitch has
+    another peak than the response to which it was fitted.
     """
     if not estimate.confidence > 0.0 or not len(estimate.response_force):
         return

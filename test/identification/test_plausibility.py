@@ -8,7 +8,7 @@ import numpy as np
 
 from rpms_ros.identification import ExactRecursion
 from rpms_ros.identification import identify
-from rpms_ros.identification.trust import REASON
+from rpms_ros.identification.plausibility import REASON
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import ForceTrace

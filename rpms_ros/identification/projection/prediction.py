@@ -21,7 +21,7 @@ from rpms_ros.pulses import IntArray
 
 
 @numba.njit(cache=True)
-def foretell(
+def predict(
     stamp_ns: IntArray,
     begin_ns: IntArray,
     intensity: FloatArray,

@@ -1,10 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The force that an estimate states: its recruitment and its response, put to the pulses again.
+"""Force simulated from the pulses with one estimate, compared with the measured force.
 
-An a-priori prediction says how well an estimator follows the force; an estimator that forgets
-fast follows it with numbers that explain nothing else.  What is printed and carried home are the
-numbers of one estimate, so they are held against the force as they stand.
+The a-priori prediction shows how well an estimator follows the force; an estimator that forgets
+fast can follow it with parameters that explain nothing else.  The result of a session is a single
+estimate, so the force is simulated with the recruitment and response of that estimate alone.
 """
 
 import math
@@ -24,28 +24,27 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
 _LAWS = (None, RateRecruitment())
-# Shorter intervals are two stamps of one pulse [ns].
+# Shorter intervals count as this [ns].
 _SHORTEST_NS = 1_000_000
 
 
 @dataclass(frozen=True)
-class Restated:
-    """How an estimate, as it stands, explains a stretch of force.
+class SimulatedFit:
+    """How well the force simulated with one estimate fits the measured one.
 
     Attributes
     ----------
     explained : float
-        Share of the force's variance, white noise apart [1], over a constant baseline; below 0
-        if the stated force is further from the measured one than no change at all.
+        Variance accounted for, white noise excluded, with a constant baseline [1]; below 0 if the
+        simulated force is further from the measured one than a constant.
     explained_straight : float
-        The same over a straight baseline, which takes a drift away [1].
+        The same with a straight baseline, which removes a drift [1].
     gain : float
-        Factor by which the stated force would have to be multiplied to fit best [1]; NaN if the
-        estimate states no force.
+        Factor on the simulated force that would fit best [1]; NaN if it is constant.
     error : float
-        Root mean square of measured less stated force and baseline [N].
+        Root mean square of measured minus simulated force and baseline [N].
     slope : float
-        Slope of measured less stated force [N/s].
+        Slope of measured minus simulated force [N/s].
     noise : float
         Standard deviation of the white noise of the force [N].
     signal : float
@@ -61,24 +60,24 @@ class Restated:
     signal: float
 
 
-def stated_force(
+def simulated_force(
     estimate: Estimate,
     pulses: PulseTrain,
     stamp_ns: IntArray,
     by_rate: RateRecruitment | None = None,
 ) -> FloatArray:
-    """Return the force (samples,) that an estimate states for pulses [N].
+    """Return the force (samples,) simulated from pulses with an estimate [N].
 
     Parameters
     ----------
     estimate : Estimate
-        Its response and recruitment; pulses of unknown intensity count as the median one.
+        Response and recruitment; pulses of unknown intensity get the median intensity.
     pulses : PulseTrain
         In any order.
     stamp_ns : ndarray of int64 (samples,)
         Ascending times [ns].
     by_rate : RateRecruitment, optional
-        What the interval to the pulse before makes of a pulse; without it, nothing.
+        Weight of a pulse by the interval to the pulse before it; None: all weights are equal.
     """
     force = np.zeros(len(stamp_ns))
     reach_ns = nanoseconds(float(estimate.response_time[-1]))
@@ -96,18 +95,24 @@ def stated_force(
     return force
 
 
-def restate(
+def simulated_fit(
     estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
-) -> Restated:
-    """Hold an estimate against force (samples,) [N] at ascending stamps (samples,) [ns]."""
-    # The estimators differ in whether they weight pulses by their rate, and do not say it.
+) -> SimulatedFit:
+    """Compare the simulated force with force (samples,) [N] at ascending stamps (samples,) [ns].
+
+    Whether pulses are weighted by their rate differs between estimators and is not part of an
+    estimate: the better of the two fits is returned.
+    """
     return max(
-        (_held(stated_force(estimate, pulses, stamp_ns, law), stamp_ns, force) for law in _LAWS),
+        (
+            _held(simulated_force(estimate, pulses, stamp_ns, law), stamp_ns, force)
+            for law in _LAWS
+        ),
         key=lambda found: found.explained,
     )
 
 
-def _held(stated: FloatArray, stamp_ns: IntArray, force: FloatArray) -> Restated:
+def _held(stated: FloatArray, stamp_ns: IntArray, force: FloatArray) -> SimulatedFit:
     time = (stamp_ns - stamp_ns[0]) / NANOSECONDS_PER_SECOND
     time -= time.mean()
     residual = force - stated - np.mean(force - stated)
@@ -117,7 +122,7 @@ def _held(stated: FloatArray, stamp_ns: IntArray, force: FloatArray) -> Restated
     slope = float(time @ residual) / spread if spread > 0.0 else 0.0
     moved = stated - stated.mean()
     energy = float(moved @ moved)
-    return Restated(
+    return SimulatedFit(
         explained=_explained(force, residual, noise),
         explained_straight=_explained(force - slope * time, residual - slope * time, noise),
         gain=float(moved @ force) / energy if energy > 0.0 else float('nan'),
@@ -137,8 +142,8 @@ def _explained(force: FloatArray, residual: FloatArray, noise: float) -> float:
 def white_noise(force: FloatArray) -> float:
     """Return the standard deviation of the white noise in evenly sampled force (samples,) [N].
 
-    The force of a muscle is smooth from sample to sample, so that its second differences are
-    those of the noise, whose variance they have six times.  The median leaves artifacts out.
+    The force of a muscle is smooth from sample to sample, so its second differences are those of
+    the noise, with six times its variance.  The median is robust against artifacts.
     """
     if len(force) < 3:
         return 0.0
@@ -146,7 +151,7 @@ def white_noise(force: FloatArray) -> float:
 
 
 def _rate_weights(rate_hz: float, onset_ns: IntArray, by_rate: RateRecruitment) -> FloatArray:
-    """Return the weights (pulses,) that the intervals before pulses give them, 1 at a rate."""
+    """Return weights (pulses,) by the intervals before pulses, 1 at the rate `rate_hz` [Hz]."""
     order = np.argsort(onset_ns, kind='stable')
     interval = np.maximum(np.diff(onset_ns[order]), _SHORTEST_NS)
     weight = np.empty(len(onset_ns))
@@ -156,7 +161,7 @@ def _rate_weights(rate_hz: float, onset_ns: IntArray, by_rate: RateRecruitment) 
 
 
 def _weights(estimate: Estimate, intensity: FloatArray) -> FloatArray:
-    """Return the recruitment of pulses (pulses,) as shares of that at full intensity."""
+    """Return the recruitment of pulses (pulses,), 1 at full intensity."""
     known = np.isfinite(intensity)
     middle = float(np.median(intensity[known])) if known.any() else 1.0
     applied = np.where(known, intensity, middle)

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the recursion expects of samples that it has not seen."""
+"""Prediction of samples ahead by the recursion of the paper."""
 
 import numba
 import numpy as np
@@ -12,7 +12,7 @@ from rpms_ros.pulses import IntArray
 
 
 @numba.njit(cache=True)
-def foretell(
+def predict(
     stamp_ns: IntArray,
     onset_ns: IntArray,
     intensity: FloatArray,
@@ -34,7 +34,7 @@ def foretell(
     shape : ndarray (3,)
         Tap [ns], memory [taps], form factor [taps].
     expected : ndarray (samples,)
-        [N]
+        Overwritten by the prediction [N].
     """
     span_ns = shape[0] * (shape[1] + 0.5)
     offset = arctan_recruitment(0.0, theta)

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording into a stream, in the order in which it arrived."""
+"""Feeds a recording to a stream in the order in which its messages arrived."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,22 +14,22 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
 BLOCK = 10_000
-# Pulses more than 10 s ahead of the force are far: a block must not make them so.
+# Pulses more than 10 s ahead of the force count as far: shorter blocks do not cause that.
 _BLOCK_NS = nanoseconds(5.0)
 
 
 @dataclass(frozen=True)
 class Foreign:
-    """Messages of publishers that are not listened to.
+    """Messages of publishers other than the first, which are counted and not used.
 
     Attributes
     ----------
     samples_before_sample : ndarray of int64 (samples,)
-        How many samples that count came before each of theirs, ascending.
+        How many samples of the first publisher came before each of theirs, ascending.
     onset_ns : ndarray of int64 (pulses,)
         Onsets of their pulses [ns].
     samples_before_pulse : ndarray of int64 (pulses,)
-        How many samples that count came before each of their pulses, ascending.
+        How many samples of the first publisher came before each of their pulses, ascending.
     """
 
     samples_before_sample: IntArray
@@ -40,7 +40,7 @@ class Foreign:
         return len(self.samples_before_sample) + len(self.onset_ns)
 
     def between(self, start: int, stop: int) -> 'Foreign':
-        """Return what came after `start` samples and before there were `stop`, counted from it."""
+        """Return the messages after `start` and before `stop` samples, counted from `start`."""
         samples = slice(*np.searchsorted(self.samples_before_sample, (start, stop)).tolist())
         pulses = slice(*np.searchsorted(self.samples_before_pulse, (start, stop)).tolist())
         return Foreign(
@@ -50,9 +50,9 @@ class Foreign:
         )
 
     def among(self, counts: IntArray) -> 'Foreign':
-        """Return what came between the samples of a part.
+        """Return the messages that came between samples of a selection.
 
-        `counts` (samples + 1,) is how many of the part are among the first 0, 1, ... samples.
+        `counts` (samples + 1,) is how many of the first 0, 1, ... samples are selected.
         """
         samples, pulses = (
             counts[before] for before in (self.samples_before_sample, self.samples_before_pulse)
@@ -79,13 +79,13 @@ def feed(
     Parameters
     ----------
     stream : IdentificationStream
-        Where it goes; the caller advances it after each block.
+        The stream; the caller advances it after each block.
     pulses, forces : PulseTrain, ForceTrace
         The recording, in the order in which it was recorded.
     samples_before_pulse : ndarray of int64 (pulses,) or None
-        How many samples had come when each pulse came; None: pulses come in time.
+        How many samples had arrived before each pulse; None: as `in_time` returns.
     foreign : Foreign
-        What came of other publishers.
+        Messages of other publishers.
     """
     if samples_before_pulse is None:
         gap_ns = nanoseconds(stream.settings.longest_gap)
@@ -95,7 +95,7 @@ def feed(
     start = 0
     while start < len(forces):
         stop = _block_end(forces.stamp_ns, start)
-        # What came after the last sample belongs to the last block.
+        # Pulses after the last sample belong to the last block.
         end = stop if stop < len(forces) else stop + 1
         first, last = np.searchsorted(before, (start, end)).tolist()
         block = ForceTrace(forces.stamp_ns[start:stop], forces.force[start:stop])
@@ -108,10 +108,10 @@ def feed(
 
 
 def in_time(pulses: PulseTrain, forces: ForceTrace, gap_ns: int) -> IntArray:
-    """Return how many samples come before each pulse (pulses,) if every message comes in time.
+    """Return how many samples precede each pulse (pulses,) if every message arrives in time.
 
-    Pulses and samples are given apart, so the n-th jump back of the clock of the one is that of
-    the other.  Pulses that are left over come after all samples.
+    Pulses and samples are separate lists: the n-th jump back of the stamps in one is taken to be
+    the n-th in the other.  Pulses of further jumps come after all samples.
     """
     starts = _line_starts(forces.stamp_ns, gap_ns)
     onsets = _line_starts(pulses.onset_ns, gap_ns)
@@ -129,7 +129,7 @@ def in_time(pulses: PulseTrain, forces: ForceTrace, gap_ns: int) -> IntArray:
 
 
 def _block_end(stamp_ns: IntArray, start: int) -> int:
-    """Return where a block that begins with sample `start` ends: few seconds, few samples."""
+    """Return the end of the block that begins with sample `start`."""
     stamps = stamp_ns[start : start + BLOCK]
     far = np.flatnonzero(np.abs(stamps - stamps[0]) > _BLOCK_NS)
     return start + (int(far[0]) if len(far) else len(stamps))
@@ -147,19 +147,19 @@ def add_in_order(
     Parameters
     ----------
     stream : IdentificationStream
-        Where they go.
+        The stream.
     pulses, forces : PulseTrain, ForceTrace
-        In the order in which they came.
+        In the order of arrival.
     before : ndarray of int64 (pulses,)
-        How many of the samples had come when each pulse came, ascending.
+        How many of the samples had arrived before each pulse, ascending.
     foreign : Foreign
-        What came of other publishers meanwhile.
+        Messages of other publishers meanwhile.
     """
     stamps, values = forces.stamp_ns, forces.force
     if not len(foreign) and (
         not len(pulses) or (len(stamps) and stream.takes_early(pulses, stamps, before))
     ):
-        # None of them is late: what matters is that they are there.
+        # None of them is late, so their place among the samples makes no difference.
         stream.add_pulses(pulses)
         stream.add_forces(forces)
         return
@@ -177,9 +177,9 @@ def add_in_order(
 
 
 def _settled(stamp_ns: IntArray, gap_ns: int) -> IntArray:
-    """Return the stamps (samples,), those far ahead and alone replaced by the ones before them.
+    """Return the stamps (samples,); single ones far ahead are replaced by those before them.
 
-    One wrong stamp must not make all that follows look late.
+    Otherwise one wrong stamp would make all later samples look late.
     """
     settled = stamp_ns.copy()
     ahead = np.flatnonzero(np.diff(stamp_ns) > gap_ns) + 1
@@ -190,11 +190,11 @@ def _settled(stamp_ns: IntArray, gap_ns: int) -> IntArray:
 
 
 def _line_starts(stamp_ns: IntArray, gap_ns: int) -> list[int]:
-    """Return where stamps (n,) go back by more than a gap and stay there, after a leading 0."""
+    """Return 0 and the places where stamps (n,) jump back by more than a gap for good."""
     back = np.flatnonzero(np.diff(stamp_ns) < -gap_ns) + 1
     starts = [0]
     for place in back:
-        # The stamps of a time line go on from its first one; one wrong stamp is no time line.
+        # A single wrong stamp is no new time line: the stamps after it have to follow it.
         before, here = int(stamp_ns[place - 1]), int(stamp_ns[place])
         after = int(stamp_ns[place + 1]) if place + 1 < len(stamp_ns) else here
         jumped_ahead = place > 1 and before - int(stamp_ns[place - 2]) > gap_ns >= (

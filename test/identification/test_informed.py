@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import Estimate
-from rpms_ros.identification.narrowed import informed_parameters
-from rpms_ros.identification.narrowed import narrowed_physiology
+from rpms_ros.identification.informed import informed_parameters
+from rpms_ros.identification.informed import informed_physiology
 from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.physiology import PRIOR
 
@@ -46,7 +46,7 @@ SPREADS = [PRIOR[name][1] for name in PHYSIOLOGY_NAMES[:3]]
 
 
 def narrowed(one: Estimate) -> list[str]:
-    return [PHYSIOLOGY_NAMES[index] for index in narrowed_physiology(one)]
+    return [PHYSIOLOGY_NAMES[index] for index in informed_physiology(one)]
 
 
 def test_a_prior_is_no_measurement() -> None:
