@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of a recording: its groups of pulses, results of each, and reasons for missing ones."""
+"""Analysis of a recording: results of each kind of pulse group, and why results are missing."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -61,7 +61,7 @@ def analyze(
     settings : AnalysisSettings, optional
         Spans and thresholds.
     progress : callable, optional
-        Gets what is being done, how much is done and how much there is.
+        Called with a label, the number done and the total number.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def analyze(
 
 
 class _Analysis:
-    """One run: what every step needs, and the findings."""
+    """One run of the analysis, with its data and findings."""
 
     def __init__(
         self,
@@ -105,7 +105,7 @@ class _Analysis:
 
     def _within(self, pulses: PulseTrain) -> PulseTrain:
         if not len(pulses):
-            self.findings.append('there are no pulses: nothing can be told about the muscle')
+            self.findings.append('there are no pulses: the muscle cannot be analysed')
             return pulses
         stamps = self.trace.stamp_ns
         inside = (pulses.onset_ns >= stamps[0]) & (pulses.onset_ns <= stamps[-1])
@@ -122,12 +122,12 @@ class _Analysis:
             count, of = len(self.pulses) - len(known), len(self.pulses)
             self.findings.append(
                 f'the intensity of {count} of {of} pulses is not recorded: latency, twitch and '
-                'summation do without, recruitment against intensity does not'
+                'summation do not need it, recruitment against intensity does'
             )
         elif np.ptp(known) < ALIKE:
             self.findings.append(
                 f'all pulses have the intensity {known[0]:.3g}: recruitment against intensity '
-                'cannot be told'
+                'cannot be determined'
             )
 
     def _judge_clocks(self, artifacts: Artifacts) -> None:
@@ -143,7 +143,7 @@ class _Analysis:
             )
 
     def _left_over(self, cutter: Cutter) -> dict[int, str]:
-        """Return the groups, by first pulse, that run into their neighbour."""
+        """Return why groups that overlap with their neighbour are not used, by first pulse."""
         found: dict[int, str] = {}
         for index, group in enumerate(self.groups[:-1]):
             response = cutter.cut(_shortened(group))
@@ -151,14 +151,13 @@ class _Analysis:
                 continue
             share = _share_left(response)
             if share > self.settings.left_over:
-                found[group.first] = 'not died away when the next begins'
+                found[group.first] = 'not decayed when the next begins'
                 found[self.groups[index + 1].first] = 'begins while the one before lasts'
         if found:
             moment = self._seconds(self.pulses.onset_ns[min(found)])
             self.findings.append(
-                f'{len(found)} responses run into each other, the first at {moment:.2f} s: more '
-                f'than {self.settings.left_over:.0%} is left when the next begins; they are left '
-                'out'
+                f'{len(found)} responses overlap, the first at {moment:.2f} s: more than '
+                f'{self.settings.left_over:.0%} is left when the next begins; they are not used'
             )
         return found
 
@@ -202,8 +201,8 @@ class _Analysis:
         self, cutter: Cutter, left_over: Mapping[int, str], order: int
     ) -> SummationAnalysis | None:
         for kind, what in (
-            (Kind.MODULATED, 'change from pulse to pulse: `rpms identify` explains those'),
-            (Kind.OVERLAPPING, 'begin before the train before has died away: left out'),
+            (Kind.MODULATED, 'change from pulse to pulse: use `rpms identify` for them'),
+            (Kind.OVERLAPPING, 'begin before the train before has decayed: not used'),
         ):
             if count := self._count(kind):
                 self.findings.append(f'{count} group(s) of pulses {what}')
@@ -241,15 +240,15 @@ class _Analysis:
 
     def _field(self, steady: tuple[SteadyPoint, ...]) -> FieldAnalysis | None:
         if not steady:
-            self.findings.append('there is no steady force: recruitment cannot be told')
+            self.findings.append('there is no steady force: recruitment cannot be determined')
             return None
         lowest = RateRecruitment().lowest_rate
-        # Eq. (10) was measured from there up; towards 0 Hz it is no recruitment but rounding
+        # Eq. (10) was measured from there up; towards 0 Hz its rounded coefficients dominate
         chosen = [point for point in steady if point.rate_hz > lowest * (1.0 - ALIKE)]
         try:
             found = fit_field(chosen or steady)
         except IdentificationError as error:
-            self.findings.append(f'recruitment cannot be told: {error}')
+            self.findings.append(f'recruitment cannot be determined: {error}')
             return None
         if not found.rates_fitted:
             self.findings.append(
@@ -299,7 +298,7 @@ def _chosen(pulses: PulseTrain, mask: BoolArray) -> PulseTrain:
 
 
 def _shortened(group: PulseGroup) -> PulseGroup:
-    """Return at most the first pulses of a group: a long train repeats itself."""
+    """Return a group of at most `MOST_PULSES` pulses: a longer train only repeats itself."""
     last = min(group.last, group.first + MOST_PULSES)
     return PulseGroup(group.kind, group.first, last, group.start_ns, group.end_ns, group.levels)
 
@@ -309,7 +308,7 @@ def _share_left(response: Response) -> float:
     force = response.force[response.usable] - response.baseline
     scatter = float(np.std(response.force[response.lag < 0]))
     peak = float(np.percentile(force, 98))
-    # a response that noise hides cannot be said to last
+    # whether a response hidden by noise lasts cannot be determined
     if peak < 10.0 * scatter:
         return 0.0
     return float(np.mean(force[-20:])) / peak

@@ -1,11 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Stimulation artifacts in the force: the stimulus instant as the sensor's clock saw it.
+"""Stimulation artifacts in the force: the stimulus instant by the clock of the sensor.
 
-The artifact stands out of the force within a sample or two, so what a running median of five
-samples takes away is the artifact and noise.  Its maximum is the paper's stimulus instant
-(Sec. 2.1); against the stamp of the pulse it shows the offset between the clocks of stimulator
-and sensor.
+The artifact lasts one or two samples, so the force minus its running median over five samples is
+the artifact and noise.  Its maximum is the paper's stimulus instant (Sec. 2.1); its distance from
+the stamp of the pulse shows the offset between the clocks of stimulator and sensor.
 """
 
 from dataclasses import dataclass
@@ -57,7 +56,7 @@ class Artifacts:
 
 
 def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Artifacts:
-    """Return where the artifacts of pulses lie.
+    """Return the offsets of the artifacts of pulses.
 
     Parameters
     ----------
@@ -87,7 +86,7 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Arti
 def near_pulses(
     stamp_ns: IntArray, onset_ns: IntArray, sample_period: float, blanking: float
 ) -> BoolArray:
-    """Return the samples (samples,) that an artifact may touch.
+    """Return the samples (samples,) that an artifact may affect.
 
     Parameters
     ----------
@@ -120,7 +119,7 @@ def without_artifacts(trace: CleanTrace, onset_ns: IntArray, blanking: float) ->
 
 
 def _reaches(onset_ns: IntArray, search: float) -> IntArray:
-    """Return how far from each stamp an artifact cannot be a neighbour's (pulses,) [ns]."""
+    """Return how far from each stamp to search without reaching a neighbour (pulses,) [ns]."""
     reach = np.full(len(onset_ns), nanoseconds(search), dtype=np.int64)
     if len(onset_ns) > 1:
         half = np.diff(onset_ns) // 2
@@ -136,7 +135,7 @@ def _standing_out(force: FloatArray) -> FloatArray:
 
 
 def _judged(offset: FloatArray, period: float) -> Artifacts:
-    """Return the offsets with a verdict: artifacts keep their distance from the stamps."""
+    """Return the offsets, and whether they are artifacts: these have one distance from stamps."""
     seen = offset[np.isfinite(offset)]
     if not len(seen):
         return Artifacts(offset, False, float('nan'), float('nan'), 0.0)

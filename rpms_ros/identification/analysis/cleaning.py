@@ -13,7 +13,7 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 
-# Noise never gives the same extreme value this many times in a row; a sensor at its end does.
+# Noise never repeats its extreme value so often in a row; a sensor at the end of its range does.
 SATURATED_RUN = 5
 RATE_CHANGE = 0.1
 RATE_BLOCK = 100
@@ -21,7 +21,7 @@ RATE_BLOCK = 100
 
 @dataclass(frozen=True)
 class CleanTrace:
-    """Force samples in order, with what is known of the sensor.
+    """Force samples in order, with properties of the sensor.
 
     Attributes
     ----------
@@ -30,13 +30,13 @@ class CleanTrace:
     force : ndarray, shape (samples,)
         Finite forces [N].
     saturated : ndarray of bool, shape (samples,)
-        Samples at which the sensor shows its end value.
+        Samples at an end of the range of the sensor.
     sample_period : float
         Median time between samples [s].
     noise : float
         Standard deviation of the white part of the noise [N].
     findings : tuple of str
-        What was odd, a sentence each.
+        Irregularities, a sentence each.
     """
 
     stamp_ns: IntArray
@@ -68,7 +68,8 @@ def clean(trace: ForceTrace) -> CleanTrace:
     findings = []
     finite = np.isfinite(trace.force)
     if not finite.all():
-        findings.append(f'{int((~finite).sum())} force samples are no numbers; they are left out')
+        count = int((~finite).sum())
+        findings.append(f'{count} force samples are NaN or infinite; they are not used')
     stamps, first = np.unique(trace.stamp_ns[finite], return_index=True)
     force = trace.force[finite][first]
     if len(stamps) < finite.sum():
@@ -82,7 +83,7 @@ def clean(trace: ForceTrace) -> CleanTrace:
     if saturated.any():
         findings.append(
             f'the sensor is saturated in {int(saturated.sum())} samples '
-            f'(at {_end_values(force, saturated)}); responses with such samples are left out'
+            f'(at {_end_values(force, saturated)}); responses with such samples are not used'
         )
     period = float(np.median(np.diff(stamps))) / NANOSECONDS_PER_SECOND
     findings += _rate_findings(stamps)
@@ -90,7 +91,7 @@ def clean(trace: ForceTrace) -> CleanTrace:
 
 
 def _noise(force: FloatArray) -> float:
-    """Return the white noise [N], from the median of third differences: no drift, no artifacts.
+    """Return the white noise [N], from the median of third differences: robust against artifacts.
 
     The third difference of white noise has 20 times its variance; the median of the absolute
     value of a normal variable is 0.6745 standard deviations.
@@ -99,7 +100,7 @@ def _noise(force: FloatArray) -> float:
 
 
 def _saturated(force: FloatArray) -> BoolArray:
-    """Return where the greatest or the least value is repeated without a change."""
+    """Return the samples (samples,) in runs of the greatest or the least value."""
     result = np.zeros(len(force), dtype=np.bool_)
     if force.max() == force.min():
         return result

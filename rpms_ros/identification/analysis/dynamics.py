@@ -1,10 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamics out of trains of one intensity, at the rate at which they were given.
+"""Dynamics from trains of one intensity, at their own rate.
 
-Where all pulses have one intensity there is no recruitment curve, and no law of how force changes
-with the rate is needed: twitches, their history and their onset are those of the trains.  What is
-stated for T_a and latency is what the better of two models has, equal pulses or the history law.
+If all pulses have one intensity, no recruitment curve can be determined, but the dynamics of the
+trains can.  T_a and latency are those of the better of two models, equal pulses or the history
+law.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.schema import documented
 
 CONFIDENCE = 0.95
-# Of the fit [%]: the law has five numbers more, and must be worth them.
+# Least improvement of the fit for which the history law, with five more parameters, is taken [%].
 _WORTH = 1.0
 
 
@@ -41,7 +41,7 @@ class Bounded:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainDynamics:
-    """Dynamics of a muscle out of trains of one intensity, at their own rate."""
+    """Dynamics of a muscle from trains of one intensity, at their own rate."""
 
     trains: int = documented('trains that qualified')
     pulses: int = documented('pulses of all of them')
@@ -114,7 +114,8 @@ def _deviations(train: TrainAnalysis, model: str, found: SummationAnalysis) -> F
 def _stated(values: FloatArray, deviations: FloatArray) -> Bounded:
     """Return the mean of the trains with its interval.
 
-    As wide as the trains scatter, or as each of them is known, whichever is more.
+    The interval follows from the scatter of the trains or from the uncertainty of each, whichever
+    is larger.
     """
     count = len(values)
     own = float(np.sqrt(np.mean(np.square(deviations)) / count))

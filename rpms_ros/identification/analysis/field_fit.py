@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The recruitment field out of steady forces, with intervals and a check of its shape."""
+"""The recruitment field from steady forces, with intervals and a check of its shape."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,16 +48,16 @@ class FieldAnalysis:
     parameters : tuple of (str, Interval)
         Numbers of Eqs. (9) and (10); rates in Hz.
     rates_fitted : bool
-        Whether the rates differed enough to fit rho_f; else the average of Table 3 stands.
+        Whether there were enough rates to fit rho_f; else it is the average of Table 3.
     points : tuple of SteadyPoint
-        What was fitted.
+        Steady forces that were fitted.
     residual : float
         Standard deviation of the residual [share of the greatest force].
     worst_interval : float
         Greatest half width of the 95 % interval of rho over the measured intensities and rates
         [share of its maximum].
     shape_difference : float
-        Greatest difference between the formula and the monotone regression, which knows no
+        Greatest difference between the formula and the monotone regression, which assumes no
         formula [share of the maximum].
     monotone_intensity, monotone_share : ndarray, shape (levels,)
         Monotone regression by intensity, 1 at its end.
@@ -161,7 +161,7 @@ def _described(
     variance = float(misfit @ misfit) / spare
     covariance = np.zeros((len(theta), len(theta)))
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    # Errors of a baseline move all levels between two rests: they do not average out.
+    # The error of a baseline is common to all levels between two rests and does not average out.
     common = inverse @ (jacobian[: len(points)].T @ _baselines(points)) / top
     covariance[np.ix_(free, free)] = inverse * variance + common @ common.T
     reach = float(student.ppf(0.5 + CONFIDENCE / 2, spare))
@@ -182,7 +182,7 @@ def _described(
 
 
 def _baselines(points: Sequence[SteadyPoint]) -> FloatArray:
-    """Return what one deviation of each rest does to the points (points, rests) [N]."""
+    """Return the change of each point by one deviation of each rest (points, rests) [N]."""
     effect = np.zeros((len(points), 2 + max(point.rest for point in points)))
     for row, point in zip(effect, points, strict=True):
         row[point.rest] = (1.0 - point.rest_share) * point.rest_deviation
@@ -193,7 +193,7 @@ def _baselines(points: Sequence[SteadyPoint]) -> FloatArray:
 def _maximum_force(
     theta: FloatArray, covariance: FloatArray, reach: float, top: float
 ) -> Interval:
-    """Return the force at full intensity and 20 Hz, A (1 + c): the offset c has a part in it."""
+    """Return the force at full intensity and 20 Hz, A (1 + c), with the offset c."""
     gradient = np.zeros(len(theta))
     gradient[0], gradient[-1] = 1.0, 1.0 / (1.0 + theta[-1])
     value = theta[0] + np.log1p(theta[-1])

@@ -1,13 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""The recruitment field in the numbers that a fit moves (Eqs. 8 to 10).
+r"""The recruitment field in the parameters of a fit (Eqs. 8 to 10).
 
 .. math:: F(u, f) = A \, \frac{n(u) - n(0)}{n(1) - n(0)} \cdot \frac{m(f) + d}{m(20) + d}
    + A c
 
 A is the steady force at full intensity and 20 Hz; n is the bend of Eq. (9) and m that of
-Eq. (10), each without its gain and offset, which follow from A, c and d.  So nothing is
-redundant: seven shape numbers, one force, one offset.
+Eq. (10), each without its gain and offset, which follow from A, c and d.  The parameters are not
+redundant: seven of the shape, one force, one offset.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ NAMES = (
     'zero_offset',
 )
 CENTRE = np.array([0.48, 0.98, np.log(5.0), np.log(4.0), 25.0, np.log(0.05), -0.321 / 0.0597, 0.0])
-# Spread over people (Table 6), and over what a bend can be told apart at all.
+# Standard deviations of a prior: the spread among people (Table 6), or wider than data resolve.
 SPREAD = np.array([0.15, 0.15, 0.5, 0.8, 8.0, 0.8, 5.0, 0.05])
 LOWEST = np.array([0.0, 0.3, np.log(0.5), np.log(0.5), 5.0, np.log(0.003), -12.0, -0.3])
 HIGHEST = np.array([1.0, 1.8, np.log(60.0), np.log(60.0), 60.0, np.log(1.0), 40.0, 0.3])
@@ -64,7 +64,7 @@ def rate_factor(theta: FloatArray, rate_hz: FloatArray) -> FloatArray:
 
 
 def as_recruitment(theta: FloatArray) -> tuple[IntensityRecruitment, RateRecruitment]:
-    """Return Eqs. (9) and (10) with these numbers, gains and offsets included."""
+    """Return Eqs. (9) and (10) with these parameters (8,), gains and offsets included."""
     plain = IntensityRecruitment(
         float(theta[0]), float(theta[1]), float(np.exp(theta[2])), float(np.exp(theta[3]))
     ).normalised()

@@ -1,12 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""When the force itself leaves its baseline: measured, not a parameter of a model.
+"""When the force leaves its baseline: measured, not a parameter of a model.
 
-The latency of a fitted twitch is where the foot of that twitch lies; a muscle whose force begins
-slower than the model's has a later one.  The onset is the first sample from which on the force
-stays outside the noise that it has before the pulse, so it is late by what the noise hides: an
-upper bound.  The lower one is the last sample before it that lies a standard deviation below the
-baseline, where a force that had begun would hardly be.
+The latency of a fitted twitch is the onset of that twitch; it is later if the force of the muscle
+rises slower than that of the model.  The onset of the force is the first sample from which on the
+force stays outside the noise before the pulse: an upper bound, since noise hides the beginning.
+The lower bound is the last sample before it that is a standard deviation below the baseline, which
+is improbable after the force has begun.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class ForceOnset:
     Attributes
     ----------
     value, lower : float
-        Since the first pulse [s]; it lies between the two, `value` is what the noise lets see.
+        Upper (`value`) and lower bound, from the first pulse [s].
     """
 
     value: float
@@ -37,7 +37,7 @@ class ForceOnset:
 def force_onset(response: Response) -> ForceOnset | None:
     """Return the onset of the force after the first pulse; None if noise hides it.
 
-    Samples that an artifact touches do not count, neither as force nor as baseline.
+    Samples that an artifact may affect are not used, neither as force nor as baseline.
     """
     usable = response.usable & np.isfinite(response.force)
     before = response.force[usable & (response.lag < 0.0)]

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The history law of a muscle, fitted to several trains at once and judged on others.
 
-The law is common; latency, T_a, gain and baseline are each train's own, as they are for equal
-pulses, so the three models differ in nothing but what they say about unequal pulses.
-A weak prior keeps numbers that the trains say nothing about, such as the decay of the
-facilitation if all trains have one rate, near where the search began.
+The law is common; latency, T_a, gain and baseline are each train's own, as for equal pulses, so
+the three models differ only in the weights of the pulses.  A weak prior keeps parameters that the
+trains do not determine, such as the decay of the facilitation if all trains have one rate, near
+their start values.
 """
 
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
         raise IdentificationError('expected a train of at least 3 pulses, got none')
     centre = HistoryLaw().logarithms
     count = len(trains)
-    # the prior gives way where even the trains themselves are explained well
+    # the prior is weaker where equal pulses already explain the trains well
     misfit = float(np.mean([1.0 - fit.fit / 100.0 for fit in equal]))
     prior = _PRIOR * min(1.0, misfit / 0.1)
 
@@ -80,7 +80,7 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
 
 
 def fit_with_law(law: HistoryLaw, train: Response, order: int) -> TrainFit:
-    """Fit latency, T_a, gain and baseline of a train whose law is known."""
+    """Fit latency, T_a, gain and baseline of a train with a given law."""
 
     def shape(latency: float, constant: float) -> FloatArray:
         return law.force(train, order, latency, constant)
@@ -91,7 +91,7 @@ def fit_with_law(law: HistoryLaw, train: Response, order: int) -> TrainFit:
 def law_deviations(law: HistoryLaw, train: Response, fit: TrainFit, order: int) -> FloatArray:
     """Return the standard deviations of latency and T_a (2,) of a train and its law [s].
 
-    The numbers of the law count as unknown as well: it may have been learnt from this train.
+    The parameters of the law count as unknown too: it may have been fitted to this train.
     """
     chosen = train.usable
 
@@ -104,7 +104,7 @@ def law_deviations(law: HistoryLaw, train: Response, fit: TrainFit, order: int) 
     own = [fit.latency, fit.time_constant, float(fit.gains[0]), fit.baseline]
     force = train.force[chosen]
     residual = force - fit.modelled[chosen]
-    # the prior of the search, which is held against the residual in the spread of the force
+    # the prior of the fit, there relative to the residual divided by the spread of the force
     weight = float(np.sum(np.square(force - force.mean()))) * _PRIOR**2
     prior = np.concatenate((np.zeros(4), np.full(NUMBERS, weight)))
     at = np.concatenate((own, law.logarithms))
@@ -114,7 +114,7 @@ def law_deviations(law: HistoryLaw, train: Response, fit: TrainFit, order: int) 
 def _misfit(
     law: HistoryLaw, train: Response, order: int, latency: float, constant: float
 ) -> FloatArray:
-    """Return the residual (samples,) in the spread of the train, best gain and baseline."""
+    """Return the residual (samples,) over the spread of the train, at best gain and baseline."""
     shape = law.force(train, order, latency, constant)[train.usable]
     force = train.force[train.usable]
     shape, force = shape - shape.mean(), force - force.mean()
@@ -124,7 +124,7 @@ def _misfit(
 
 
 def _sparsity(trains: Sequence[Response]) -> csr_matrix:
-    """Return which residual depends on which number."""
+    """Return the pattern of the Jacobian."""
     lengths = [int(train.usable.sum()) for train in trains]
     pattern = lil_matrix((sum(lengths) + NUMBERS, NUMBERS + 2 * len(trains)), dtype=np.int8)
     pattern[:, :NUMBERS] = 1

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""History law: how earlier pulses of a train change the effect of later ones.
 
-Pulse q finds a facilitation that the earlier ones have left and that dies away,
+Pulse q is facilitated by the earlier ones, whose effect decays,
 
 .. math:: p_q = 1 + a \sum_{j<q} e^{-(t_q - t_j) / \tau_p}
 
 (potentiation and the doublet effect).  The weighted twitches add up to an activation
-``x = sum_q p_q F^(t - t_q)`` (Eqs. 5, 6), and force follows it with cooperation at its foot and
-saturation at its top,
+``x = sum_q p_q F^(t - t_q)`` (Eqs. 5, 6), and the force rises with it cooperatively at low
+activation and saturates at high activation,
 
 .. math:: F = G \, \frac{(1 + k^h) x^h}{k^h + x^h}
 
@@ -34,15 +34,20 @@ class HistoryLaw:
     Attributes
     ----------
     half_level : float
-        k, activation of half the greatest force, in peaks of a single twitch.
+        k, activation at half the greatest force, in peaks of a single twitch.
     cooperation : float
         h, exponent.
     facilitation : float
-        a, what one pulse adds to the gain of the next.
+        a, increase of the gain of the next pulse by one pulse.
     facilitation_decay : float
         tau_p [s].
     series_lag : float
         tau_s [s].
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     half_level: float = 3.0
@@ -62,12 +67,12 @@ class HistoryLaw:
 
     @classmethod
     def of_logarithms(cls, logarithms: FloatArray) -> 'HistoryLaw':
-        """Return the law of the logarithms (5,) of its numbers, in the order of the fields."""
+        """Return the law from the logarithms (5,) of its parameters, in the order of fields."""
         return cls(*(float(value) for value in np.exp(logarithms)))
 
     @property
     def logarithms(self) -> FloatArray:
-        """Logarithms (5,) of the numbers, in the order of the fields."""
+        """Logarithms (5,) of the parameters, in the order of the fields."""
         values = [
             self.half_level,
             self.cooperation,

@@ -45,9 +45,9 @@ class LatencyTable:
     method : str
         ``joint fit`` or ``zero crossing``.
     reference : str
-        What counts as the stimulus instant: ``stamp`` or ``artifact``.
+        Definition of the stimulus instant: ``stamp`` or ``artifact``.
     rows : tuple of LatencyRow
-        One an intensity, ascending.
+        One for each intensity, ascending.
     count : int
         Twitches of all rows.
     mean, spread : float
@@ -74,7 +74,7 @@ def latency_table(
 ) -> LatencyTable:
     """Return the table of latencies (twitches,) [s] at intensities (twitches,).
 
-    Latencies that are NaN count as rejected for want of a crossing.
+    Latencies that are NaN count as rejected, because there is no crossing.
     """
     known = np.isfinite(latency)
     reasons = dict(rejected)
@@ -104,9 +104,9 @@ def crossing_latency(
     filter_span : float
         Span of the moving average [s].
     period : float
-        Sample period [s]; samples that do not keep it are interpolated onto it.
+        Sample period [s]; uneven samples are interpolated to it.
     to_artifact : bool
-        Count from the artifact's maximum where there is one, else from the stamp.
+        Measure from the maximum of the artifact if there is one, else from the stamp.
     """
     lag, force = response.lag, response.force
     step = np.diff(lag)

@@ -16,7 +16,7 @@ def rising(values: FloatArray, weights: FloatArray) -> FloatArray:
     Parameters
     ----------
     values, weights : ndarray, shape (points,)
-        What is fitted, and how much each counts; in the order of the abscissa.
+        Values and their weights, in the order of the abscissa.
     """
     means: list[float] = []
     sizes: list[float] = []

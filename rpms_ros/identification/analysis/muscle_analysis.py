@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the analysis of a recording returns."""
+"""Results of the analysis of a recording."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class MuscleAnalysis:
     noise : float
         Standard deviation of the white noise of the sensor [N].
     artifacts : Artifacts or None
-        Clocks of stimulator and sensor; None without pulses.
+        Stimulation artifacts and the offset of the clocks; None without pulses.
     twitches : TwitchAnalysis or None
         From single pulses.
     summation : SummationAnalysis or None
@@ -37,7 +37,7 @@ class MuscleAnalysis:
     recruitment : FieldAnalysis or None
         From the steady forces.
     findings : tuple of str
-        What was odd, what could not be done and why; a sentence each.
+        Irregularities, and why results are missing; a sentence each.
     unit : str
         Of every force: ``N``, or ``N m`` where the sensor measured a torque.
     """

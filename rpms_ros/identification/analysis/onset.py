@@ -1,15 +1,15 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Onset of a twitch as the paper finds it (Sec. 2.1): by the derivative of a filtered force.
+"""Onset of a twitch as in the paper (Sec. 2.1): by the derivative of a filtered force.
 
-The force goes forwards and backwards through a moving average of nine samples, divided by nine
-(the printed filter lacks the division); the onset is the last instant at which the derivative
-passes zero upwards before the steepest rise.  The paper says 'the last positive zero crossing';
-noise makes more of them near the flat top, which are no onsets.
+A moving average of nine samples, divided by nine (the printed filter lacks the division), is
+applied forwards and backwards; the onset is the last instant at which the derivative passes zero
+upwards before the steepest rise.  The paper says 'the last positive zero crossing'; noise causes
+more of them near the flat top, which are no onsets.
 
-Forwards and backwards, the average reaches eight samples to either side: it moves the foot of the
-twitch earlier by up to that much, and noise moves the crossing later.  The joint fit has neither
-bias; `docs/analysis.md` has the figures.
+The average, applied twice, extends over eight samples on either side: it moves the onset earlier
+by up to that much, and noise moves the crossing later.  The joint fit has neither bias;
+`docs/analysis.md` has the figures.
 """
 
 import numpy as np
@@ -45,7 +45,7 @@ def crossing_onset(lag: FloatArray, force: FloatArray, samples: int) -> float:
     Parameters
     ----------
     lag : ndarray, shape (samples,)
-        Time since the stimulus [s], evenly spaced; only the onset after 0 counts.
+        Time since the stimulus [s], evenly spaced; only an onset after 0 is returned.
     force : ndarray, shape (samples,)
         Force [N].
     samples : int

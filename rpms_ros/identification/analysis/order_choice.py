@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Choice of the twitch's order by information criterion (Sec. 2.1, Fig. 5).
 
-Every twitch gets its Bayesian information criterion at every order; all orders have the same
-number of parameters, so it compares likelihoods, and its sum over the twitches is the evidence of
-all of them.  A higher order is only taken if it is better by more than `DECISIVE`, a factor of
-about 150 in the odds: a fourth order that explains no more than the third is not chosen.
-Beside it stands the error on samples that the fit has not seen.
+The Bayesian information criterion is computed for every twitch at every order; all orders have
+the same number of parameters, so it compares likelihoods, and its sum over the twitches is the
+evidence of all of them.  A higher order is only chosen if it is better by more than `DECISIVE`, a
+factor of about 150 in the odds.  The error on held-out samples is given for comparison.
 """
 
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ class OrderEvidence:
     order : int
         Number of equal poles.
     information : float
-        Information criterion, the best order's taken as 0; smaller is better.
+        Information criterion minus that of the best order; smaller is better.
     held_out : float
         Root of the mean squared error on held-out samples, in peaks of the twitches.
     least_error : float
@@ -39,7 +38,7 @@ class OrderEvidence:
     time_constant, time_constant_spread : float
         Mean and standard deviation of T_a over the twitches [s].
     wins : int
-        Twitches of which this order alone explains most.
+        Twitches for which this order has the best criterion.
     """
 
     order: int
@@ -60,7 +59,7 @@ class OrderChoice:
     order : int
         Chosen by the information criterion.
     held_out_order : int
-        What the held-out error alone would choose.
+        Order with the smallest held-out error.
     free_order, free_order_spread : float
         Median and scaled interquartile range of the order fitted as a real number.
     evidence : tuple of OrderEvidence
@@ -78,7 +77,7 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
     """Return the order for a set of twitches (at least one)."""
     criterion = fits.bayes()
     total = criterion.sum(axis=0)
-    # each twitch counts in its own peaks, or the strong ones alone would decide
+    # each error is relative to the peak of its twitch, or the strong ones alone would decide
     share = fits.table[:, :, HELD_OUT] / fits.table[:, :, PEAK] ** 2 / fits.samples[:, None]
     held_out = np.sqrt(share.mean(axis=0))
     best = 0

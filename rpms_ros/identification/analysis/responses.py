@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Responses to single pulses, cut out of a recording, or the reason for rejecting them."""
+"""Responses to groups of pulses, cut out of a recording, or the reason for rejecting them."""
 
 from dataclasses import dataclass
 
@@ -36,11 +36,11 @@ class Response:
     force : ndarray, shape (samples,)
         Force [N].
     usable : ndarray of bool, shape (samples,)
-        Samples away from artifacts.
+        Samples that no artifact affects.
     intensity : float
         Of the first pulse, share of the maximum; NaN if it is not recorded.
     artifact : float
-        Artifact of the first pulse since that pulse [s]; NaN without one.
+        Time of the artifact of the first pulse after that pulse [s]; NaN without one.
     start_ns : int
         Stamp of the first pulse, in the sensor's clock [ns].
     """
@@ -69,7 +69,7 @@ class Cutter:
     pulses : PulseTrain
         Pulses, ascending, in the stimulator's clock.
     artifacts : Artifacts
-        What ties the two clocks.
+        Offset of the two clocks.
     settings : AnalysisSettings
         Spans.
     """
@@ -116,7 +116,7 @@ class Cutter:
         )
 
     def _missing(self, lag: FloatArray, length_ns: int) -> str:
-        """Return why samples are missing, or nothing."""
+        """Return why samples are missing, empty if none is."""
         if (lag < 0).sum() < LEAST_BEFORE:
             return 'no force before the pulse'
         if len(lag) < LEAST_SAMPLES:
@@ -129,7 +129,7 @@ class Cutter:
         return ''
 
     def _usable(self, stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
-        """Return the samples (samples,) that no artifact touches."""
+        """Return the samples (samples,) that no artifact affects."""
         if not self._artifacts.found:
             return np.ones(len(stamp_ns), dtype=np.bool_)
         period, blanking = self._trace.sample_period, self._settings.blanking

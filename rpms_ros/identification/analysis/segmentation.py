@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording holds: single pulses, trains, staircases, told from the pulses alone."""
+"""Divides the pulses of a recording into single pulses, trains and staircases."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -14,7 +14,7 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
-# Two intensities or rates are one level if they differ by less: a driver rounds, a gate jitters.
+# Intensities or intervals that differ by less are one level: drivers round, triggers jitter.
 SAME_INTENSITY = 2e-3
 SAME_INTERVAL = 0.05
 SHORTEST_LEVEL = 3
@@ -22,7 +22,7 @@ LEVEL_SHARE = 0.8
 
 
 class Kind(Enum):
-    """What a group of pulses is."""
+    """Kind of a group of pulses."""
 
     SINGLE = 'single pulse'
     TRAIN = 'train'
@@ -33,7 +33,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Level:
-    """Pulses in a row of one intensity and one rate.
+    """Consecutive pulses of one intensity and one rate.
 
     Attributes
     ----------
@@ -58,13 +58,13 @@ class PulseGroup:
     Attributes
     ----------
     kind : Kind
-        What it is.
+        Its kind.
     first, last : int
         Indices of its first pulse and of the one after its last.
     start_ns, end_ns : int
         Onsets of its first and last pulse [ns].
     levels : tuple of Level
-        Runs of equal pulses, in time.
+        Runs of equal pulses, in the order of time.
     """
 
     kind: Kind
@@ -87,7 +87,7 @@ def in_order(pulses: PulseTrain) -> PulseTrain:
 
 
 def groups_of(pulses: PulseTrain, rest: float) -> tuple[PulseGroup, ...]:
-    """Return the groups of pulses that a rest separates.
+    """Return the groups of pulses that are separated by rests.
 
     Parameters
     ----------
@@ -152,10 +152,10 @@ def _levels(pulses: PulseTrain, first: int, last: int) -> tuple[Level, ...]:
 
 
 def _edges(intensity: FloatArray, interval: IntArray) -> list[int]:
-    """Return where runs of equal pulses begin, and the end (runs + 1,).
+    """Return the first pulses of runs of equal pulses, and the end (runs + 1,).
 
-    The interval from the last pulse of a level to the first of the next belongs to neither: a
-    run of one pulse that only this interval sets apart stays with the level before it.
+    The interval between two levels belongs to neither: a single pulse that differs only by it
+    belongs to the level before it.
     """
     known = ~np.isnan(intensity)
     other = known[1:] != known[:-1]

@@ -19,23 +19,28 @@ class AnalysisSettings:
     rest : float
         Silence that separates one response from the next [s].
     before, after : float
-        Span of a response before its first and after its last pulse [s].
+        How much force before the first and after the last pulse belongs to a response [s].
     filter_span : float
-        Span of the moving average in front of the derivative [s]: 9 samples at 1 kHz (Sec. 2.1).
+        Length of the moving average before the derivative [s]: 9 samples at 1 kHz (Sec. 2.1).
     blanking : float
-        Span after a pulse that is left out of a fit if the recording shows artifacts [s].
+        Time after a pulse that is not fitted if the recording shows artifacts [s].
     artifact_search : float
         Largest distance of an artifact from the stamp of its pulse [s].
     least_response : float
         Smallest peak of a twitch that is analysed, in standard deviations of the noise.
     longest_latency : float
-        Latency beyond which a twitch is not an answer to its pulse [s].
+        A twitch with a longer latency is not a response to its pulse [s].
     least_fit : float
-        Smallest fit of a twitch that is accepted, 0..1 of its norm.
+        Smallest fit of a twitch that is accepted, 1 - |residual| / |force - mean|, 0..1.
     settling : float
         Time after a change of the stimulation until the force counts as steady [s].
     left_over : float
         Share of a response that may be left when the next one begins.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     orders: tuple[int, ...] = (2, 3, 4)

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording of a simulated muscle in memory, to try the analysis where the truth is known."""
+"""Force of a simulated muscle in memory, to try the analysis where the truth is known."""
 
 from dataclasses import dataclass
 
@@ -15,13 +15,13 @@ from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
 _BLOCK = 1000
-# Slow enough that every pulse of such a train is alone.
+# At this rate twitches do not overlap.
 _ALONE_HZ = 0.1
 
 
 @dataclass(frozen=True)
 class SensorShares:
-    """Disturbances in shares of the peak of a twitch at full intensity.
+    """Disturbances, relative to the peak of a twitch at full intensity.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ def simulated_force(
     sample_rate_hz: float = 1000.0,
     seed: int = 0,
 ) -> ForceTrace:
-    """Return what a force sensor shows from time 0 on.
+    """Return the samples of a force sensor from time 0 on.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def simulated_force(
     duration : float
         Length [s].
     shares : SensorShares, optional
-        Disturbances; the default has 1 % noise and artifacts as high as a twitch.
+        Disturbances; by default 1 % noise and artifacts as high as a twitch.
     sample_rate_hz : float
         Rate of the samples [Hz].
     seed : int

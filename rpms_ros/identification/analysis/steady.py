@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steady force of long levels, to which the recruitment field is fitted (Sec. 2.2, Fig. 9).
 
-The mean over whole periods of the pulses, after the force has settled, above a baseline that runs
-straight from the rest before one group to the rest before the next.
+It is the mean over whole periods of the pulses, after the force has settled, above a baseline that
+is linear from the rest before one group to the rest before the next.
 """
 
 from dataclasses import dataclass
@@ -40,12 +40,12 @@ class SteadyPoint:
     start_ns : int
         First pulse of the level [ns].
     rest : int
-        Which rest of the recording the baseline comes from; the next one has a part in it too.
+        Index of the rest before the level; the baseline is interpolated to the next one.
     rest_share : float
-        How large the part of the next one is, 0..1.
+        Weight of the next rest, 0..1.
     rest_deviation : float
-        Standard deviation of the baseline at one rest [N].  All levels between two rests have
-        the errors of their baseline in common.
+        Standard deviation of the baseline at one rest [N]; its error is common to all levels
+        between two rests.
     """
 
     intensity: float
@@ -81,7 +81,7 @@ class Baseline:
         return float(np.interp(moment_ns, self.time_ns, self.force))
 
     def place(self, moment_ns: float) -> tuple[int, float]:
-        """Return the rest before a time [ns], and the share of the next one in the baseline."""
+        """Return the index of the rest before a time [ns], and the weight of the next rest."""
         place = float(np.interp(moment_ns, self.time_ns, np.arange(len(self.time_ns))))
         return int(place), place - int(place)
 

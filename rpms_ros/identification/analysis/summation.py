@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analysis of trains: superposed twitches, history law, mean force and ripple.
 
-Eqs. (6) and (7), Figs. 6 to 8.  Each train is explained three ways: equal pulses, one gain a
+Eqs. (6) and (7), Figs. 6 to 8.  Three models are fitted to each train: equal pulses, one gain a
 pulse, and the history law, which is fitted to the shorter trains and judged on the longest ones
 if the recording has both.
 """
@@ -33,7 +33,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class TrainAnalysis:
-    """One train, explained three ways.
+    """One train with three fitted models.
 
     Attributes
     ----------
@@ -74,8 +74,8 @@ class SummationAnalysis:
     law : HistoryLaw or None
         Common law; None if no train has three pulses.
     latency, latency_spread : float
-        Mean and standard deviation over the trains of where the fitted twitch of equal pulses
-        begins: a parameter of that model, not the onset of the force (`onsets`) [s].
+        Mean and standard deviation over the trains of the latency of equal pulses, a parameter
+        of that model, not the onset of the force (`onsets`) [s].
     time_constant, time_constant_spread : float
         The same of T_a [s].
     rejected : mapping of str to int
@@ -95,7 +95,7 @@ class SummationAnalysis:
     def onsets(self) -> tuple[float, ...]:
         """When the force leaves its baseline after the first pulse of each train [s].
 
-        Trains whose noise hides it are left out.
+        Trains in which noise hides it are not included.
         """
         found = (force_onset(train.response) for train in self.trains)
         return tuple(one.value for one in found if one is not None)
@@ -106,9 +106,9 @@ class SummationAnalysis:
         Parameters
         ----------
         model : str
-            Which explanation.
+            Name of the model.
         held_out : bool, optional
-            Only the trains that the law was not fitted to, or only those that it was.
+            True: only the trains to which the law was not fitted; False: only the others.
         """
         fits = [
             found.fit
@@ -124,7 +124,7 @@ def analyze_trains(
     rejected: Mapping[str, int] | None = None,
     progress: Progress | None = None,
 ) -> SummationAnalysis:
-    """Explain trains (at least one) by superposed twitches of one order.
+    """Fit superposed twitches of one order to trains (at least one).
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def analyze_trains(
     rejected : mapping of str to int, optional
         Trains that did not qualify, by reason.
     progress : callable, optional
-        Gets the number of trains done and of all.
+        Called with the number of trains done and of all.
     """
     equal, gains = [], []
     for index, response in enumerate(responses):
@@ -166,7 +166,7 @@ def analyze_trains(
 
 
 def _held_out(responses: Sequence[Response]) -> list[bool]:
-    """Return which trains the law is judged on: the longest, if shorter ones can teach it."""
+    """Return which trains the law is judged on: the longest, if shorter ones suffice for a fit."""
     counts = [len(response.onset) for response in responses]
     shorter = [count for count in counts if count < max(counts)]
     if not any(count >= LEAST_PULSES for count in shorter):
@@ -187,7 +187,7 @@ def _law(
     ]
     if not any(len(response.onset) >= LEAST_PULSES for response, _ in taught):
         return None
-    # evenly spread over the recording: more would only cost time
+    # evenly spread over the recording; more trains would cost time without improving the fit
     picked = np.unique(np.linspace(0, len(taught) - 1, MOST_TRAINS).round().astype(np.int64))
     some = [taught[index] for index in picked]
     return fit_history([response for response, _ in some], [fit for _, fit in some], order)

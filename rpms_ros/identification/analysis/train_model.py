@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A train as superposed twitches (Eq. 6): equal pulses, a gain a pulse, or a law of its history.
 
-Latency, T_a, gain and baseline belong to the train.  For given (latency, T_a) gain and baseline
-follow from linear equations; least squares in two dimensions remain.
+Each train has its own latency, T_a, gain and baseline.  For given (latency, T_a) gain and baseline
+follow from linear equations; a least-squares problem in two dimensions remains.
 """
 
 from collections.abc import Callable
@@ -40,9 +40,9 @@ class TrainFit:
     latency, time_constant : float
         Of its twitches [s].
     gains : ndarray, shape (pulses,) or (1,)
-        Peak force of each pulse's twitch, or of all [N]; of the history law its scale.
+        Peak force of the twitch of each pulse or of all [N]; G of the history law.
     baseline : float
-        [N]
+        Force at rest [N].
     modelled : ndarray, shape (samples,)
         Force of the model [N].
     """
@@ -63,7 +63,7 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
 
 
 def pulse_twitches(response: Response, order: int, latency: float, constant: float) -> FloatArray:
-    """Return the twitch of every pulse (samples, pulses), in its peak."""
+    """Return the twitch of every pulse, with peak 1 (samples, pulses)."""
     return twitch(response.lag[:, None] - response.onset - latency, constant, order)
 
 
@@ -105,11 +105,11 @@ def deviations(
     model : callable
         Force (samples,) of the numbers (numbers,), linear ones included.
     at : ndarray (numbers,)
-        The numbers fitted, none of them exactly 0 but for linear ones.
+        The fitted parameters; nonlinear ones not 0.
     residual : ndarray (samples,)
-        Measured less modelled force [N].
+        Measured minus modelled force [N].
     prior : ndarray (numbers,)
-        What the fit knew besides, as information in units of the residual's variance.
+        Information of the prior, in units of the residual's variance.
 
     Notes
     -----

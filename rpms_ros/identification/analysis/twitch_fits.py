@@ -128,7 +128,7 @@ def fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArra
     best_theta = np.zeros(3)
     start = coarse_start(lag, force, starts, float(orders[0]), _STRIDE)
     for index in range(len(orders)):
-        # the peak, (n - 1) T_a after the onset, stays where it is from one order to the next
+        # keep the time of the peak, (n - 1) T_a after the onset, from one order to the next
         start[1] += np.log((start[2] - 1.0) / (orders[index] - 1.0))
         start[2] = orders[index]
         theta, normal, error = shared_fit(lag, force, starts, start, 2)
@@ -167,11 +167,7 @@ def fit_twitches(
     orders : tuple of int
         Orders.
     progress : callable, optional
-        Gets the number of twitches done and of all.
-
-    Returns
-    -------
-    TwitchFits
+        Called with the number of twitches done and of all.
     """
     tried = np.array(orders, dtype=np.int64)
     table = np.zeros((len(responses), len(orders), COLUMNS))
@@ -187,7 +183,7 @@ def fit_twitches(
         return len(chunk)
 
     done = 0
-    # The kernels let go of the interpreter: threads use both cores without copying anything.
+    # The compiled fits release the interpreter lock, so threads use both cores without copies.
     with ThreadPoolExecutor(_WORKERS) as pool:
         for count in pool.map(work, range(0, len(responses), _CHUNK)):
             done += count

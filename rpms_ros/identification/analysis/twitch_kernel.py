@@ -8,8 +8,8 @@ asked for, the order n are common,
 .. math:: F_i(t) = a_i \hat F(t - t_0; T_a, n) + b_i
 
 with Eq. (2) for the shape.  For given (t_0, ln T_a, n) the best a_i and b_i follow from two
-linear equations; the Jacobian of what is left is the derivative of the shape, scaled by a_i and
-projected off the span of shape and constant (Kaufman).  Two or three parameters remain for
+linear equations; the Jacobian of the residual is the derivative of the shape, scaled by a_i and
+projected orthogonally to shape and constant (Kaufman).  Two or three parameters remain for
 `rpms_ros.identification.levenberg_marquardt`, however many twitches there are.  This minimises
 Eq. (3) with its peak, its onset and a baseline free.
 """
@@ -46,7 +46,7 @@ class Twitches(NamedTuple):
     starts : ndarray of int64 (twitches + 1,)
         Where each twitch begins; the last entry is the number of samples.
     order : float
-        Order where it is not fitted.
+        Order if it is not fitted.
     """
 
     lag: FloatArray
@@ -56,7 +56,7 @@ class Twitches(NamedTuple):
 
 
 class SharedShape(NamedTuple):
-    """A shape and what it leaves; a point of `rpms_ros.identification.levenberg_marquardt`.
+    """A shape and its residuals; a point of `rpms_ros.identification.levenberg_marquardt`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class SharedShape(NamedTuple):
     rows : ndarray (samples, 5)
         Scratch: twitch, its derivatives, residual.
     cost, energy, damping, moved, failures : ndarray (1,)
-        Sum of squared residuals and of squared forces [N^2], and the loop's own.
+        Sum of squared residuals and of squared forces [N^2], and those of the loop.
     """
 
     theta: FloatArray

@@ -65,7 +65,7 @@ class TwitchAnalysis:
     time_constant, time_constant_spread : float
         Mean and standard deviation of T_a over the twitches [s] (Table 2).
     latency : LatencyTable
-        Out of the joint fit of each twitch.
+        From the joint fit of each twitch.
     crossing_latency : LatencyTable
         By the zero crossing, as in the paper (Table 1).
     rejected : mapping of str to int
@@ -112,7 +112,7 @@ def analyze_twitches(
     settings : AnalysisSettings
         Thresholds.
     progress : callable, optional
-        Gets the number of twitches done and of all.
+        Called with the number of twitches done and of all.
     """
     reasons = Counter(rejected)
     if not responses:
@@ -169,7 +169,7 @@ def _summary(
 def _verdicts(
     fits: TwitchFits, responses: Sequence[Response], settings: AnalysisSettings
 ) -> list[str]:
-    """Return for each twitch why it does not qualify, or nothing."""
+    """Return for each twitch why it does not qualify, empty if it does."""
     best = np.argmin(fits.table[:, :, ERROR], axis=1)
     row = np.arange(len(fits))
     strength = np.stack([signal_to_noise(fits, order) for order in fits.orders], axis=1)

@@ -137,8 +137,8 @@ def test_twitches_that_run_into_the_next_are_left_out():
     subject = replace(SUBJECT, time_constant=60e-3)
     force = simulated_force(subject, pulses, 10.0)
     found = analyze(pulses, force)
-    assert sentence(found, '2 responses run into each other, the first at 1.00 s')
-    assert found.twitches.rejected['not died away when the next begins'] == 1
+    assert sentence(found, '2 responses overlap, the first at 1.00 s')
+    assert found.twitches.rejected['not decayed when the next begins'] == 1
     assert found.twitches.rejected['begins while the one before lasts'] == 1
     assert len(found.twitches.fits) == 6
 
@@ -148,7 +148,7 @@ def test_trains_that_overlap_are_said_and_the_rest_is_analysed():
     again = replace(train, onset_ns=train.onset_ns + 450_000_000)
     pulses = joined(joined(train, again), singles(6, start=5.0))
     found = analyze(pulses, force_of(pulses))
-    assert sentence(found, 'begin before the train before has died away')
+    assert sentence(found, 'begin before the train before has decayed')
     assert len(found.twitches.fits) == 6
 
 

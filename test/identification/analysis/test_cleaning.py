@@ -42,7 +42,7 @@ def test_what_is_no_number_is_left_out_and_said():
     force[[3, 70]] = np.nan
     found = clean(trace(force))
     assert len(found.force) == 298
-    assert '2 force samples are no numbers' in found.findings[0]
+    assert '2 force samples are NaN or infinite' in found.findings[0]
 
 
 def test_a_sensor_at_its_end_is_saturated_only_there():
