@@ -21,7 +21,7 @@ from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.basis_search import BasisSearch
 from rpms_ros.identification.projection.basis_search import basis_at
 from rpms_ros.identification.projection.block_statistics import grown
-from rpms_ros.identification.projection.data_intake import restate
+from rpms_ros.identification.projection.data_intake import recompute_state
 from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
 from rpms_ros.identification.projection.fit import Fit
@@ -211,7 +211,7 @@ class BatchEstimator(ProjectionEstimator):
             fit_linear(self._problem, fit, True)
             improve(self._problem, fit, self._trial, _FINAL_STEPS, _FINAL_TOLERANCE, False)
         complete_equations(self._problem, fit)
-        restate(self._problem, self._intake, fit)
+        recompute_state(self._problem, self._intake, fit)
 
     def _choose_basis(self) -> bool:
         """Choose the basis that explains the recording best; return whether it has changed."""

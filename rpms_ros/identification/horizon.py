@@ -22,9 +22,9 @@ from rpms_ros.identification.faults import PULSES_TOO_FREQUENT
 from rpms_ros.identification.projection.arrival_cost import disagreement_limit
 from rpms_ros.identification.projection.arrival_cost import forget
 from rpms_ros.identification.projection.arrival_cost import marginalize
-from rpms_ros.identification.projection.arrival_cost import yield_to_horizon
+from rpms_ros.identification.projection.arrival_cost import reduce_contradiction
 from rpms_ros.identification.projection.block_statistics import COUNT
-from rpms_ros.identification.projection.data_intake import restate
+from rpms_ros.identification.projection.data_intake import recompute_state
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import empty_fit
@@ -194,7 +194,7 @@ class HorizonEstimator(ProjectionEstimator):
         steps = _STEPS_AFTER_CHANGE if contradicted else self.settings.steps
         ready = remembers and not contradicted
         improve(self._problem, fit, self._trial, steps, _TOLERANCE, ready)
-        restate(self._problem, self._intake, fit)
+        recompute_state(self._problem, self._intake, fit)
 
     def _holds_samples(self) -> bool:
         """Return whether the horizon holds any sample, or there is no arrival cost."""
@@ -222,7 +222,7 @@ class HorizonEstimator(ProjectionEstimator):
         # The cost of blocks that left after a contradiction may be wrong: the limit is the
         # expected value of the statistic.
         limit = float(len(prior.reference)) if self._unsettled else self._limit
-        statistic = yield_to_horizon(prior, fit, gradient, limit)
+        statistic = reduce_contradiction(prior, fit, gradient, limit)
         if statistic > self._limit:
             self._settled_ns = self._last_ns + self._horizon_ns
         if statistic <= limit:

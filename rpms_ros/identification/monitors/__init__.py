@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Monitors of a stream: checks of the sensor, and whatever others register.
+"""Monitors of a stream: checks of the sensor, and those registered by other packages.
 
 A package adds one by an entry point of the group ``rpms_ros.monitors``: its name is what
 `StreamSettings.monitors` and the identifier's parameter call it, its object a class derived from
@@ -42,7 +42,7 @@ MONITORS: dict[str, Callable[[], Monitor]] = {
     'constant': ConstantForce,
     'unexplained': Unexplained,
 }
-"""What makes a fresh monitor of this package, by name."""
+"""Functions that build a fresh monitor of this package, by name."""
 
 
 def monitors_by_name(names: Sequence[str]) -> list[Monitor]:
@@ -51,7 +51,7 @@ def monitors_by_name(names: Sequence[str]) -> list[Monitor]:
     Raises
     ------
     IdentificationError
-        If there is none of that name, or it cannot be made.
+        If there is none of that name, or it is not a `Monitor`.
     """
     registered = {point.name: point for point in entry_points(group=GROUP)}
     monitors = []

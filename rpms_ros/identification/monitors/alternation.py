@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Two sensors on one topic: the force jumps to and fro between two courses."""
+"""Two sensors on one topic: the force alternates between two courses."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -14,8 +14,8 @@ from rpms_ros.identification.monitors.interface import Window
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 
-# Neighbours on either side among which one of the same sensor is looked for: two sensors need not
-# take turns.
+# Neighbours on either side among which one of the same sensor is sought: two sensors need not
+# alternate strictly.
 _REACH = 3
 _LEAST_SAMPLES = 40
 _MANY_SAMPLES = 150
@@ -26,7 +26,7 @@ _LIMIT_OF_FEW = 0.12
 
 
 class Alternation(Monitor):
-    """Names `force_alternating`."""
+    """Finds `force_alternating`."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_ALTERNATING: 0.002}
 
@@ -61,7 +61,7 @@ def distances(force: FloatArray, nearest: FloatArray, best: FloatArray) -> None:
 
 
 def alternation(force: FloatArray) -> float:
-    """Return how far samples are from a line through two neighbours, relative.
+    """Return the relative distance of samples from a line through two neighbours.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def alternation(force: FloatArray) -> float:
     total = float(nearest.sum())
     if total == 0.0:
         return 1.0
-    # A sensor with few levels meets a level again by chance: half a level counts as distance.
+    # With a coarse resolution samples agree by chance: half a digit is added to the distance.
     steps = np.abs(np.diff(force))
     level = float(np.min(steps, initial=np.inf, where=steps > 0.0))
     return min((float(best.sum()) + 0.5 * level * count) / total, 1.0)

@@ -1,6 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What every monitor of a stream offers."""
+"""Interface of every monitor of a stream.
+
+Monitors receive the stream in cells: consecutive intervals of a fixed grid of the stamps, 0.1 s
+long or shorter, each once and complete.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +22,7 @@ from rpms_ros.pulses import IntArray
 
 @dataclass(frozen=True)
 class Window:
-    """A cell of the stamps' grid before it is learnt from, with its surroundings.
+    """A cell before the estimator learns from it, with the samples around it.
 
     Attributes
     ----------
@@ -27,10 +31,10 @@ class Window:
     first, last : int
         The samples of the cell itself are ``first .. last - 1``.
     found : ndarray of bool (last - first,)
-        Samples of the cell that a monitor before this one has named.
+        Samples of the cell in which a monitor before this one has found a fault.
     prediction : ndarray (last - first,) or None
-        What the estimator foretells of them before it has learnt from any of them [N]; None if it
-        does not, or `StreamSettings.pulse_look_ahead` is too short to know the pulses.
+        Prediction of them before the estimator has learnt from any of them [N]; None if the
+        estimator cannot, or `StreamSettings.pulse_look_ahead` is too short.
     """
 
     stamp_ns: IntArray
@@ -43,7 +47,7 @@ class Window:
 
 @dataclass(frozen=True)
 class ProcessedSamples:
-    """A cell of the stamps' grid after it was processed.
+    """A cell after it was processed.
 
     Attributes
     ----------
@@ -52,7 +56,7 @@ class ProcessedSamples:
     usable : ndarray of bool (samples,)
         Whether each was learnt from.
     onset_ns, intensity : ndarray (pulses,)
-        Pulses that the estimator was given meanwhile, ascending [ns], share of the maximum.
+        Pulses added to the estimator meanwhile, ascending [ns], share of the maximum.
     """
 
     stamp_ns: IntArray
@@ -64,22 +68,22 @@ class ProcessedSamples:
 
 
 class Monitor(Restorable):
-    """Looks at everything that passes a stream; override what you need.
+    """Receives samples, predictions and estimates of a stream; override what you need.
 
-    Every method is called with cells of one grid of the stamps, in order and each cell once, so
-    that what a monitor finds cannot depend on how messages arrive or are cut into blocks.  A
-    monitor that raises is taken out, and `monitor_failed` is counted.
+    Every method is called with cells, in order and each cell once, so that the result cannot
+    depend on how messages arrive or are cut into blocks.  A monitor that raises is removed, and
+    `monitor_failed` is counted.
 
-    What it remembers between calls is annotated in the body of the class, so that it is part of a
-    saved state (`rpms_ros.identification.saved_state`).
+    Attributes that are kept between calls are annotated in the body of the class, so that they
+    are part of a saved state (`rpms_ros.identification.saved_state`).
 
     Attributes
     ----------
     faults : mapping of str to str
-        Faults that the monitor counts and that `rpms_ros.identification.faults` does not name,
+        Further faults that the monitor counts besides those of `rpms_ros.identification.faults`,
         each with its meaning.
     doubtful : mapping of str to float
-        Faults that put estimates in doubt when they concern a larger share of the samples than
+        Faults that make estimates doubtful if they affect a larger share of the samples than
         this, of the last half minute or of all.
     """
 
@@ -87,7 +91,7 @@ class Monitor(Restorable):
     doubtful: ClassVar[Mapping[str, float]] = {}
 
     def state(self) -> State:
-        """Return what is remembered; an attribute that is not annotated is refused."""
+        """Return the state; an attribute that is not annotated is an error."""
         further = sorted(set(vars(self)) - set(remembered(type(self))))
         if further:
             raise IdentificationError(
@@ -102,12 +106,12 @@ class Monitor(Restorable):
         return {}
 
     def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
-        """Take what was processed; return how many samples of it each fault concerns."""
+        """Receive a processed cell; return how many of its samples have each fault."""
         del samples
         return {}
 
     def estimated(self, estimate: Estimate) -> None:
-        """Take an estimate."""
+        """Receive an estimate."""
 
     def restart(self) -> None:
-        """Forget the stamps so far: the clock has jumped back."""
+        """Forget earlier stamps: the clock has jumped back."""

@@ -1,11 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Samples that jump away from the force that the model foretells, and back again.
+"""Samples that jump away from the predicted force, and back again.
 
-Neighbours tell an excursion of less than 10 ms in a fast stream.  The prediction also tells a
-longer one, or a single sample of a slow sensor, if it was good before.  What lasts is no outlier,
-however far it is from the prediction: the muscle has changed, or the patient pulls.  Nor is what
-comes smoothly: no muscle jumps from one sample to the next.
+In a fast stream neighbouring samples show an excursion of less than 10 ms.  The prediction also
+shows a longer one, or a single sample of a slow sensor, if it was good before.  A deviation that
+lasts is no outlier, however large it is: the muscle has changed, or the patient pulls.  Nor is
+one that begins or ends smoothly: the force of a muscle does not jump from one sample to the next.
 """
 
 from collections import deque
@@ -22,11 +22,11 @@ from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
-# Cells that say how large residuals are, and how many of them must have been explained.
+# Cells from which usual residuals follow, and how many of them must have been predicted well.
 _CELLS = 30
 _EXPLAINED = 15
-# A residual is far beyond so many times the largest of a usual cell, and this share of the largest
-# force explained within a cell.
+# A residual is large if it exceeds so many times the largest of a usual cell, and this share of
+# the largest range of the predicted force within a cell.
 _TIMES = 4.0
 _SHARE = 0.1
 # Outliers begin and end with a step of at least this share of their distance.
@@ -34,14 +34,14 @@ _STEP_SHARE = 0.5
 # They last no longer than this, or so many samples of a slow sensor.
 _LONGEST_NS = 20_000_000
 _LONGEST_COUNT = 2
-# More of them than this share of a second, or so many, are a disturbance and no outliers.
+# If there are more than this share of a second, and more than so many, they are a disturbance.
 _RECENT_CELLS = 10
 _FEW_SHARE = 0.03
 _FEW = 4
 
 
 class Outliers(Monitor):
-    """Names `force_outlier`."""
+    """Finds `force_outlier`."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_OUTLIER: 0.01}
 
@@ -63,7 +63,7 @@ class Outliers(Monitor):
         self._recent = deque(maxlen=_RECENT_CELLS)
 
     def examine(self, window: Window) -> Mapping[str, BoolArray]:
-        """Return the samples that are far from their prediction for a moment."""
+        """Return the samples that are briefly far from their prediction."""
         known = sum(self._explained) >= _EXPLAINED
         if window.prediction is None or not known:
             self._begun_ns = None
@@ -85,7 +85,7 @@ class Outliers(Monitor):
         return {faults.FORCE_OUTLIER: found} if 0 < marked <= max(_FEW, share) else {}
 
     def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
-        """Learn how large residuals are."""
+        """Update the usual residuals."""
         used = samples.usable
         if used.any():
             residual = np.abs(samples.force[used] - samples.prediction[used])
@@ -99,7 +99,7 @@ class Outliers(Monitor):
         return {}
 
     def restart(self) -> None:
-        """Forget how large residuals are: the muscle may have rested."""
+        """Forget the usual residuals: the muscle may have rested."""
         self._largest.clear()
         self._explained.clear()
         self._begun_ns = None
@@ -113,7 +113,7 @@ class Outliers(Monitor):
             if begin or self._begun_ns is None:
                 before = float(residual[begin - 1]) if begin else self._before
                 jumps = abs(residual[begin] - before) >= _STEP_SHARE * abs(residual[begin])
-                # A run that came smoothly is not counted from its end: it is none of these.
+                # A run that began smoothly is no outlier: it counts as too long.
                 self._begun_ns = (
                     int(stamp_ns[begin]) if jumps else int(stamp_ns[begin]) - _LONGEST_NS
                 )

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Hands what passes a stream to its monitors, cell by cell of a grid of the stamps."""
+"""Passes the samples, predictions and estimates of a stream to its monitors, cell by cell."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -24,9 +24,9 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 CELL_NS = 100_000_000
-# A shorter delay leaves no room to look around a sample before it is used.
+# With a shorter delay there are no samples around one before it is used.
 LEAST_DELAY_NS = 20_000_000
-# One bit a fault, in what is noted of a sample.
+# Each fault is one bit in the marks of a sample.
 _MOST_FAULTS = 62
 _MONITORS = 'monitors'
 Answer = TypeVar('Answer')
@@ -38,15 +38,15 @@ class Pipeline(Restorable):
     Parameters
     ----------
     monitors : sequence of Monitor
-        In the order in which they are asked.
+        Called in this order.
     sinks : sequence of Monitor
-        Are asked after them, and are no part of the state.
+        Called after them; not part of the state.
     delay_ns : int
-        How long samples wait, at least, before they are used [ns]; at most half of it is a cell of
-        the grid, the other half is how far a cell is looked at beyond its end.
+        Least time for which samples wait before they are used [ns]; a cell is at most half as
+        long, so that the samples of another cell after it are known.
     look_ahead_ns : int
-        How far pulses are known beyond a sample that is used [ns]; no cell is longer if its
-        samples are to be foretold.
+        Up to this time after a sample the pulses are known [ns]; cells are not longer if samples
+        are predicted.
     counter : FaultCounter
         Where faults are counted.
     """
@@ -80,12 +80,12 @@ class Pipeline(Restorable):
         self._parts = []
 
     def state(self) -> State:
-        """Return what is remembered, here and by monitors that have not failed."""
+        """Return the state, with that of the monitors that have not failed."""
         monitors = [one.state() if one in self._monitors else None for one in self._named]
         return {**super().state(), _MONITORS: monitors}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what was saved; see `Restorable.restore`."""
+        """Restore a saved state; see `Restorable.restore`."""
         saved = state.get(_MONITORS)
         fits = isinstance(saved, list) and len(saved) == len(self._named)
         expect(fits, 'Pipeline', f'{len(self._named)} monitors')
@@ -112,10 +112,10 @@ class Pipeline(Restorable):
         last: int,
         predicted: Callable[[IntArray], FloatArray | None],
     ) -> IntArray:
-        """Return what is wrong with samples first .. last - 1 of one cell, one bit a fault.
+        """Return the faults of samples first .. last - 1 of one cell, one bit each.
 
-        `stamp_ns` and `force` (samples,) are all that wait, ascending; the samples before `first`
-        have been examined.  `predicted` foretells the samples of a cell.
+        `stamp_ns` and `force` (samples,) are all waiting samples, ascending; those before `first`
+        have been examined.  `predicted` returns the prediction of the samples of a cell.
         """
         if not self._examines:
             return np.zeros(last - first, dtype=np.int64)
@@ -133,7 +133,7 @@ class Pipeline(Restorable):
         return marks
 
     def concerned(self, marks: IntArray) -> dict[str, BoolArray]:
-        """Return which samples (samples,) each fault concerns."""
+        """Return which samples (samples,) have each fault."""
         found = int(np.bitwise_or.reduce(marks)) if len(marks) else 0
         return {
             name: (marks & (1 << bit)) != 0
@@ -142,11 +142,11 @@ class Pipeline(Restorable):
         }
 
     def add(self, part: ProcessedSamples) -> None:
-        """Keep what was processed until its cell is complete."""
+        """Keep processed samples until their cell is complete."""
         self._parts.append(part)
 
     def flush(self) -> int:
-        """Hand over the cell that has been kept; return how many samples it had."""
+        """Pass the complete cell to the monitors; return how many samples it had."""
         if not self._parts:
             return 0
         columns = ('stamp_ns', 'force', 'prediction', 'usable', 'onset_ns', 'intensity')
@@ -161,12 +161,12 @@ class Pipeline(Restorable):
         return len(whole.stamp_ns)
 
     def estimated(self, estimate: Estimate) -> None:
-        """Hand over an estimate."""
+        """Pass an estimate to the monitors."""
         for monitor in list(self._monitors):
             self._ask(monitor, monitor.estimated, estimate, None)
 
     def restart(self) -> None:
-        """Forget what is noted by stamps: the clock has jumped back."""
+        """Forget earlier stamps: the clock has jumped back."""
         self._cell = None
         self._marks = np.empty(0, dtype=np.int64)
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
@@ -216,10 +216,10 @@ class Pipeline(Restorable):
     def _ask(
         self, monitor: Monitor, method: Callable[..., Answer], what: object, otherwise: Answer
     ) -> Answer:
-        """Return the answer of a monitor; take it out if it fails."""
+        """Return the result of a monitor; remove the monitor if it raises."""
         try:
             return method(what)
-        # Whatever somebody's monitor does, learning goes on.
+        # A monitor that fails must not stop the identification.
         except Exception:  # noqa: BLE001
             self._monitors.remove(monitor)
             self._counter.add(faults.MONITOR_FAILED)

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Force that the model does not explain although it did before."""
+"""Force that the model does not predict although it did before."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -12,20 +12,20 @@ from rpms_ros.identification import faults
 from rpms_ros.identification.monitors.interface import Monitor
 from rpms_ros.identification.monitors.interface import ProcessedSamples
 
-# Cells that say how large residuals are, and how many of them must have had force explained.
+# Cells from which usual residuals follow, and how many of them must have been predicted well.
 _CELLS = 30
 _EXPLAINED = 15
-# A residual counts as large beyond so many times the usual one, and beyond this share of the
-# largest force explained within a cell.
+# A residual is large if it exceeds so many times the usual one, and this share of the largest
+# range of the predicted force within a cell.
 _TIMES = 8.0
 _SHARE = 0.1
 
 
 class Unexplained(Monitor):
-    """Names `force_unexplained`.
+    """Finds `force_unexplained`.
 
-    The usual residual is the median over three seconds: a change that lasts is named for half of
-    them and is then the usual.
+    The usual residual is the median over three seconds: a lasting change is reported for half of
+    that time.
     """
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_UNEXPLAINED: 0.002}
@@ -40,7 +40,7 @@ class Unexplained(Monitor):
         self._range = 0.0
 
     def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
-        """Return how many samples the cell has if its residuals are far larger than usual."""
+        """Return the number of used samples if residuals are far larger than usual."""
         used = samples.usable
         if not used.any():
             return {}

@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Short excursions of the force: what leaves the course of its neighbours and comes back.
+"""Short excursions of the force from the course of the neighbouring samples.
 
-A muscle cannot: force rises for 20 ms at least, and falls more slowly.  A change of the muscle or
-of the sensor that lasts is no excursion, however large it is, and is learnt from.
+The force of a muscle rises for at least 20 ms and falls more slowly.  A lasting change of the
+muscle or of the sensor is no excursion, however large it is, and is learnt from.
 """
 
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ _STEPS = 6.0
 
 
 class Spikes(Monitor):
-    """Names `force_spike`."""
+    """Finds `force_spike`."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_SPIKE: 0.01}
 
@@ -63,7 +63,7 @@ def find_excursions(
         high = index
         while high + 1 < len(force) and stamp_ns[high + 1] - stamp_ns[index] <= _REACH_NS:
             high += 1
-        # As many on either side: the median of a slope is then its middle.
+        # As many on either side, so that the median of a slope is its middle.
         reach = min(index - low, high - index)
         stride = (reach + _MOST - 1) // _MOST
         side = reach // stride if stride else 0
@@ -76,7 +76,7 @@ def find_excursions(
             near[place] = force[index + (place - side) * stride]
             above += near[place] > force[index] + floor
             below += near[place] < force[index] - floor
-        # The median is that far away only if more than half of them are: few have to be sorted.
+        # The median is that far away only if more than half of them are; else skip the sorting.
         if max(above, below) <= side:
             continue
         ordered = np.sort(near[:count])

@@ -16,30 +16,30 @@ from rpms_ros.identification.saved_state import expect
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 
-# Shorter repetitions of one value are a matter of resolution.
+# Shorter repetitions of one value come from the resolution of the sensor.
 _FROZEN_NS = 80_000_000
-# What the force did just before tells a sensor that froze from a force that has come to rest.
+# The force just before distinguishes a frozen sensor from a force that has come to rest.
 _APPROACH_NS = 20_000_000
 _APPROACH_SHARE = 0.1
 _CONSTANT_NS = 3_000_000_000
 _MEMORY_OF_STEPS = 0.05
-# The highest value is the end of the range if it has come so often, and so many times as often as
-# the one below; near a smooth peak the two counts are alike.
+# The highest value is the end of the range if it occurs so often, and so many times as often as
+# the one below; near a smooth peak the two counts are similar.
 _CLIPPED_COUNT = 10
 _CLIPPED_RATIO = 4.0
 # A force that is cut off stays at the end of the range; a smooth peak has two equal samples at
 # most, though a train without noise repeats it to the last digit.
 _CLIPPED_RUN = 3
-# A force without noise that comes to rest by itself creeps there, by the last digits of a double;
-# a limit cuts it off at a step.  Share of the range of the force.
+# A force without noise approaches its extreme by the last digits of a double; a limit is reached
+# by a step of at least this share of the range of the force.
 _CREEP_SHARE = 1e-9
-# Places in the record of extremes: a value, how often it came, the next one inwards, the same; how
-# many of the latest samples have the first value, and the most that had it in a row.
+# Places in the record of extremes: a value and its count, the next one inwards and its count; how
+# many of the latest samples have the first value, and the longest run of it.
 _TOP, _TOP_COUNT, _NEXT, _NEXT_COUNT, _RUN, _LONGEST_RUN = range(6)
 
 
 class FrozenSensor(Monitor):
-    """Names `force_frozen`: one value again and again where the force varied just before."""
+    """Finds `force_frozen`: one value is repeated although the force varied just before."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_FROZEN: 0.01}
 
@@ -61,7 +61,7 @@ class FrozenSensor(Monitor):
         changes = window.force[1:] != window.force[:-1]
         begins = np.concatenate(([0], np.flatnonzero(changes) + 1))
         ends = np.append(begins[1:], len(window.force))
-        # Most values come once; the last one of the cell may come again.
+        # Most values occur once; the last one of the cell may occur again after it.
         again = (ends - begins > 1) | (ends == window.last)
         again &= (ends > window.first) & (begins < window.last)
         for begin, end in zip(begins[again].tolist(), ends[again].tolist(), strict=True):
@@ -92,7 +92,7 @@ class FrozenSensor(Monitor):
 
 
 class ClippedSensor(Monitor):
-    """Names `force_clipped`: values at the end of the range."""
+    """Finds `force_clipped`: values at the end of the range."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CLIPPED: 0.01}
 
@@ -135,7 +135,7 @@ def _cut_off(record: FloatArray, span: float) -> bool:
 
 
 class ConstantForce(Monitor):
-    """Names `force_constant`: the force has been exactly constant for a long time."""
+    """Finds `force_constant`: the force has been exactly constant for three seconds."""
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CONSTANT: 0.0}
 
@@ -147,7 +147,7 @@ class ConstantForce(Monitor):
         self._since_ns = 0
 
     def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
-        """Return how many samples of the cell are like those of the three seconds before."""
+        """Return how many samples of the cell equal those of the three seconds before."""
         changes = np.flatnonzero(np.diff(samples.force, prepend=self._value) != 0.0)
         end = int(changes[0]) if len(changes) else len(samples.force)
         count = int(np.count_nonzero(samples.stamp_ns[:end] - self._since_ns >= _CONSTANT_NS))
@@ -163,7 +163,7 @@ class ConstantForce(Monitor):
 
 @numba.njit(cache=True)
 def count_extremes(force: FloatArray, record: FloatArray) -> None:
-    """Take samples (samples,) into a record (6,) of the two highest values and their counts."""
+    """Update a record (6,) of the two highest values and their counts by samples (samples,)."""
     for value in force:
         if value < record[_TOP]:
             record[_RUN] = 0.0

@@ -1,33 +1,33 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""What is kept of blocks that leave the horizon: a quadratic cost about [theta, w].
+r"""Arrival cost: the blocks that have left the horizon, as a quadratic cost of [theta, w].
 
 ``(z - z_0)^T L (z - z_0) / 2 - p^T (z - z_0)``: a leaving block adds its Gauss-Newton matrix to L
-and its gradient to p, both at the parameters as they stand.
+and its gradient to p, both at the present parameters.
 
 Old information is to be replaced by new, but only where there is new information.  With
-M = L + (information of the horizon) it is forgotten in proportion to what replaces it,
+M = L + (information of the horizon) it is forgotten in proportion to the new information,
 
 .. math:: L \leftarrow L - a\,(L - L M^{-1} L), \qquad p \leftarrow p - a\,(p - L M^{-1} p).
 
 ``L - L M^{-1} L`` is the parallel sum of old and new information: about L in directions that the
 horizon informs, zero in those it does not.  So a rest, a constant intensity or one below the
-threshold erases nothing, and nothing grows without bound.
+threshold erases nothing, and L does not grow without bound.
 
 Both describe the same muscle only while it does not change.  So they are compared before each
-step: with v the slope of the remembered cost at the joint optimum and H the information of the
+step: with v the slope of the arrival cost at the joint optimum and H the information of the
 horizon, baseline eliminated and prior included,
 
 .. math:: T = v^T (H^{-1} + L^{-1}) v / s^2
 
 is the squared difference of the two estimates in units of its covariance, chi-square with as many
-degrees of freedom as there are unknowns.  Where T is above `disagreement_limit`, process noise is
-added along the difference ``L^{-1} v``, as much as brings T down to one,
+degrees of freedom as there are unknowns.  If T is above `disagreement_limit`, process noise is
+added along the difference ``L^{-1} v``, so much that T becomes one,
 
 .. math:: L \leftarrow L - (1 - 1/T)\, v v^T / (v^T L^{-1} v),
 
-and all that the horizon replaces is forgotten at once: blocks that left since the muscle changed
-were linearised at parameters between the old and the new ones.
+and everything of which the horizon informs is forgotten: blocks that left since the change were
+linearised at parameters between the old and the new ones.
 """
 
 import numba
@@ -49,7 +49,7 @@ from rpms_ros.identification.small_matrix import solve_factorised
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import FloatArray
 
-# How often a muscle that does not change may look as if it had, in one comparison.
+# Probability of a false alarm in one comparison if the muscle does not change.
 _FALSE_ALARM = 1e-4
 
 
@@ -60,7 +60,7 @@ def disagreement_limit(unknowns: int) -> float:
 
 @numba.njit(cache=True)
 def _recentre(prior: Prior, fit: Fit) -> None:
-    """Expand the cost about the parameters as they stand."""
+    """Expand the cost about the present parameters."""
     for place in range(len(prior.reference)):
         here = (
             coordinate(fit.theta, place) if place < PARAMETERS else fit.linear[place - PARAMETERS]
@@ -73,7 +73,7 @@ def _recentre(prior: Prior, fit: Fit) -> None:
 
 @numba.njit(cache=True)
 def marginalize(problem: Problem, last: int, fit: Fit, scratch: Fit) -> None:
-    """Add what the problem's blocks before `last` say at the parameters of `fit` to its prior."""
+    """Add the blocks before `last`, linearised at the parameters of `fit`, to the prior."""
     prior = problem.prior
     _recentre(prior, fit)
     linear_pass(problem, last, fit.theta, scratch.matrix, scratch.right)
@@ -97,7 +97,7 @@ def marginalize(problem: Problem, last: int, fit: Fit, scratch: Fit) -> None:
 
 @numba.njit(cache=True)
 def _total(prior: Prior, fit: Fit) -> FloatArray:
-    """Return the lower triangle of M, kept positive by a trace of its size."""
+    """Return the lower triangle of M with a small ridge."""
     count = len(prior.reference)
     total = fit.complete[:count, :count] + prior.information
     size = 0.0
@@ -110,7 +110,7 @@ def _total(prior: Prior, fit: Fit) -> FloatArray:
 
 @numba.njit(cache=True)
 def forget(prior: Prior, fit: Fit, share: float) -> None:
-    """Forget `share` of what is known besides the blocks, where the blocks replace it."""
+    """Forget `share` of the arrival cost in the directions of which the blocks inform."""
     count = len(prior.reference)
     information = prior.information
     total = _total(prior, fit)
@@ -150,7 +150,7 @@ def _add_prior(prior: Prior, fit: Fit, matrix: FloatArray) -> None:
 
 @numba.njit(cache=True)
 def _slope_at_optimum(prior: Prior, fit: Fit, gradient: FloatArray) -> FloatArray:
-    """Return minus the gradient of the remembered cost where both costs together are least."""
+    """Return minus the gradient of the arrival cost at the optimum of both costs together."""
     count = len(prior.reference)
     both = fit.complete.copy()
     _add_prior(prior, fit, both)
@@ -168,15 +168,15 @@ def _slope_at_optimum(prior: Prior, fit: Fit, gradient: FloatArray) -> FloatArra
 
 
 @numba.njit(cache=True)
-def yield_to_horizon(prior: Prior, fit: Fit, gradient: FloatArray, limit: float) -> float:
+def reduce_contradiction(prior: Prior, fit: Fit, gradient: FloatArray, limit: float) -> float:
     """Reduce the arrival cost where it contradicts the horizon; return the statistic T.
 
     Parameters
     ----------
     prior : Prior
-        What is remembered, changed if T is above the limit.
+        The arrival cost, changed if T is above the limit.
     fit : Fit
-        Its equations are complete, its linear unknowns solved.
+        Fit with complete equations and solved linear unknowns.
     gradient : ndarray (4,)
         Minus half the gradient of the joint cost by theta.
     limit : float

@@ -1,11 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Latency and time constant of the basis of a whole recording, by how well it is explained.
+"""Choice of latency and time constant of the basis by how well a recording is explained.
 
-Seven Laguerre functions describe a twitch whose time constant is not far from their own, and none
-that begins before their latency.  All bases have as many unknowns, so the one that leaves the
-least of the force unexplained is the most likely one.  They lie on a lattice, and the search ends
-at the same point of it wherever it began.
+Seven Laguerre functions describe a twitch whose time constant is not far from their own and which
+does not begin before their latency.  All bases have as many unknowns, so the one with the smallest
+residual is the most likely one.  They are the points of a grid.
 """
 
 import math
@@ -24,7 +23,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 
 Place = tuple[int, int]
-"""Point of the lattice: steps of the time constant and of the latency from those of the start."""
+"""Point of the grid: steps of the time constant and of the latency from those of the start."""
 
 # 38 ms times 1.5^(k / 4): 5 to 105 ms; 8 ms and j / 4 ms: 0 to 35 ms.
 _RATIO = 1.5**0.25
@@ -32,22 +31,22 @@ _SHIFT = 0.25e-3
 _FASTEST, _SLOWEST = -20, 10
 _SOONEST, _LATEST = -32, 108
 _COARSE = tuple((k, j) for k in range(-16, 11, 4) for j in (-32, -16, 0, 20, 44, 72))
-# A slower basis that begins earlier is much like a faster one that begins later.
+# Steps of the search; a slower basis that begins earlier resembles a faster one that begins later.
 _STRIDES = (
     *((1, 0), (-1, 0), (0, 1), (0, -1), (0, 2), (0, -2), (0, 8), (0, -8)),
     *((3, 0), (-3, 0), (1, -2), (-1, 2), (3, -1), (-3, 1), (3, 1), (-3, -1)),
 )
-# Another basis has to be this much better than that of the start [nat].
+# Difference of the log-likelihood from which another basis than that of the start is taken [nat].
 _DECISION = 15.0
 _STEPS = 6
 _TOLERANCE = 1e-3
 _DAMPING = 1e-2
-# Of the energy of the force: what is explained better than that is explained.
+# Residuals below this share of the energy of the force are not distinguished.
 _LEAST_SHARE = 1e-9
 
 
 def basis_at(start: LaguerreBasis, place: Place) -> LaguerreBasis:
-    """Return the basis at a point of the lattice around `start`."""
+    """Return the basis at a point of the grid around `start`."""
     time_constant = start.time_constant * _RATIO ** place[0]
     return LaguerreBasis(start.functions, time_constant, start.latency + _SHIFT * place[1])
 
@@ -60,13 +59,13 @@ class BasisSearch:
     record : SampleRecord
         The recording.
     part : Part
-        What is explained.
+        The part that is fitted.
     start : LaguerreBasis
-        Middle of the lattice.
+        Basis at the point (0, 0) of the grid.
     theta : ndarray (4,)
-        Where the nonlinear parameters begin.
+        Start of the nonlinear parameters.
     prior : Prior
-        What is known besides.
+        Prior and bounds.
     knot_spacing : float
         Distance of the baseline's knots [s].
     """
@@ -89,7 +88,7 @@ class BasisSearch:
         self._found: dict[Place, float] = {}
 
     def best(self, place: Place, everywhere: bool) -> Place:
-        """Return the best point, going downhill from one, or from the best of a coarse grid."""
+        """Return the best point found from `place`, or from the best of a coarse grid too."""
         if everywhere:
             place = min((place, *_COARSE), key=self._unexplained)
         while True:
@@ -103,20 +102,20 @@ class BasisSearch:
         return place if gain > _DECISION else start
 
     def _has(self, place: Place) -> bool:
-        """Return whether a point is one of the lattice."""
+        """Return whether the grid has a point."""
         k, j = place
         sooner = self._start.latency + _SHIFT * j
         return _FASTEST <= k <= _SLOWEST and _SOONEST <= j <= _LATEST and sooner > -1e-12
 
     def _unexplained(self, place: Place) -> float:
-        """Return minus the log-likelihood of a point, but for a constant [nat]."""
+        """Return minus the log-likelihood of a point, without a constant [nat]."""
         if place not in self._found:
             self._found[place] = self._fitted(basis_at(self._start, place))
         return self._found[place]
 
     def _fitted(self, basis: LaguerreBasis) -> float:
         problem, _, _ = self._record.condensed(basis, self._prior, self._baseline, [self._part])
-        # the force of pulses before the part is not known well enough
+        # the force of pulses before the part is unknown
         knots = self._baseline.knots
         fit, trial = (empty_fit(self._theta, basis.functions, knots) for _ in range(2))
         fit.damping[0] = _DAMPING

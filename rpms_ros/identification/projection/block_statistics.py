@@ -3,10 +3,10 @@
 r"""Sufficient statistics of the force samples for any parameters, in blocks of one pulse each.
 
 A block holds the samples between two pulses.  Within it the regressors are
-``phi_l(tau) = sum_k e_k(tau) z_(l-k)``: `e` depends on the time ``tau`` since the block began and
-on nothing else, the states `z` at its beginning on the parameters and on nothing else.  So the
-sums ``sum e e^T``, ``sum e y``, ``sum e``, ``sum e tau`` and a few of ``y`` and ``tau`` over the
-samples of a block give the normal equations of *any* parameters exactly, without the samples.
+``phi_l(tau) = sum_k e_k(tau) z_(l-k)``: `e` depends only on the time ``tau`` since the block
+began, the states `z` at its beginning only on the parameters.  So the sums ``sum e e^T``,
+``sum e y``, ``sum e``, ``sum e tau`` and a few of ``y`` and ``tau`` over the samples of a block
+give the normal equations of *any* parameters exactly, without the samples.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from rpms_ros.pulses import IntArray
 RESPONSE_FORCE, RESPONSE_ONE, RESPONSE_TIME = range(3)
 # Columns of `BlockStatistics.moments`: sums of 1, tau, tau^2, y, y tau and y^2.
 COUNT, TIME, TIME_SQUARED, FORCE, FORCE_TIME, FORCE_SQUARED = range(6)
-# A block that no pulse ends is ended after this time [ns]: a horizon slides in small steps.
+# Longest block [ns], so that a horizon moves in small steps when no pulses are given.
 LONGEST_BLOCK_NS = 250_000_000
 
 
@@ -102,7 +102,7 @@ def open_block(
     rate: float,
     fresh: bool,
 ) -> int:
-    """Begin a block, at the cost of the oldest if the ring is full; return its place.
+    """Begin a block and return its place; if the ring is full, the oldest block is dropped.
 
     `rate` is 2 p [1/s].  A fresh block begins with zero states: the clock may have jumped.
     """

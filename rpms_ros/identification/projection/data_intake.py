@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Samples and pulses into blocks, with a prediction of each sample before it is learnt from."""
+"""Adds samples and pulses to blocks, with an a-priori prediction of each sample."""
 
 import math
 from typing import NamedTuple
@@ -30,7 +30,7 @@ OUTPUT_ERROR_TIME = 1.0
 
 
 class Intake(NamedTuple):
-    """What the intake carries from sample to sample.
+    """State of the intake between samples.
 
     Attributes
     ----------
@@ -41,8 +41,8 @@ class Intake(NamedTuple):
     values : ndarray (functions,)
         e(tau), overwritten.
     error_energy, force_energy, recent : ndarray (1,)
-        Sums of squares of the a-priori error and of the force [N^2], and number of samples, each
-        decaying alike.
+        Exponentially decaying sums of squares of the a-priori error and of the force [N^2], and
+        number of samples.
     learnt : ndarray (1,)
         Number of samples that were learnt from.
     fresh : ndarray (1,)
@@ -63,7 +63,7 @@ class Intake(NamedTuple):
 
 
 def fresh_intake(functions: int) -> Intake:
-    """Return an intake that knows of nothing before its first sample."""
+    """Return an intake before its first sample."""
     state, response, values = np.zeros((3, functions))
     return Intake(
         state=state,
@@ -99,8 +99,8 @@ def _begin_block(
 
 
 @numba.njit(cache=True)
-def restate(problem: Problem, intake: Intake, fit: Fit) -> None:
-    """Bring the intake's state to new parameters."""
+def recompute_state(problem: Problem, intake: Intake, fit: Fit) -> None:
+    """Recompute the state of the intake for new parameters."""
     blocks, input_gain = problem.blocks, problem.input_gain
     intake.state[:] = 0.0
     origin = arctan_recruitment(0.0, fit.theta)
@@ -126,10 +126,11 @@ def take(
     rate: float,
     prediction: FloatArray,
 ) -> int:
-    """Take ascending samples (samples,); return how many pulses have begun to act.
+    """Add ascending samples (samples,); return how many pulses have begun to act.
 
-    `begin_ns`, `intensity`, `weight` (pulses,) are pulses that have not begun yet, latency
-    included.  Writes the prediction of each sample by the parameters as they stand.
+    `begin_ns`, `intensity`, `weight` (pulses,) are pulses whose twitch has not begun yet;
+    `begin_ns` includes the latency.  Writes the prediction of each sample with the present
+    parameters.
     """
     blocks, baseline, input_gain = problem.blocks, problem.baseline, problem.input_gain
     begun = 0

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates out of a fit: curve, response, physiology, each with its interval."""
+"""Estimates from a fit: curve, response, physiology, each with its interval."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -32,16 +32,16 @@ RESPONSE_DURATION = 0.4
 
 @dataclass(frozen=True)
 class Counters:
-    """What an estimator has seen.
+    """Properties of the data of an estimator.
 
     Attributes
     ----------
     samples, pulses : int
-        What was used.
+        How many were used.
     intensity_span : float
-        Highest less lowest intensity.
+        Highest minus lowest intensity, share of the maximum.
     output_error : float
-        A-priori error over the last second, relative.
+        A-priori error over the last second, relative to the force.
     """
 
     samples: int
@@ -56,15 +56,15 @@ class EstimateBuilder:
     Parameters
     ----------
     name : str
-        Its name.
+        Name of the estimator.
     basis : LaguerreBasis
-        Its basis.
+        Basis of the response.
     rate_hz : float
         Rate for which the curve is stated [Hz].
     confidence : float
         Level of the intervals.
     wide : bool
-        Read twitches from 8 to 90 ms, not only those that people mostly have.
+        See `TwitchReader`.
     """
 
     def __init__(
@@ -105,9 +105,9 @@ class EstimateBuilder:
         counters: Counters,
         faults: Mapping[str, int],
     ) -> Estimate:
-        """Return the estimate of a fit that is as sure as `sure` says.
+        """Return the estimate of a fit with a given uncertainty.
 
-        `deviation` (4,) is that of the prior of theta, alpha as logarithms.
+        `deviation` (4,) is the standard deviation of the prior of theta, alpha as logarithms.
         """
         count = len(fit.linear)
         names = tuple(f'basis_{index + 1}' for index in range(count))
@@ -143,7 +143,7 @@ class EstimateBuilder:
         )
 
     def _curve(self, fit: Fit, sure: Uncertainty | None, span: float) -> dict[str, FloatArray]:
-        """Return K rho(u) and its bounds [N]; empty if one intensity only has been seen."""
+        """Return K rho(u) and its bounds [N]; empty if there was one intensity only."""
         if not span >= SMALLEST_INTENSITY_SPAN:
             return {'curve_force': np.empty(0)}
         area = self._rate_hz * self._basis.area
@@ -156,7 +156,7 @@ class EstimateBuilder:
         return {'curve_force': curve, 'curve_lower': curve - half, 'curve_upper': curve + half}
 
     def _response(self, fit: Fit, sure: Uncertainty | None) -> dict[str, Any]:
-        """Return the response to a pulse of full intensity, and what it says of the twitch."""
+        """Return the response to a pulse of full intensity, and its physiology."""
         rho, slopes = _recruitment(fit, np.ones(1))
         response = rho[0] * (self._values @ fit.linear)
         if sure is None:

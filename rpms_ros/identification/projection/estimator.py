@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the batch and the horizon estimator have in common: intake, prediction, estimates."""
+"""Common parts of the batch and the horizon estimator: intake, prediction, estimates."""
 
 import math
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ from rpms_ros.pulses import IntArray
 
 
 class ProjectionEstimator(RestorableWithSettings):
-    """Intake of samples and pulses into blocks; when to fit is left to the classes below.
+    """Adds samples and pulses to blocks; derived classes decide when to fit.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ class ProjectionEstimator(RestorableWithSettings):
     rate_hz : float
         Rate for which the recruitment curve is stated [Hz].
     capacity : int
-        Number of blocks there is room for.
+        Largest number of blocks.
     knots : int
-        Number of the baseline's knots.
+        Number of knots of the baseline.
 
     Raises
     ------
@@ -113,12 +113,12 @@ class ProjectionEstimator(RestorableWithSettings):
 
     @property
     def parameters(self) -> RecruitmentParameters:
-        """Nonlinear parameters as they stand."""
+        """Present nonlinear parameters."""
         return RecruitmentParameters(*(float(value) for value in self._fit.theta))
 
     @property
     def linear(self) -> FloatArray:
-        """Coefficients of the basis as they stand (functions,) [N s^1/2]."""
+        """Present coefficients of the basis (functions,) [N s^1/2]."""
         return self._fit.linear.copy()
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
@@ -128,7 +128,7 @@ class ProjectionEstimator(RestorableWithSettings):
         self._delay_line.add(onset_ns, intensity)
         self._pulses += len(onset_ns)
         low, high = self._intensity_range
-        # Recruitment at intensity 0 is 0 whatever the parameters: it shows no point of the curve.
+        # Recruitment at intensity 0 is 0 for all parameters, so it does not inform about them.
         recruiting = intensity[intensity > 0.0]
         self._intensity_range = (
             float(recruiting.min(initial=low)),
@@ -136,13 +136,13 @@ class ProjectionEstimator(RestorableWithSettings):
         )
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act: the clock has jumped, their time is not known."""
+        """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._delay_line.forget()
         self._intake.fresh[0] = 1.0
         self._intake.error_energy[0] = 0.0
         self._intake.force_energy[0] = 0.0
         self._intake.recent[0] = 0.0
-        # The baseline goes on at its last level: its slope holds for the old time line only.
+        # The baseline continues at its last level: its slope is valid for the old time line only.
         self._fit.levels[:] = self._fit.levels[-1:]
 
     def described_settings(self) -> State:
@@ -150,13 +150,13 @@ class ProjectionEstimator(RestorableWithSettings):
         return {**described(self.settings), 'rate_hz': self.rate_hz}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what was saved; see `Restorable.restore`."""
+        """Restore a saved state; see `Restorable.restore`."""
         made = self._problem
         super().restore(state)
         _check(self._problem, made, (self._fit, self._trial), self._intake)
 
     def predict(self, stamp_ns: IntArray) -> FloatArray:
-        """Return what is expected of samples (samples,) that come next [N]."""
+        """Return the prediction of the next samples (samples,) [N]."""
         pending, expected = self._delay_line, np.empty(len(stamp_ns))
         predict(
             stamp_ns,
@@ -174,7 +174,7 @@ class ProjectionEstimator(RestorableWithSettings):
     def _take(
         self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray, prediction: FloatArray
     ) -> None:
-        """Put samples (samples,) into blocks; write their prediction."""
+        """Add samples (samples,) to the blocks; write their prediction."""
         pending = self._delay_line
         begun = take(
             stamp_ns,
@@ -192,7 +192,7 @@ class ProjectionEstimator(RestorableWithSettings):
         pending.drop(begun)
 
     def _build(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return the estimate of the fit as it stands."""
+        """Return the estimate of the present fit."""
         return self._builder.make(
             stamp_ns,
             self._fit,
@@ -203,7 +203,7 @@ class ProjectionEstimator(RestorableWithSettings):
         )
 
     def _counters(self) -> Counters:
-        """Return what has been seen."""
+        """Return the properties of the data so far."""
         low, high = self._intensity_range
         intake = self._intake
         energy = float(intake.force_energy[0])
@@ -216,7 +216,7 @@ class ProjectionEstimator(RestorableWithSettings):
 
     def _with_own(self, faults: Mapping[str, int]) -> dict[str, int]:
         """Return the faults of the stream, and those that were found here."""
-        # names that a monitor of another package counts are passed on
+        # faults of monitors of other packages are counted under any name
         own = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), *self._faults.counts().items()):
             own.add(name, count)
@@ -224,7 +224,7 @@ class ProjectionEstimator(RestorableWithSettings):
         return own.counts()
 
     def _spread(self) -> FloatArray:
-        """Return how much sums of neighbouring residuals vary (lengths,) [N^2]."""
+        """Return `residual_spread` of the blocks (lengths,) [N^2]."""
         blocks, first = self._problem.blocks, self._problem.first
         head, size = int(blocks.head[0]), int(blocks.size[0])
         count = size - first
@@ -237,7 +237,7 @@ class ProjectionEstimator(RestorableWithSettings):
 
 
 def _check(problem: Problem, made: Problem, fits: tuple[Fit, Fit], intake: Intake) -> None:
-    """Raise `IdentificationError` unless restored arrays have the shapes that are relied on."""
+    """Raise `IdentificationError` unless restored arrays have the right shapes."""
     blocks, functions = problem.blocks, made.blocks.transition.shape[1]
     capacity, knots = len(blocks.start_ns), problem.baseline.knots
     expect(knots >= 0, 'baseline', 'knots')

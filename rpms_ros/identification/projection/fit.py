@@ -15,15 +15,15 @@ from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import FloatArray
 
-# The model's error is taken to be at least this share of the force's mean square [1], with the
-# weight of this many samples: the residuals of a few samples say little of the variance.
+# The variance of the residuals is estimated with a prior value, this share of the mean square of
+# the force [1], of the weight of so many samples: few residuals determine it poorly.
 _MODEL_ERROR = 1e-4
 _MODEL_ERROR_SAMPLES = 200.0
 LEAST_ENERGY = 1e-18
 
 
 class Fit(NamedTuple):
-    """A fit: where it stands, and the equations at that point.
+    """Parameters of a fit, and its equations at these parameters.
 
     Attributes
     ----------
@@ -36,13 +36,13 @@ class Fit(NamedTuple):
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
         Sums from the blocks, lower triangle.
     complete : ndarray (unknowns, unknowns)
-        The newest matrix that had the rows of theta too.
+        The newest matrix with the rows of theta.
     cost, squares : ndarray (1,)
-        Cost with what is known besides the blocks, and sum of squared residuals alone [N^2].
+        Cost including the prior, and sum of squared residuals alone [N^2].
     samples, energy : ndarray (1,)
         Number of samples in the blocks, and sum of the squared force [N^2].
     variance : ndarray (1,)
-        Variance of the residuals, by which what is weakly known is weighted [N^2].
+        Variance of the residuals, the weight of the prior [N^2].
     damping, moved : ndarray (1,)
         Of the next step, and largest change of the last one.
     failures : ndarray (1,)
@@ -88,7 +88,7 @@ def empty_fit(theta: FloatArray, functions: int, knots: int) -> Fit:
 
 @numba.njit(cache=True)
 def coordinate(theta: FloatArray, place: int) -> float:
-    """Return a parameter as it is stepped: alpha as its logarithm."""
+    """Return a parameter in the coordinate of the steps: alpha as its logarithm."""
     if place >= 2:
         return math.log(theta[place])
     value: float = theta[place]
@@ -99,14 +99,14 @@ def coordinate(theta: FloatArray, place: int) -> float:
 def weak_ridge(fit: Fit) -> float:
     """Return a ridge that keeps w and b solvable, too weak to change estimates noticeably."""
     power = fit.energy[0] / max(fit.samples[0], 1.0) + LEAST_ENERGY
-    # The variance is above the power only where it is remembered from before a gap.
+    # The variance exceeds the power only if it is from before a gap.
     value: float = 1e-2 * fit.variance[0] / max(power, fit.variance[0])
     return value
 
 
 @numba.njit(cache=True)
 def away_from_reference(fit: Fit, prior: Prior) -> FloatArray:
-    """Return [theta, w] relative to the point where the arrival cost is expanded."""
+    """Return [theta, w] (4 + functions,) relative to the reference of the arrival cost."""
     away = np.empty(len(prior.reference))
     for place in range(PARAMETERS):
         away[place] = coordinate(fit.theta, place)
@@ -175,7 +175,7 @@ def _squares(fit: Fit) -> float:
 
 @numba.njit(cache=True)
 def _solve_linear(fit: Fit, prior: Prior) -> None:
-    """Solve for w and b at ``fit.theta``; they stay, and it is counted, if that fails."""
+    """Solve for w and b at ``fit.theta``; if that fails they stay, and the failure is counted."""
     functions = len(fit.linear)
     matrix = linear_matrix(fit, prior)
     right = fit.right[PARAMETERS:].copy()
@@ -197,9 +197,9 @@ def _solve_linear(fit: Fit, prior: Prior) -> None:
 
 @numba.njit(cache=True)
 def fit_linear(problem: Problem, fit: Fit, refresh: bool) -> None:
-    """Solve the linear unknowns at ``fit.theta``; with `refresh`, the variance anew before.
+    """Solve the linear unknowns at ``fit.theta``; with `refresh`, update the variance too.
 
-    The variance scales what is weakly known; it stays while two parameter sets are compared.
+    The variance is the weight of the prior; it stays while two parameter sets are compared.
     """
     prior = problem.prior
     samples, energy = linear_pass(
@@ -214,7 +214,7 @@ def fit_linear(problem: Problem, fit: Fit, refresh: bool) -> None:
     squares = _squares(fit)
     fit.squares[0] = max(squares, 0.0)
     if refresh and remembers(prior) and samples < _MODEL_ERROR_SAMPLES:
-        # After a gap a few samples say less of the variance than what was known before it.
+        # After a gap the variance from before is better known than that of a few samples.
         kept = (_MODEL_ERROR_SAMPLES - samples) * fit.variance[0]
         fit.variance[0] = (fit.squares[0] + kept) / _MODEL_ERROR_SAMPLES
     elif refresh:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which parameters the data determine.
 
-* not informed: the standard deviation is above 0.7 of the prior's; the data have not even halved
-  what was uncertain (as variance).
-* converged: it is below `SETTLED`, and the last step moved by less than one of them.
-* informed: in between.
+* not informed: the standard deviation is above 0.7 of that of the prior: the data have not halved
+  the variance.
+* converged: it is below `SETTLED`, and the last step was smaller than that.
+* informed: neither.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ def identifiability(deviation: FloatArray, prior: FloatArray, moved: float) -> I
     Parameters
     ----------
     deviation, prior : ndarray (4,)
-        Standard deviations now and before any data, alpha as logarithms.
+        Standard deviations of the estimate and of the prior, alpha as logarithms.
     moved : float
         Largest change in the last step, in the same units.
     """

@@ -11,8 +11,8 @@ Two passes over the blocks fill one symmetric matrix and one right-hand side:
 * `gradient_pass`: the columns ``psi_j = d(Phi w)/d theta_j`` against all others.  A block adds
   ``X S v_j`` and ``v_j^T S v_i`` with ``v_j`` the correlation of w with the states' derivatives.
 
-About 300 multiplications a block and pass with six functions: a 20 s horizon at 20 Hz costs as
-much as two thousand samples of a loop over samples.
+A pass takes about 300 multiplications a block with six functions: a 20 s horizon at 20 Hz costs
+as much as a loop over two thousand samples.
 """
 
 import numba
@@ -35,7 +35,7 @@ from rpms_ros.muscle.identified_form import arctan_recruitment
 from rpms_ros.muscle.identified_form import arctan_recruitment_with_gradient
 from rpms_ros.pulses import FloatArray
 
-# A prediction follows the baseline's slope this far beyond its knots [ns].
+# A prediction continues the slope of the baseline up to this time beyond its knots [ns].
 _EXTRAPOLATION_NS = 250_000_000
 
 
@@ -72,9 +72,9 @@ def knot_of(start_ns: int, baseline: BaselineKnots) -> tuple[int, float]:
 
 @numba.njit(cache=True)
 def within_knots(position: float, baseline: BaselineKnots) -> float:
-    """Return a position no further than `_EXTRAPOLATION_NS` outside of the knots' interval.
+    """Return a position limited to `_EXTRAPOLATION_NS` outside the knots.
 
-    A slope says nothing of a time that lies beyond a gap or a jump of the clock.
+    The slope is not valid after a gap or a jump of the clock.
     """
     if baseline.knots < 2:
         return position
@@ -165,7 +165,7 @@ def linear_pass(
     Parameters
     ----------
     first, last : int
-        Blocks before `first` only lead the state up to it.
+        Blocks before `first` only advance the state.
     theta : ndarray (4,)
         u_thr, u_sat, alpha_sat, alpha_thr.
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
@@ -217,7 +217,7 @@ def advance_gradient(
     input_gain: float,
     work: Pass,
 ) -> None:
-    """Move states and derivatives (by log alpha) on to a block, its pulse included."""
+    """Advance states and derivatives (by log alpha) to a block, its pulse included."""
     for row in range(1 + PARAMETERS):
         advance_state(blocks.transition[here], work.state[row])
     intensity = blocks.intensity[here]
@@ -300,7 +300,7 @@ def gradient_pass(
     matrix: FloatArray,
     right: FloatArray,
 ) -> None:
-    """Add the rows and columns of theta to what `linear_pass` has filled; same parameters.
+    """Add the rows and columns of theta to the result of `linear_pass` at the same parameters.
 
     `linear` (functions,) are the coefficients w at which the derivatives are taken.
     """

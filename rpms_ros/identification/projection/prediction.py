@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit expects of samples that have not been taken."""
+"""Prediction of samples ahead by a fit."""
 
 import numba
 import numpy as np
@@ -32,7 +32,10 @@ def predict(
     rate: float,
     expected: FloatArray,
 ) -> None:
-    """Write what `data_intake.take` would predict of ascending samples (samples,), and no more."""
+    """Write the predictions that `data_intake.take` would make of ascending samples (samples,).
+
+    The state of the intake does not change.
+    """
     blocks, baseline = problem.blocks, problem.baseline
     known = blocks.size[0] > 0 and intake.fresh[0] == 0.0
     start = blocks.start_ns[newest(blocks)] if known else stamp_ns[0]

@@ -1,10 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit is made of: block statistics, baseline and prior, as one object.
+"""Data of a fit: block statistics, baseline and prior in one object.
 
-Estimators are compositions of it: the batch keeps all blocks and remembers nothing, the horizon
-keeps those of its length and an arrival cost, and a fit of the horizon alone has the same blocks
-and another prior.
+The batch keeps all blocks and has no arrival cost, the horizon keeps the blocks of its length and
+an arrival cost, and a fit of the horizon alone has the same blocks and another prior.
 """
 
 from typing import NamedTuple
@@ -34,7 +33,7 @@ class BaselineKnots(NamedTuple):
 
 
 class Pass(NamedTuple):
-    """Arrays of the passes, allocated once.
+    """Arrays that the passes overwrite, allocated once.
 
     Attributes
     ----------
@@ -71,7 +70,7 @@ def pass_arrays(functions: int) -> Pass:
 
 
 class Prior(NamedTuple):
-    """What is known besides the blocks.
+    """Prior, bounds and arrival cost.
 
     Attributes
     ----------
@@ -82,11 +81,11 @@ class Prior(NamedTuple):
     separation : float
         u_sat is at least this far above u_thr.
     information : ndarray (4 + functions, 4 + functions)
-        Of the blocks that have left, about [theta, w] with alpha as logarithms.
+        Matrix of the arrival cost of [theta, w], alpha as logarithms.
     information_vector : ndarray (4 + functions,)
-        Minus the gradient of their cost at `reference`.
+        Minus its gradient at `reference`.
     reference : ndarray (4 + functions,)
-        Where that cost is expanded.
+        Point about which it is expanded.
     """
 
     mean: FloatArray
@@ -105,15 +104,15 @@ class Problem(NamedTuple):
     Attributes
     ----------
     blocks : BlockStatistics
-        What the samples say.
+        Sums over the samples.
     first : int
-        Blocks before this one lead the state up to it and are not fitted.
+        Blocks before this one only advance the state and are not fitted.
     input_gain : float
-        What a pulse of recruitment 1 adds to each state [s^-1/2].
+        Increase of each state by a pulse of recruitment 1 [s^-1/2].
     baseline : BaselineKnots
         Baseline of the force.
     prior : Prior
-        What is known besides: bounds, physiology, blocks that have left.
+        Prior, bounds and arrival cost.
     work : Pass
         Arrays that the passes overwrite.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Pulses between their onset and the moment when they begin to act."""
+"""Pulses between their onset and the onset of their twitch."""
 
 import numpy as np
 
@@ -19,12 +19,12 @@ _REFRACTORY_NS = 1_000_000
 
 
 class PulseDelayLine(Restorable):
-    """Pulses that have not begun to act, with what their repetition rate makes of them.
+    """Pulses whose twitch has not begun, with their weights.
 
     Parameters
     ----------
     latency : float
-        From onset to action [s].
+        From the pulse to the onset of its twitch [s].
     by_rate : RateRecruitment or None
         Weight by the interval to the pulse before; None weights all alike.
     rate_hz : float
@@ -65,31 +65,31 @@ class PulseDelayLine(Restorable):
         self._last_ns = int(onset_ns[-1])
 
     def latency(self, latency: float) -> None:
-        """Let pulses that are added from now on wait so long [s]."""
+        """Set the latency of pulses that are added from now on [s]."""
         self._latency_ns = nanoseconds(latency)
 
     def restart(
         self, onset_ns: IntArray, intensity: FloatArray, weight: FloatArray, latency: float
     ) -> None:
-        """Hold these pulses (pulses,) instead of what was held, behind another latency [s]."""
+        """Replace all pulses by these (pulses,), with another latency [s]."""
         self.latency(latency)
         self.begin_ns = onset_ns + self._latency_ns
         self.intensity = intensity.copy()
         self.weight = weight.copy()
 
     def drop(self, count: int) -> None:
-        """Drop the first pulses: they act now."""
+        """Drop the first pulses, whose twitch has begun."""
         if count:
             self.begin_ns = self.begin_ns[count:]
             self.intensity = self.intensity[count:]
             self.weight = self.weight[count:]
 
     def begin_until(self, stamp_ns: int) -> int:
-        """Return how many pulses begin to act before a stamp [ns]."""
+        """Return how many twitches begin before a stamp [ns]."""
         return int(np.searchsorted(self.begin_ns, stamp_ns))
 
     def forget(self) -> None:
-        """Drop all pulses; the next one counts as alone."""
+        """Drop all pulses; the next one counts as the first."""
         self.begin_ns = np.empty(0, dtype=np.int64)
         self.intensity = np.empty(0)
         self.weight = np.empty(0)

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""All usable samples and all pulses of a recording, to be looked at through any basis."""
+"""All usable samples and all pulses of a recording, to be condensed for any basis."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -31,7 +31,7 @@ _ROOM = 4096
 
 
 class Part(NamedTuple):
-    """Samples and pulses between two jumps of the clock, as slices of what is kept."""
+    """Samples and pulses between two jumps of the clock, as slices of the record."""
 
     samples: slice
     pulses: slice
@@ -85,7 +85,7 @@ class SampleRecord(Restorable):
         self._size = end
 
     def jump(self) -> None:
-        """Note that the clock has jumped: pulses so far do not act on what follows."""
+        """Note that the clock has jumped: earlier pulses do not act on later samples."""
         self._jumps.append((self._size, self._pulses))
 
     def parts(self) -> list[Part]:
@@ -102,7 +102,7 @@ class SampleRecord(Restorable):
         return self._onset_ns[here], self._pulse[here, 0], self._pulse[here, 1]
 
     def window(self, longest_ns: int) -> Part | None:
-        """Return where a basis is chosen: the longest part, from its first strong pulse on.
+        """Return the samples that choose a basis: the longest part, from its first strong pulse.
 
         A pulse is strong with half of the highest intensity.  None if there is no such part.
         """
@@ -128,18 +128,18 @@ class SampleRecord(Restorable):
     def condensed(
         self, basis: LaguerreBasis, prior: Prior, baseline: BaselineKnots, parts: list[Part]
     ) -> tuple[Problem, Intake, int]:
-        """Return the blocks of parts for a basis.
+        """Return the samples of parts, condensed into blocks for a basis.
 
         Parameters
         ----------
         basis : LaguerreBasis
-            Functions behind a latency.
+            The basis.
         prior : Prior
-            Goes with the problem.
+            Prior of the problem.
         baseline : BaselineKnots
-            Goes with the problem.
+            Baseline of the problem.
         parts : list of Part
-            Samples that are fitted; pulses before the first one lead the state up to it.
+            Samples that are fitted; pulses before the first sample advance its state.
 
         Returns
         -------
@@ -161,7 +161,7 @@ class SampleRecord(Restorable):
             prior=prior,
             work=pass_arrays(functions),
         )
-        # what it foretells is not looked at
+        # its predictions are not used
         fit = empty_fit(np.ones(4), functions, baseline.knots)
         intake = fresh_intake(functions)
         waiting = 0

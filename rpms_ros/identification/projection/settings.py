@@ -19,14 +19,14 @@ from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.recruitment import RateRecruitment
 from rpms_ros.pulses import FloatArray
 
-# Alternate corners of the physiological range, u_thr, u_sat and alpha_sat: fits begin there too.
+# Further starts of a fit: alternate corners of the range of u_thr, u_sat and alpha_sat.
 _CORNERS = ((0.40, 0.80, 3.0), (0.40, 1.00, 12.0), (0.65, 0.80, 12.0), (0.65, 1.00, 3.0))
 _CENTRE = RecruitmentParameters(0.60, 0.90, 8.0, 5.5)
 
 
 @dataclass(frozen=True)
 class RecruitmentPrior:
-    """What is known of the recruitment before any data: centre, and how far people differ.
+    """Prior of the recruitment parameters: centre, and spread among people.
 
     The centres are those of the paper's Tables 3 and 6, the deviations about twice their spread.
 
@@ -80,35 +80,39 @@ class ProjectionSettings:
     basis : LaguerreBasis
         Functions of the response, behind the latency.
     start : RecruitmentParameters
-        Where the nonlinear parameters begin.
+        Start of the nonlinear parameters.
     prior : RecruitmentPrior
         Weak physiological prior.
     bounds : RecruitmentBounds
-        Where u_thr, u_sat and alpha_sat stay.
+        Bounds of u_thr, u_sat and alpha_sat.
     alpha_thr : tuple of float
         Lowest and highest alpha_thr; equal values fix it.
     baseline : bool
-        Let an offset and a slow drift be part of the force.
+        Whether the model has an offset and a slow drift of the force.
     by_rate : RateRecruitment or None
-        How a pulse's weight depends on the interval to the one before it (Eq. 10); None takes
-        all pulses alike.
+        How the weight of a pulse depends on the interval to the one before it (Eq. 10); None:
+        all weights are 1.
     history : TemporalSummation or None
-        How a pulse's weight depends on all pulses before it, in place of `by_rate`; None: on the
-        interval alone.
+        How the weight of a pulse depends on all pulses before it, instead of `by_rate`.
     choose_basis : bool
-        Batch: let the samples choose latency and time constant, `basis` being where it begins.
+        Batch: choose latency and time constant by the samples; the search begins at `basis`.
     knot_spacing : float
         Batch: distance of the baseline's knots [s].
     horizon : float
         Horizon: how long samples are kept exactly [s].
     step_period : float
-        Horizon: stamps between two steps [s].
+        Horizon: time between two steps, by the stamps [s].
     steps : int
         Horizon: Gauss-Newton steps a period.
     forgetting : float
-        Horizon: share of what left blocks said that is forgotten a period, where it is replaced.
+        Horizon: share of the arrival cost that is forgotten a period; see `arrival_cost`.
     confidence : float
         Level of the intervals.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     basis: LaguerreBasis = field(default_factory=lambda: LaguerreBasis(7, 38e-3, 8e-3))
@@ -148,10 +152,10 @@ class ProjectionSettings:
             )
 
     def starts(self) -> list[FloatArray]:
-        """Return theta (4,) from which fits begin where one start may not do."""
+        """Return the starts, theta (4,) each, of a fit that tries several."""
         alpha_thr = self.start.alpha_thr
         return [np.array([*start, alpha_thr]) for start in (tuple(self.start[:3]), *_CORNERS)]
 
     def as_prior(self) -> Prior:
-        """Return what is known before any data."""
+        """Return the prior, without arrival cost."""
         return self.prior.as_prior(self.bounds, self.alpha_thr, self.basis.functions)

@@ -3,20 +3,19 @@
 r"""Steps of variable projection: the linear unknowns by Cholesky, the others by Gauss-Newton.
 
 For given theta the linear unknowns ``l = [w, b]`` follow from ``(M + C)_ll l = r`` (Eq. 22), where
-M, r come from the blocks and C holds what is known besides them: a ridge, and what blocks that
-have left the horizon had said.  Putting l back leaves a cost of theta alone, whose Gauss-Newton
-matrix in Kaufman's form is the Schur complement
+M, r come from the blocks and C is a ridge and the arrival cost.  Inserting l leaves a cost of
+theta alone, whose Gauss-Newton matrix in Kaufman's form is the Schur complement
 
 .. math:: H = M_{\theta\theta} - M_{\theta l} M_{ll}^{-1} M_{l \theta}, \qquad
           g = \Psi^T (y - \Phi w - B b).
 
-They are what `rpms_ros.identification.levenberg_marquardt` needs of a model.  The neglected term
+`rpms_ros.identification.levenberg_marquardt` takes its steps with them.  The neglected term
 of the full Golub-Pereyra derivative is of second order in the residual, which is small here; the
 gradient g is exact either way.
 
-Normal equations are formed, not a QR factorisation: the Laguerre functions are orthonormal and
-their regressors stay below a condition number of 1e4 (1e8 squared), so eight digits are left, and
-a sum over blocks can be kept, added to and taken apart, which rows of a QR cannot.
+Normal equations are used instead of a QR factorisation: the regressors of the orthonormal Laguerre
+functions have a condition number below 1e4 (1e8 squared), so eight digits are left, and blocks can
+be added to and removed from a sum, but not from a QR factorisation.
 """
 
 import math
@@ -83,7 +82,7 @@ def _reduced_hessian(fit: Fit, prior: Prior, hessian: FloatArray) -> bool:
 
 @register_jitable
 def _room(problem: Problem, fit: Fit, low: FloatArray, high: FloatArray) -> None:
-    """Write how far the coordinates (4,) may be stepped within the bounds."""
+    """Write the least and greatest steps of the coordinates (4,) within the bounds."""
     prior = problem.prior
     for place in range(PARAMETERS):
         here = coordinate(fit.theta, place)
@@ -93,7 +92,7 @@ def _room(problem: Problem, fit: Fit, low: FloatArray, high: FloatArray) -> None
 
 @numba.njit(cache=True)
 def _part(prior: Prior, candidate: FloatArray) -> None:
-    """Move u_thr and u_sat apart, to their least distance, if they are closer."""
+    """Move u_thr and u_sat apart to their least distance if they are closer."""
     lacking = prior.separation - (candidate[1] - candidate[0])
     if lacking > 0.0:
         candidate[0] = max(candidate[0] - 0.5 * lacking, prior.lower[0])
@@ -102,7 +101,7 @@ def _part(prior: Prior, candidate: FloatArray) -> None:
 
 @register_jitable
 def _move(problem: Problem, fit: Fit, step: FloatArray, trial: Fit) -> None:
-    """Solve the linear unknowns a step (4,) further, u_thr below u_sat."""
+    """Take a step (4,), keep u_thr below u_sat, and solve the linear unknowns there."""
     prior = problem.prior
     for place in range(PARAMETERS):
         value = coordinate(fit.theta, place) + step[place]
@@ -158,7 +157,7 @@ def improve(
 ) -> None:
     """Take up to so many Levenberg-Marquardt steps from `fit`, whose linear part is solved.
 
-    `trial` is scratch of the same shape; `ready` says that the equations are complete already.
+    `trial` is scratch of the same shape; `ready`: the equations are complete already.
     """
     if fit.samples[0] > 0.0:
         _minimise(problem, fit, trial, Ending(steps, tolerance, LEAST_ENERGY), ready)

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Uncertainty of an estimate: covariance of [theta, w], intervals of what depends on them.
 
-The covariance is ``s^2 (M + C)^-1`` with M the Gauss-Newton matrix of the joint problem and C
-what is known besides.  ``s^2`` is the variance of the residuals, times the factor by which sums
-of neighbouring residuals vary more than white ones would: drift, an artifact or a misfit of the
-basis correlate neighbouring residuals, and then a sample tells less than an independent one.
+The covariance is ``s^2 (M + C)^-1`` with M the Gauss-Newton matrix of the joint problem and C that
+of prior and arrival cost.  ``s^2`` is the variance of the residuals, times the factor by which
+sums of neighbouring residuals vary more than those of white noise: drift, an artifact or a misfit
+of the basis correlate neighbouring residuals, and then a sample informs less than an independent
+one.
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 _ROUNDING = 1e-12
-# Lengths over which residuals are summed to see whether they are correlated [ns].
+# Lengths over which residuals are summed to find their correlation [ns].
 _BLOCK_NS = (100_000_000, 500_000_000, 2_000_000_000)
 
 
@@ -57,7 +58,7 @@ class Uncertainty:
     covariance : ndarray (4 + functions, 4 + functions)
         Of theta and w.
     theta : ndarray (4,)
-        Where it is expanded.
+        Parameters at which it is expanded.
     confidence : float
         Level of the intervals.
     """
@@ -86,9 +87,9 @@ class Uncertainty:
         return float(ndtri(0.5 + 0.5 * self.confidence))
 
     def half_width(self, gradient: FloatArray, misfit: FloatArray | float = 0.0) -> FloatArray:
-        """Return half the interval (n,) of what has this gradient (n, 4 + functions).
+        """Return half the interval (n,) of quantities with this gradient (n, 4 + functions).
 
-        `misfit` is a standard deviation (n,) of what the model itself may miss.
+        `misfit` is the standard deviation (n,) of the error of the model itself.
         """
         variance = np.einsum('ij,jk,ik->i', gradient, self.covariance, gradient)
         width: FloatArray = self.quantile * np.sqrt(np.maximum(variance, 0.0) + misfit**2)
@@ -137,7 +138,7 @@ def uncertainty(
 
 
 def _inflate_parameters(covariance: FloatArray, prior: Prior, factor: float) -> FloatArray:
-    """Inflate theta, but no deviation beyond that of the prior, which does not depend on data."""
+    """Inflate the covariance of theta, each deviation at most to that of the prior."""
     deviation = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 0.0))
     most = np.maximum(prior.deviation / np.maximum(deviation, 1e-300), 1.0)
     scale = np.ones(len(covariance))

@@ -1,24 +1,24 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A test on the a-priori errors that finds sudden changes of the muscle.
+"""A test of the a-priori errors that finds sudden changes of the muscle.
 
-The mean square of the a-priori errors of a block, as its logarithm, is compared with what it was
-over the last blocks: ``z = (log q - mean) / deviation``, held within -3 and 3.  The sum
-``c <- max(0, c + z - 1)`` (Page's cumulative sum) stays near zero as long as the muscle is the one
-that was learnt.  Since a block adds 2 at the most, it takes at least ten blocks, half a second of
-pulses at 20 Hz, to raise it above 20: a knock or a single spike is no change.
+The logarithm of the mean square q of the a-priori errors of a block is compared with that of the
+last blocks: ``z = (log q - mean) / deviation``, limited to -3..3.  The sum
+``c <- max(0, c + z - 1)`` (Page's cumulative sum) stays near zero while the muscle does not
+change.  A block adds at most 2, so at least ten blocks, half a second of pulses at 20 Hz, are
+needed to exceed 20: a knock or a single spike is no change.
 """
 
 import math
 
 from rpms_ros.identification.saved_state import Restorable
 
-# Blocks over which mean and deviation are taken, at the most.
+# Most blocks over which mean and deviation are taken.
 _BLOCKS = 200.0
 _MOST, _DRIFT, _LIMIT = 3.0, 1.0, 20.0
-# The logarithm of a mean of 50 squares of white noise deviates by as much.
+# Standard deviation of the logarithm of a mean of 50 squares of white noise.
 _LEAST_DEVIATION = 0.2
-# Before that the errors fall because the recursion learns, and tell nothing [s].
+# Before this time the errors fall because the recursion learns [s].
 _SETTLING_TIME = 5.0
 
 
@@ -55,11 +55,11 @@ class ChangeTest(Restorable):
         self._begun_ns = 0
 
     def interrupt(self) -> None:
-        """Begin the sum anew: what comes does not continue what was."""
+        """Reset the sum: the next blocks do not continue the last ones."""
         self._sum = 0.0
 
     def take(self, start_ns: int, seconds: float, mean_square: float) -> bool:
-        """Take a block in which pulses act; return whether the muscle has changed.
+        """Add a block in which pulses act; return whether the muscle has changed.
 
         Parameters
         ----------

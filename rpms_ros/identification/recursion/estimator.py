@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recursion for people: on line, one pass, a state of fixed size.
 
-The paper's algorithm with what it lacked on people: Laguerre functions behind a latency, alpha_thr
-free with a prior, a baseline, a weight for the interval between pulses, sums that hold for any
-parameters instead of derivatives at those of the time (`memory`), a memory that grows as samples
-come and shortens when the muscle has changed (`change`), and intervals out of its own matrices.
+The algorithm of the paper with additions for people: Laguerre functions behind a latency,
+alpha_thr free with a prior, a baseline, a weight for the interval between pulses, sums that are
+valid for any parameters instead of derivatives at past parameters (`memory`), a memory that grows
+with the samples and is shortened when the muscle has changed (`change`), and intervals.
 
 Steps are triggered by pulses and stamps alone, so the answer does not depend on how the data
 are cut.
@@ -32,21 +32,21 @@ from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
 from rpms_ros.identification.projection.fit import LEAST_ENERGY
 from rpms_ros.identification.projection.pulse_delay_line import PulseDelayLine
 from rpms_ros.identification.recursion.change import ChangeTest
-from rpms_ros.identification.recursion.intake import Course
+from rpms_ros.identification.recursion.intake import PredictionState
 from rpms_ros.identification.recursion.intake import begin_block
-from rpms_ros.identification.recursion.intake import fresh_course
+from rpms_ros.identification.recursion.intake import fresh_prediction_state
+from rpms_ros.identification.recursion.intake import recompute_response
 from rpms_ros.identification.recursion.intake import residual_sum
-from rpms_ros.identification.recursion.intake import restate
 from rpms_ros.identification.recursion.intake import take
 from rpms_ros.identification.recursion.knots import KNOTS
 from rpms_ros.identification.recursion.learning import Learner
 from rpms_ros.identification.recursion.memory import BLOCKS
 from rpms_ros.identification.recursion.memory import Memory
-from rpms_ros.identification.recursion.memory import absorb
+from rpms_ros.identification.recursion.memory import add_block
 from rpms_ros.identification.recursion.memory import empty_memory
 from rpms_ros.identification.recursion.memory import excited
 from rpms_ros.identification.recursion.memory import let_baseline_drift
-from rpms_ros.identification.recursion.memory import weaken
+from rpms_ros.identification.recursion.memory import scale_memory
 from rpms_ros.identification.recursion.settings import PEOPLE
 from rpms_ros.identification.recursion.settings import ExactRecursionSettings
 from rpms_ros.identification.recursion.spread import ResidualSpread
@@ -61,12 +61,12 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import nanoseconds
 
-# An error below this share of the variance is none.
+# Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
 
 
 class ExactRecursion(RestorableWithSettings):
-    """Recursive Levenberg-Marquardt whose remembered sums hold for any parameters.
+    """Recursive Levenberg-Marquardt with sums that are valid for any parameters.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class ExactRecursion(RestorableWithSettings):
     on_line = True
 
     _memory: Memory
-    _course: Course
+    _prediction: PredictionState
     _learner: Learner
     _test: ChangeTest
     _spread: ResidualSpread
@@ -108,7 +108,7 @@ class ExactRecursion(RestorableWithSettings):
         self._rate = 2.0 / model.basis.time_constant
         self._step_ns = nanoseconds(settings.step_period)
         self._memory = empty_memory(KNOTS, model.basis.functions)
-        self._course = fresh_course(model.basis.functions)
+        self._prediction = fresh_prediction_state(model.basis.functions)
         self._learner = Learner(model)
         self._test = ChangeTest()
         self._spread = ResidualSpread()
@@ -127,7 +127,7 @@ class ExactRecursion(RestorableWithSettings):
 
     @property
     def parameters(self) -> RecruitmentParameters:
-        """Nonlinear parameters as they stand."""
+        """Present nonlinear parameters."""
         return RecruitmentParameters(*(float(value) for value in self._learner.fit.theta))
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
@@ -138,7 +138,7 @@ class ExactRecursion(RestorableWithSettings):
         self._delay_line.add(onset_ns, intensity)
         self._pulses += len(onset_ns)
         low, high = self._intensity_range
-        # Recruitment at intensity 0 is 0 whatever the parameters: it shows no point of the curve.
+        # Recruitment at intensity 0 is 0 for all parameters, so it does not inform about them.
         recruiting = intensity[intensity > 0.0]
         self._intensity_range = (
             float(recruiting.min(initial=low)),
@@ -146,14 +146,14 @@ class ExactRecursion(RestorableWithSettings):
         )
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act: the clock has jumped, their time is not known."""
+        """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         self._delay_line.forget()
         self._memory.blocks.size[0] = 0
         self._fresh = True
         self._stepped_ns = None
-        self._course.error_energy[0] = 0.0
-        self._course.force_energy[0] = 0.0
-        self._course.squares[0] = 0.0
+        self._prediction.error_energy[0] = 0.0
+        self._prediction.force_energy[0] = 0.0
+        self._prediction.squares[0] = 0.0
         self._test.interrupt()
 
     def described_settings(self) -> State:
@@ -161,14 +161,14 @@ class ExactRecursion(RestorableWithSettings):
         return {**described(self.settings), 'rate_hz': self.rate_hz}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what was saved; see `Restorable.restore`."""
-        made, course = self._memory, self._course
+        """Restore a saved state; see `Restorable.restore`."""
+        made, carried = self._memory, self._prediction
         super().restore(state)
         blocks = self._memory.blocks
         pairs = [
             *zip(made[2:], self._memory[2:], strict=True),
             *zip(made.blocks, blocks, strict=True),
-            *zip(course, self._course, strict=True),
+            *zip(carried, self._prediction, strict=True),
             (made.chains, self._memory.chains),
         ]
         alike = all(one.shape == other.shape for one, other in pairs)
@@ -193,7 +193,7 @@ class ExactRecursion(RestorableWithSettings):
                 force[part],
                 usable[part],
                 self._memory.blocks,
-                self._course,
+                self._prediction,
                 float(self._learner.fit.levels[0]),
                 self._rate,
                 prediction[part],
@@ -202,17 +202,17 @@ class ExactRecursion(RestorableWithSettings):
         return prediction
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return what is known now."""
-        fit, course = self._learner.fit, self._course
+        """Return the present estimate."""
+        fit, carried = self._learner.fit, self._prediction
         low, high = self._intensity_range
-        energy = float(course.force_energy[0])
+        energy = float(carried.force_energy[0])
         counters = Counters(
-            samples=int(course.learnt[0]),
+            samples=int(carried.learnt[0]),
             pulses=self._pulses,
             intensity_span=high - low,
-            output_error=float(np.sqrt(course.error_energy[0] / energy)) if energy > 0.0 else 0.0,
+            output_error=float(np.sqrt(carried.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
-        # names that a monitor of another package counts are passed on
+        # faults of monitors of other packages are counted under any name
         own = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), (FACTORISATION_FAILED, int(fit.failures[0]))):
             own.add(name, count)
@@ -232,7 +232,7 @@ class ExactRecursion(RestorableWithSettings):
         )
 
     def _begin_blocks(self, stamp_ns: int) -> int:
-        """Begin the block that a sample falls into; return until when samples do [ns]."""
+        """Begin the block of a sample; return the end of that block [ns]."""
         line, blocks = self._delay_line, self._memory.blocks
         begun = line.begin_until(stamp_ns)
         for pulse in range(begun):
@@ -247,7 +247,7 @@ class ExactRecursion(RestorableWithSettings):
         return min(end_ns, int(line.begin_ns[0])) if len(line.begin_ns) else end_ns
 
     def _begin_block(self, start_ns: int, intensity: float, weight: float) -> None:
-        """End the block and begin the next one."""
+        """End the present block and begin the next one."""
         memory, fit = self._memory, self._learner.fit
         if memory.blocks.size[0]:
             self._close_block(start_ns)
@@ -258,33 +258,33 @@ class ExactRecursion(RestorableWithSettings):
             memory.blocks, memory.chains, start_ns, intensity, push, self._rate, self._fresh
         )
         self._fresh = False
-        restate(memory.chains, fit.theta, fit.linear, self._course.response)
+        recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
     def _close_block(self, end_ns: int) -> None:
-        """Remember a block that has ended, test for a change, take a step if one is due."""
+        """Add a complete block to the memory, test for a change, take a step if one is due."""
         memory, settings, fit = self._memory, self.settings, self._learner.fit
         here = newest(memory.blocks)
         samples = float(memory.blocks.moments[here, COUNT])
         start_ns = int(memory.blocks.start_ns[here])
-        mean_square = float(self._course.squares[0]) / max(samples, 1.0)
-        self._course.squares[0] = 0.0
+        mean_square = float(self._prediction.squares[0]) / max(samples, 1.0)
+        self._prediction.squares[0] = 0.0
         if not samples:
             return
         seconds = (end_ns - start_ns) / NANOSECONDS_PER_SECOND
         acting = excited(memory, self._input_gain)
         kept = 1.0
         if acting:
-            weaken(memory, math.exp(-seconds / settings.memory_time))
+            scale_memory(memory, math.exp(-seconds / settings.memory_time))
             window = min(max(0.5 * self._test.learnt_s, 1.0), settings.memory_time)
             kept = math.exp(-seconds / window)
-        residual = residual_sum(memory.blocks, self._course.response, float(fit.levels[0]))
+        residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
         self._spread.take(start_ns, residual, samples, kept)
         let_baseline_drift(memory, settings.drift**2 * seconds)
-        absorb(memory, here)
+        add_block(memory, here)
         floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
         if acting and self._test.take(start_ns, seconds, mean_square + floor):
             most = settings.memory_after_change * samples / max(seconds, 1e-3)
-            weaken(memory, min(most / float(memory.samples[0]), 1.0))
+            scale_memory(memory, min(most / float(memory.samples[0]), 1.0))
             self._spread.forget()
             self._learner.restart()
         if self._stepped_ns is None or end_ns - self._stepped_ns >= self._step_ns:

@@ -1,16 +1,16 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""Parameters out of what the recursion remembers: one Levenberg-Marquardt step a pulse.
+r"""Parameters from the memory of the recursion: one Levenberg-Marquardt step a pulse.
 
-At parameters theta the linear unknowns ``l = [w, b]`` follow from the remembered sums by Eq. (22).
-Putting them back leaves a cost of theta alone; with ``x_j = d(model)/d theta_j`` its Gauss-Newton
+At parameters theta the linear unknowns ``l = [w, b]`` follow from the sums in `memory`, Eq. (22).
+Inserting them leaves a cost of theta alone; with ``x_j = d(model)/d theta_j`` its Gauss-Newton
 matrix is the Schur complement ``H = M_tt - M_tl M_ll^-1 M_lt`` (Kaufman's variable projection),
 its gradient ``X^T (y - model)``.  ``(H + delta diag H) d = g`` is the step.
 
-The cost of a trial is exact, since the sums are those of any parameters, so the gain ratio (28)
-is one of all remembered samples: delta falls where it is good, rises where it is bad, and a step
-that raises the cost is not taken.  No schedule of delta and no rule about condition numbers is
-needed; a weak prior weighted by the variance of the residuals keeps H positive.
+The cost of a trial is exact, since the sums are valid for any parameters, so the gain ratio (28)
+is that of all samples: delta falls if it is good, rises if it is bad, and a step that raises the
+cost is not taken.  No schedule of delta and no rule about condition numbers is needed; a weak
+prior with the variance of the residuals as weight keeps H positive.
 """
 
 import math
@@ -30,8 +30,8 @@ from rpms_ros.identification.small_matrix import solve_positive
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 
-# The model's error is taken to be at least this share of the force's mean square [1], with the
-# weight of this many samples: the residuals of a few samples say little of the variance.
+# The variance of the residuals is estimated with a prior value, this share of the mean square of
+# the force [1], of the weight of so many samples: few residuals determine it poorly.
 _MODEL_ERROR = 1e-4
 _MODEL_ERROR_SAMPLES = 200.0
 # Differences of cost below this share of sum y^2 are rounding.
@@ -80,7 +80,7 @@ def equations(memory: Memory, fit: Fit) -> None:
 
 @numba.njit(cache=True)
 def _ridge(memory: Memory, variance: float) -> float:
-    """Return a ridge that keeps w and b solvable and is too weak to be seen otherwise."""
+    """Return a ridge that keeps w and b solvable, too weak to change estimates noticeably."""
     power = memory.energy[0] / max(memory.samples[0], 1.0) + LEAST_ENERGY
     value: float = 1e-2 * variance / max(power, variance)
     return value
@@ -128,7 +128,7 @@ def evaluate(memory: Memory, prior: Prior, fit: Fit) -> bool:
 
 @numba.njit(cache=True)
 def refresh_variance(memory: Memory, prior: Prior, fit: Fit) -> None:
-    """State the variance of the residuals anew, and what is weakly known accordingly."""
+    """Update the variance of the residuals, and with it the weight of the prior."""
     power = fit.energy[0] / max(fit.samples[0], 1.0) + LEAST_ENERGY
     doubt = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
     fit.variance[0] = (fit.squares[0] + doubt) / (fit.samples[0] + _MODEL_ERROR_SAMPLES)
@@ -173,7 +173,7 @@ def _bounded_step(
     damping: float,
     step: FloatArray,
 ) -> bool:
-    """Write the step (4,), components that would leave the bounds held at them."""
+    """Write the step (4,); components that would leave the bounds end at them."""
     held = np.zeros(PARAMETERS, dtype=np.bool_)
     for _ in range(PARAMETERS):
         matrix = hessian.copy()
@@ -205,7 +205,7 @@ def _bounded_step(
 
 @numba.njit(cache=True)
 def _hold(matrix: FloatArray, right: FloatArray, held: BoolArray, step: FloatArray) -> None:
-    """Let the equations give the components that are held back as they are."""
+    """Replace the equations of the held components by their values."""
     for place in range(PARAMETERS):
         if held[place]:
             matrix[place] = 0.0
@@ -234,7 +234,7 @@ def _move(theta: FloatArray, prior: Prior, step: FloatArray, candidate: FloatArr
 
 @numba.njit(cache=True)
 def go_to(fit: Fit, other: Fit) -> None:
-    """Let `fit` stand where `other` stands; damping and counters stay."""
+    """Copy parameters, equations and cost of `other` to `fit`; damping and counters stay."""
     fit.theta[:] = other.theta
     fit.linear[:] = other.linear
     fit.levels[:] = other.levels
@@ -269,13 +269,13 @@ def improve(memory: Memory, prior: Prior, fit: Fit, trial: Fit, steps: int) -> N
         if not evaluate(memory, prior, trial):
             fit.failures[0] += 1.0
             return
-        promised = 0.0
+        predicted = 0.0
         for place in range(PARAMETERS):
-            promised += step[place] * (2.0 * slope[place] - dot(hessian[place], step))
+            predicted += step[place] * (2.0 * slope[place] - dot(hessian[place], step))
         actual = fit.cost[0] - trial.cost[0]
         if actual >= -_ROUNDING * fit.energy[0]:
             go_to(fit, trial)
-            good = actual > 0.5 * promised
+            good = actual > 0.5 * predicted
             fit.damping[0] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
             fit.moved[0] = size
         else:

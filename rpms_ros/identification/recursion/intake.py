@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Samples and pulses into the block that is being filled, each sample predicted beforehand."""
+"""Adds samples and pulses to the present block, with an a-priori prediction of each sample."""
 
 import math
 from typing import NamedTuple
@@ -27,8 +27,8 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 
-class Course(NamedTuple):
-    """What is carried from sample to sample.
+class PredictionState(NamedTuple):
+    """State of the a-priori prediction between samples.
 
     Attributes
     ----------
@@ -55,9 +55,9 @@ class Course(NamedTuple):
     previous_ns: IntArray
 
 
-def fresh_course(functions: int) -> Course:
-    """Return the course of a recursion that has seen nothing."""
-    return Course(
+def fresh_prediction_state(functions: int) -> PredictionState:
+    """Return the state before the first sample."""
+    return PredictionState(
         response=np.zeros(functions),
         values=np.zeros(functions),
         error_energy=np.zeros(1),
@@ -69,10 +69,10 @@ def fresh_course(functions: int) -> Course:
 
 
 @numba.njit(cache=True)
-def restate(
+def recompute_response(
     chains: FloatArray, theta: FloatArray, linear: FloatArray, response: FloatArray
 ) -> None:
-    """Write the response (functions,) of the block at parameters."""
+    """Write the response (functions,) of the present block for given parameters."""
     knots, functions = chains.shape
     values = np.empty((1 + PARAMETERS, knots))
     recruitment_at_knots(theta, values)
@@ -124,29 +124,29 @@ def take(
     force: FloatArray,
     usable: BoolArray,
     blocks: BlockStatistics,
-    course: Course,
+    carried: PredictionState,
     level: float,
     rate: float,
     prediction: FloatArray,
 ) -> None:
-    """Put samples (samples,) into the block; write the a-priori prediction of each."""
+    """Add samples (samples,) to the block; write the a-priori prediction of each."""
     here = newest(blocks)
     for index in range(len(stamp_ns)):
         stamp = stamp_ns[index]
         tau = 1e-9 * (stamp - blocks.start_ns[here])
-        transition_generator(rate * tau, course.values)
+        transition_generator(rate * tau, carried.values)
         predicted = level
-        for function in range(len(course.values)):
-            predicted += course.response[function] * course.values[function]
+        for function in range(len(carried.values)):
+            predicted += carried.response[function] * carried.values[function]
         prediction[index] = predicted
         if not usable[index]:
             continue
         error = force[index] - predicted
-        since = min(max(1e-9 * (stamp - course.previous_ns[0]), 0.0), 100.0)
+        since = min(max(1e-9 * (stamp - carried.previous_ns[0]), 0.0), 100.0)
         decay = math.exp(-since / OUTPUT_ERROR_TIME)
-        course.previous_ns[0] = stamp
-        course.error_energy[0] = decay * course.error_energy[0] + error * error
-        course.force_energy[0] = decay * course.force_energy[0] + force[index] * force[index]
-        course.squares[0] += error * error
-        course.learnt[0] += 1.0
-        add_sample(blocks, here, tau, force[index], course.values)
+        carried.previous_ns[0] = stamp
+        carried.error_energy[0] = decay * carried.error_energy[0] + error * error
+        carried.force_energy[0] = decay * carried.force_energy[0] + force[index] * force[index]
+        carried.squares[0] += error * error
+        carried.learnt[0] += 1.0
+        add_sample(blocks, here, tau, force[index], carried.values)

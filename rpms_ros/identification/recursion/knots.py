@@ -1,11 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Recruitment as a sum over fixed intensities: what makes the regressors free of parameters.
+"""Recruitment interpolated between fixed intensities, so that regressors have no parameters.
 
 Between knots ``u_0 = 0, u_1, .., u_K = 1`` the recruitment is the cubic through its four nearest
-values.  It is then linear in them, ``rho(theta, u) = sum_k rho(theta, u_k) B_k(u)``, and since
-rho(0) = 0 the knot at zero is left out.  With 24 knots the curves of people are met within 0.25 %
-of their maximum, half of them within 0.04 % (`test/identification/recursion/test_knots.py`).
+values.  It is then linear in them, ``rho(theta, u) = sum_k rho(theta, u_k) B_k(u)``; since
+rho(0) = 0 there is no term of the knot at zero.  With 24 knots the error is below 0.25 % of the
+maximum for the curves of people, below 0.04 % for half of them
+(`test/identification/recursion/test_knots.py`).
 """
 
 import numba

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""When the parameters of the recursion are stepped, and from where."""
+"""Steps of the parameters of the recursion, and trials of other starts."""
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.identification.saved_state import expect
 from rpms_ros.pulses import FloatArray
 
-# Another start is tried every so many steps, by so many steps of its own; it is gone on from
-# where it is better by more than noise does (chi-square, one in a thousand of four parameters).
+# Another start is tried every so many steps, with so many steps of its own; it is taken if its
+# cost is lower by more than noise explains (chi-square, one in a thousand, four parameters).
 _CHALLENGE_STEPS = 20
 _CHALLENGER_STEPS = 5
 _CHALLENGER_GAIN = 18.5
@@ -27,7 +27,7 @@ _FIRST_VARIANCE = 0.01
 
 
 class Learner(Restorable):
-    """Parameters, and the steps that they take.
+    """Parameters of the recursion and their steps.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Learner(Restorable):
         start = np.array(model.start)
         self.prior = model.as_prior()
         self.fit = empty_fit(start, functions, 1)
-        # overwritten before it is read: a trial step, and a fit from another start
+        # scratch: a trial step, and a fit from another start
         self._workspace = empty_fit(start, functions, 1), empty_fit(start, functions, 1)
         self._starts = model.starts()
         self._steps = 0
@@ -54,11 +54,11 @@ class Learner(Restorable):
         expect(all(one == other for one, other in shapes), 'Learner', 'arrays of one model')
 
     def restart(self) -> None:
-        """Take short steps again: the muscle has changed."""
+        """Raise the damping again: the muscle has changed."""
         self.fit.damping[0] = _START_DAMPING
 
     def learn(self, memory: Memory) -> None:
-        """Take a step from all that is remembered; count it as failed if there is none."""
+        """Take a step from the memory; a failure is counted."""
         fit = self.fit
         if fit.variance[0] == 0.0:
             power = float(memory.energy[0] / memory.samples[0])
@@ -73,11 +73,11 @@ class Learner(Restorable):
                 memory, self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)]
             )
         improve(memory, self.prior, fit, self._workspace[0], 1)
-        # Of weighted samples the covariance is that of their sum by the squares of the weights.
+        # The covariance of weighted samples depends on the sum of the squared weights.
         fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
 
     def _challenge(self, memory: Memory, start: FloatArray) -> None:
-        """Try another start; go on from there if it explains all that is remembered better."""
+        """Try another start; continue from there if it fits the memory better."""
         fit, (trial, other) = self.fit, self._workspace
         other.theta[:] = start
         other.linear[:] = fit.linear

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""What the recursion remembers: sums over samples that hold for any parameters.
+r"""Memory of the recursion: sums over samples that are valid for any parameters.
 
 With the recruitment linear in its values at knots (`knots`) the model is
 
@@ -8,11 +8,12 @@ With the recruitment linear in its values at knots (`knots`) the model is
           x_{kl}(t) = \sum_q B_k(u_q)\, \phi_l(t - t_q),
 
 and no regressor x depends on a parameter.  The sums of recursive least squares,
-``G <- lambda G + x x^T`` and ``r <- lambda r + x y``, are then those of every parameter set at
-once: nothing of the past was linearised anywhere, however wrong the parameters were at the time.
+``G <- lambda G + x x^T`` and ``r <- lambda r + x y``, are then valid for every parameter set:
+earlier samples were not linearised at parameters that may have been wrong.
 
-x is the state of one chain of Laguerre filters a knot.  Between two pulses it moves by a known
-matrix, so the samples of that block are summed first (`BlockStatistics`) and enter G at its end.
+x is the state of one chain of Laguerre filters for each knot.  Between two pulses a known matrix
+advances it, so the samples of a block are summed first (`BlockStatistics`) and added to G at its
+end.
 """
 
 from typing import NamedTuple
@@ -29,27 +30,27 @@ from rpms_ros.identification.projection.block_statistics import BlockStatistics
 from rpms_ros.identification.projection.block_statistics import empty_blocks
 from rpms_ros.pulses import FloatArray
 
-# The one that is being filled, and the one before it.
+# The present block and the one before it.
 BLOCKS = 2
-# States below this share of a pulse's effect say nothing.
+# States below this share of the effect of a pulse count as zero.
 _NOTHING = 1e-6
 
 
 class Memory(NamedTuple):
-    """Sums over all samples, weighted by how long ago they were.
+    """Sums over all samples, weighted by their age.
 
     Attributes
     ----------
     chains : ndarray (knots, functions)
         States x at the beginning of the block.
     blocks : BlockStatistics
-        The block that is being filled, and the one before it.
+        The present block and the one before it.
     gram : ndarray (knots * functions + 1, knots * functions + 1)
-        Sums of x x^T, the baseline's regressor (1) last; lower triangle.
+        Sums of x x^T, with the regressor of the baseline (1) last; lower triangle.
     cross : ndarray (knots * functions + 1,)
         Sums of x y.
     energy, samples, squared_samples : ndarray (1,)
-        Sums of y^2, of 1, and of 1 by the squared weight.
+        Sums of y^2, of 1, and of 1 with the squared weight.
     product : ndarray (knots, functions, functions)
         Overwritten.
     """
@@ -65,7 +66,7 @@ class Memory(NamedTuple):
 
 
 def empty_memory(knots: int, functions: int) -> Memory:
-    """Return a memory of nothing."""
+    """Return an empty memory."""
     unknowns = knots * functions + 1
     return Memory(
         chains=np.zeros((knots, functions)),
@@ -80,8 +81,8 @@ def empty_memory(knots: int, functions: int) -> Memory:
 
 
 @numba.njit(cache=True)
-def weaken(memory: Memory, share: float) -> None:
-    """Let everything that is remembered count `share` of what it did."""
+def scale_memory(memory: Memory, share: float) -> None:
+    """Multiply the weights of all samples by `share`."""
     memory.gram[:] *= share
     memory.cross[:] *= share
     memory.energy[0] *= share
@@ -100,7 +101,7 @@ def excited(memory: Memory, input_gain: float) -> bool:
 
 @numba.njit(cache=True)
 def let_baseline_drift(memory: Memory, variance: float) -> None:
-    """Let the baseline walk by a variance, in units of that of a sample's noise."""
+    """Add process noise to the baseline: a variance, relative to that of the noise of a sample."""
     gram, cross = memory.gram, memory.cross
     last = len(cross) - 1
     share = 1.0 / (gram[last, last] + 1.0 / variance)
@@ -115,7 +116,7 @@ def let_baseline_drift(memory: Memory, variance: float) -> None:
 
 @numba.njit(cache=True)
 def _add_chain(memory: Memory, here: int, knot: int) -> None:
-    """Add what one chain has to do with force and baseline; write its product with the sums."""
+    """Add the products of one chain with force and baseline; write its product with the sums."""
     blocks, state, product = memory.blocks, memory.chains[knot], memory.product[knot]
     sums, response = blocks.gram[here], blocks.response[here]
     functions = len(state)
@@ -133,7 +134,7 @@ def _add_chain(memory: Memory, here: int, knot: int) -> None:
 
 @numba.njit(cache=True)
 def _add_pair(memory: Memory, knot: int, other: int) -> None:
-    """Add what two chains have to do with each other."""
+    """Add the products of two chains."""
     product, state = memory.product[knot], memory.chains[other]
     functions = len(state)
     for row in range(functions):
@@ -145,7 +146,7 @@ def _add_pair(memory: Memory, knot: int, other: int) -> None:
 
 
 @numba.njit(cache=True)
-def absorb(memory: Memory, here: int) -> None:
+def add_block(memory: Memory, here: int) -> None:
     """Add the samples of a block, whose states are `chains`, to the sums."""
     moments = memory.blocks.moments[here]
     last = len(memory.cross) - 1

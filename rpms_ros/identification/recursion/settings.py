@@ -22,17 +22,22 @@ class ExactRecursionSettings:
     Attributes
     ----------
     model : ProjectionSettings
-        Basis, start, prior, bounds, law of the rate and level of the intervals; what it says of
-        horizons and knots is not used.
+        Basis, start, prior, bounds, `by_rate` and level of the intervals; its settings of horizon
+        and knots are not used.
     memory_time : float
-        Longest time constant with which samples are forgotten, of the time in which pulses act
-        [s].  Until so much has come nearly everything counts: the memory grows by itself.
+        Time constant with which samples are forgotten, in time during which pulses act [s].
     memory_after_change : float
-        What is kept of a muscle that has changed, as seconds of samples [s].
+        Weight of the memory after a change of the muscle, in seconds of samples [s].
     drift : float
-        Standard deviation of the baseline's walk in a second, in units of that of a sample.
+        Standard deviation of the random walk of the baseline in a second, relative to that of
+        the noise of a sample.
     step_period : float
         Shortest time between two steps of the parameters [s].
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
     model: ProjectionSettings = field(default_factory=_model)
@@ -54,4 +59,4 @@ class ExactRecursionSettings:
 
 
 PEOPLE = ExactRecursionSettings()
-"""For people: response from 8 ms after a pulse on, alpha_thr free, memory of 40 s."""
+"""For people: latency of 8 ms, alpha_thr free, memory of 40 s."""

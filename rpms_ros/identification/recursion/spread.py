@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How much sums of neighbouring residuals vary, kept from block to block.
+"""Variance of sums of neighbouring residuals, updated block by block.
 
-What `rpms_ros.identification.projection.uncertainty.residual_spread` finds among the blocks of a
-horizon, for a recursion that keeps no block.
+As `rpms_ros.identification.projection.uncertainty.residual_spread`, for a recursion that does not
+keep blocks.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from rpms_ros.pulses import FloatArray
 
 # Lengths over which residuals are summed [ns].
 _LENGTH_NS = (100_000_000, 500_000_000, 2_000_000_000)
-# So many sums before anything is said of them.
+# Least number of sums for a result.
 _LEAST_SUMS = 3.0
 
 
@@ -32,9 +32,9 @@ class ResidualSpread(Restorable):
         self._sum, self._count, self._total, self._weight = np.zeros((4, len(_LENGTH_NS)))
 
     def take(self, start_ns: int, residual: float, samples: float, kept: float) -> None:
-        """Take a block: sum of its residuals [N], number of its samples.
+        """Add a block: its start [ns], sum of its residuals [N], number of its samples.
 
-        What came before counts `kept` of what it did.
+        The weights of earlier blocks are multiplied by `kept`.
         """
         for place, length in enumerate(_LENGTH_NS):
             cell = start_ns // length
@@ -59,12 +59,12 @@ class ResidualSpread(Restorable):
         return self._sum, self._count, self._total, self._weight
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all earlier blocks."""
         self._total[:] = 0.0
         self._weight[:] = 0.0
 
     @property
     def mean(self) -> FloatArray:
-        """The means (lengths,) [N^2], zero where too little has been summed."""
+        """The means (lengths,) [N^2], zero with too few sums."""
         known = self._weight >= _LEAST_SUMS
         return np.where(known, self._total / np.maximum(self._weight, 1.0), 0.0)

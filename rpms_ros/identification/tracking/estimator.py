@@ -21,7 +21,7 @@ from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import PULSES_TOO_FREQUENT
 from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.data_intake import restate
+from rpms_ros.identification.projection.data_intake import recompute_state
 from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
 from rpms_ros.identification.projection.estimator import ProjectionEstimator
 from rpms_ros.identification.projection.normal_equations import within_knots
@@ -430,7 +430,7 @@ class TrackingEstimator(ProjectionEstimator):
         fit.moved[0] = float(np.abs(window.moved).max())
         origin = (window.first + len(window.levels) - 2) * INTERVAL_NS
         self._problem = self._problem._replace(baseline=BaselineKnots(2, origin, INTERVAL_NS))
-        restate(self._problem, self._intake, fit)
+        recompute_state(self._problem, self._intake, fit)
 
     def _slide(self) -> None:
         """Let blocks go that lie before the window; keep what leads the state up to it."""

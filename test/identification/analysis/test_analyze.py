@@ -99,7 +99,7 @@ def sentence(found, part):
 
 def test_no_pulses():
     found = analyze(PulseTrain.of([]), force_of(singles(2)))
-    assert sentence(found, 'there are no pulses: nothing can be told')
+    assert sentence(found, 'there are no pulses: the muscle cannot be analysed')
     assert found.contents == {}
     assert found.samples > 0
 
@@ -227,7 +227,7 @@ def test_clocks_that_differ_are_put_right():
 def test_modulated_trains_are_sent_elsewhere():
     random = np.random.default_rng(0).uniform(0, 1, 60)
     pulses = PulseTrain.regular(random, 20.0, start_ns=1_000_000_000)
-    assert sentence(analyze(pulses, force_of(pulses)), '`rpms identify` explains those')
+    assert sentence(analyze(pulses, force_of(pulses)), 'use `rpms identify` for them')
 
 
 def test_order_of_samples_and_pulses_does_not_matter(twitch_session):

@@ -27,7 +27,7 @@ from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.arrival_cost import disagreement_limit
 from rpms_ros.identification.projection.arrival_cost import forget
 from rpms_ros.identification.projection.arrival_cost import marginalize
-from rpms_ros.identification.projection.arrival_cost import yield_to_horizon
+from rpms_ros.identification.projection.arrival_cost import reduce_contradiction
 from rpms_ros.identification.projection.fit import empty_fit
 from rpms_ros.identification.projection.fit import fit_linear
 from rpms_ros.identification.projection.problem import PARAMETERS
@@ -172,11 +172,11 @@ def test_the_disagreement_of_an_unchanged_muscle_is_chi_square(record, monkeypat
     found = []
 
     def noted(*arguments):
-        found.append(yield_to_horizon(*arguments))
+        found.append(reduce_contradiction(*arguments))
         return found[-1]
 
-    yield_to_horizon = horizon.yield_to_horizon
-    monkeypatch.setattr(horizon, 'yield_to_horizon', noted)
+    reduce_contradiction = horizon.reduce_contradiction
+    monkeypatch.setattr(horizon, 'reduce_contradiction', noted)
     for seed in range(4):
         record(16.0, noise=0.01, seed=seed).feed(HorizonEstimator(replace(SETTINGS, horizon=6.0)))
     limit = disagreement_limit(11)
@@ -216,7 +216,7 @@ class TwoEstimates:
         self.prior.reference[:] = self.remembered
 
     def compare(self, limit):
-        return yield_to_horizon(self.prior, self.fit, self.slope[:PARAMETERS].copy(), limit)
+        return reduce_contradiction(self.prior, self.fit, self.slope[:PARAMETERS].copy(), limit)
 
 
 def test_the_statistic_is_the_squared_difference_in_units_of_its_covariance():

@@ -11,12 +11,12 @@ from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.identification.recursion.fit import equations
 from rpms_ros.identification.recursion.fit import evaluate
 from rpms_ros.identification.recursion.intake import begin_block
-from rpms_ros.identification.recursion.intake import fresh_course
+from rpms_ros.identification.recursion.intake import fresh_prediction_state
 from rpms_ros.identification.recursion.intake import take
 from rpms_ros.identification.recursion.knots import KNOTS
 from rpms_ros.identification.recursion.knots import interpolate
 from rpms_ros.identification.recursion.memory import Memory
-from rpms_ros.identification.recursion.memory import absorb
+from rpms_ros.identification.recursion.memory import add_block
 from rpms_ros.identification.recursion.memory import empty_memory
 from rpms_ros.identification.recursion.memory import let_baseline_drift
 from rpms_ros.muscle.identified_form import RecruitmentParameters
@@ -30,7 +30,7 @@ BLOCK = 20
 def filled(generator: np.random.Generator, blocks: int = 60) -> tuple[Memory, np.ndarray]:
     """Return a memory of blocks of 20 samples, and all regressors and forces (samples, n)."""
     memory = empty_memory(KNOTS, BASIS.functions)
-    course = fresh_course(BASIS.functions)
+    carried = fresh_prediction_state(BASIS.functions)
     onset = np.arange(blocks, dtype=np.int64) * BLOCK * 1_000_000
     intensity = generator.uniform(size=blocks)
     stamps = np.arange(blocks * BLOCK, dtype=np.int64) * 1_000_000 + 500_000
@@ -47,8 +47,8 @@ def filled(generator: np.random.Generator, blocks: int = 60) -> tuple[Memory, np
             index == 0,
         )
         part = slice(index * BLOCK, (index + 1) * BLOCK)
-        take(stamps[part], force[part], usable, memory.blocks, course, 0.0, RATE, np.empty(BLOCK))
-        absorb(memory, newest(memory.blocks))
+        take(stamps[part], force[part], usable, memory.blocks, carried, 0.0, RATE, np.empty(BLOCK))
+        add_block(memory, newest(memory.blocks))
     weight = np.empty((blocks, KNOTS))
     for row, value in zip(weight, intensity, strict=True):
         interpolate(value, row)
