@@ -148,3 +148,26 @@ def add_sample(
     moments[FORCE] += force
     moments[FORCE_TIME] += force * tau
     moments[FORCE_SQUARED] += force * force
+
+
+@numba.njit(cache=True)
+def without_force(
+    blocks: BlockStatistics,
+    here: int,
+    values: FloatArray,
+    response: FloatArray,
+    moments: FloatArray,
+) -> None:
+    """Write the sums of a block with the force ``values^T e(tau)`` taken off the samples."""
+    response[:] = blocks.response[here]
+    moments[:] = blocks.moments[here]
+    for row in range(len(values)):
+        product = 0.0
+        for column in range(len(values)):
+            product += blocks.gram[here, row, column] * values[column]
+        moments[FORCE_SQUARED] += values[row] * (product - 2.0 * response[row, RESPONSE_FORCE])
+        moments[FORCE] -= values[row] * response[row, RESPONSE_ONE]
+        moments[FORCE_TIME] -= values[row] * response[row, RESPONSE_TIME]
+    for row in range(len(values)):
+        for column in range(len(values)):
+            response[row, RESPONSE_FORCE] -= blocks.gram[here, row, column] * values[column]

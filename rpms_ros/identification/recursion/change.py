@@ -11,6 +11,7 @@ needed to exceed 20: a knock or a single spike is no change.
 
 import math
 
+from rpms_ros.identification.recursion.kinds import UNKNOWN
 from rpms_ros.identification.saved_state import Restorable
 
 # Most blocks over which mean and deviation are taken.
@@ -33,11 +34,14 @@ class ChangeTest(Restorable):
         How many changes were found.
     changed_ns : int
         When the newest change began [ns].
+    kind : str
+        What the newest change was of.
     """
 
     learnt_s: float
     changes: int
     changed_ns: int
+    kind: str
     _mean: float
     _variance: float
     _blocks: float
@@ -48,11 +52,17 @@ class ChangeTest(Restorable):
         self.learnt_s = 0.0
         self.changes = 0
         self.changed_ns = 0
+        self.kind = UNKNOWN
         self._mean = 0.0
         self._variance = 0.0
         self._blocks = 0.0
         self._sum = 0.0
         self._begun_ns = 0
+
+    @property
+    def suspects(self) -> bool:
+        """Whether the sum has risen: a change may have begun."""
+        return self._sum > 0.0
 
     def interrupt(self) -> None:
         """Reset the sum: the next blocks do not continue the last ones."""

@@ -38,6 +38,7 @@ from rpms_ros.identification.recursion.intake import fresh_prediction_state
 from rpms_ros.identification.recursion.intake import recompute_response
 from rpms_ros.identification.recursion.intake import residual_sum
 from rpms_ros.identification.recursion.intake import take
+from rpms_ros.identification.recursion.kinds import UNKNOWN
 from rpms_ros.identification.recursion.knots import KNOTS
 from rpms_ros.identification.recursion.learning import Learner
 from rpms_ros.identification.recursion.memory import BLOCKS
@@ -49,11 +50,13 @@ from rpms_ros.identification.recursion.memory import let_baseline_drift
 from rpms_ros.identification.recursion.memory import scale_memory
 from rpms_ros.identification.recursion.settings import PEOPLE
 from rpms_ros.identification.recursion.settings import ExactRecursionSettings
+from rpms_ros.identification.recursion.since import SinceChange
 from rpms_ros.identification.recursion.spread import ResidualSpread
 from rpms_ros.identification.saved_state import RestorableWithSettings
 from rpms_ros.identification.saved_state import State
 from rpms_ros.identification.saved_state import described
 from rpms_ros.identification.saved_state import expect
+from rpms_ros.identification.tracking.knowledge import knowledge_of
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
@@ -63,6 +66,9 @@ from rpms_ros.pulses import nanoseconds
 
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
+# What has changed is looked for so often, and for so long, until it is clear.
+_NAMING_NS = NANOSECONDS_PER_SECOND // 4
+_NAMED_WITHIN_NS = 5 * NANOSECONDS_PER_SECOND
 
 
 class ExactRecursion(RestorableWithSettings):
@@ -88,8 +94,10 @@ class ExactRecursion(RestorableWithSettings):
     _prediction: PredictionState
     _learner: Learner
     _test: ChangeTest
+    _since: SinceChange
     _spread: ResidualSpread
     _delay_line: PulseDelayLine
+    _unnamed_ns: int | None
     _fresh: bool
     _stepped_ns: int | None
     _pulses: int
@@ -112,6 +120,9 @@ class ExactRecursion(RestorableWithSettings):
         self._learner = Learner(model)
         self._test = ChangeTest()
         self._spread = ResidualSpread()
+        self._since = SinceChange(self._memory, self._learner.fit, self._spread.mean)
+        self._bounds = knowledge_of(model)
+        self._unnamed_ns = None
         self._fresh = True
         self._stepped_ns = None
         self._delay_line = PulseDelayLine(model.basis.latency, model.by_rate, rate_hz)
@@ -155,6 +166,7 @@ class ExactRecursion(RestorableWithSettings):
         self._prediction.force_energy[0] = 0.0
         self._prediction.squares[0] = 0.0
         self._test.interrupt()
+        self._unnamed_ns = None
 
     def described_settings(self) -> State:
         """Return all settings by name."""
@@ -227,7 +239,7 @@ class ExactRecursion(RestorableWithSettings):
         return replace(
             estimate,
             changes=self._test.changes,
-            change_kinds=('unknown',),
+            change_kinds=(self._test.kind,),
             change_ago=np.array([ago]),
         )
 
@@ -258,6 +270,8 @@ class ExactRecursion(RestorableWithSettings):
             memory.blocks, memory.chains, start_ns, intensity, push, self._rate, self._fresh
         )
         self._fresh = False
+        if self._test.suspects or self._unnamed_ns is not None:
+            self._since.advance(memory)
         recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
     def _close_block(self, end_ns: int) -> None:
@@ -278,15 +292,39 @@ class ExactRecursion(RestorableWithSettings):
             window = min(max(0.5 * self._test.learnt_s, 1.0), settings.memory_time)
             kept = math.exp(-seconds / window)
         residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
+        spread = self._spread.mean
         self._spread.take(start_ns, residual, samples, kept)
-        let_baseline_drift(memory, settings.drift**2 * seconds)
-        add_block(memory, here)
+        drift = settings.drift**2 * seconds
         floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
-        if acting and self._test.take(start_ns, seconds, mean_square + floor):
-            most = settings.memory_after_change * samples / max(seconds, 1e-3)
-            scale_memory(memory, min(most / float(memory.samples[0]), 1.0))
-            self._spread.forget()
-            self._learner.restart()
+        suspected = self._test.suspects
+        changed = acting and self._test.take(start_ns, seconds, mean_square + floor)
+        if self._test.suspects and not suspected:
+            self._unnamed_ns = None
+            self._since.begin(memory, fit, spread)
+        if self._test.suspects or changed or self._unnamed_ns is not None:
+            self._since.add(memory, here, drift)
+        let_baseline_drift(memory, drift)
+        add_block(memory, here)
+        if changed or (self._unnamed_ns is not None and end_ns >= self._unnamed_ns):
+            self._name_change(changed, samples / max(seconds, 1e-3), end_ns)
         if self._stepped_ns is None or end_ns - self._stepped_ns >= self._step_ns:
             self._stepped_ns = end_ns
             self._learner.learn(memory)
+
+    def _name_change(self, changed: bool, rate: float, end_ns: int) -> None:
+        """Find out what has changed; go on from there, and from what holds if that is known.
+
+        As long as it is not, more samples may tell.  `rate` is how many come a second [Hz].
+        """
+        settings, learner = self.settings, self._learner
+        found = self._since.explain(self._memory, learner.prior, self._bounds)
+        named = found.kind != UNKNOWN
+        late = end_ns - self._test.changed_ns > _NAMED_WITHIN_NS
+        self._unnamed_ns = None if named or late else end_ns + _NAMING_NS
+        if not (changed or named):
+            return
+        self._test.kind = found.kind
+        kept = settings.memory_kept if named else settings.memory_after_change
+        self._since.renew(self._memory, found, rate * kept)
+        self._spread.forget()
+        learner.restart(found)

@@ -12,6 +12,7 @@ from rpms_ros.identification.recursion.fit import evaluate
 from rpms_ros.identification.recursion.fit import go_to
 from rpms_ros.identification.recursion.fit import improve
 from rpms_ros.identification.recursion.fit import refresh_variance
+from rpms_ros.identification.recursion.kinds import Explained
 from rpms_ros.identification.recursion.memory import Memory
 from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.identification.saved_state import expect
@@ -53,8 +54,11 @@ class Learner(Restorable):
         shapes = ((one.shape, other.shape) for one, other in zip(self.fit, made, strict=True))
         expect(all(one == other for one, other in shapes), 'Learner', 'arrays of one model')
 
-    def restart(self) -> None:
-        """Raise the damping again: the muscle has changed."""
+    def restart(self, found: Explained) -> None:
+        """Go on from the muscle found after a change, and raise the damping again."""
+        self.fit.theta[:] = found.theta
+        self.fit.linear[:] = found.linear
+        self.fit.levels[:] = found.level
         self.fit.damping[0] = _START_DAMPING
 
     def learn(self, memory: Memory) -> None:

@@ -65,6 +65,45 @@ class Memory(NamedTuple):
     product: FloatArray
 
 
+class Sums(NamedTuple):
+    """The sums of a memory alone; see `Memory`."""
+
+    gram: FloatArray
+    cross: FloatArray
+    energy: FloatArray
+    samples: FloatArray
+    squared_samples: FloatArray
+
+
+def sums_of(memory: Memory) -> Sums:
+    """Return a copy of the sums of a memory."""
+    return Sums(*(getattr(memory, name).copy() for name in Sums._fields))
+
+
+def without(sums: Sums, directions: FloatArray, variance: float) -> Sums:
+    """Return what sums say where the muscle may since have moved along directions.
+
+    Parameters
+    ----------
+    sums : Sums
+        Of a muscle that has changed.
+    directions : ndarray (directions, knots * functions + 1)
+        Each as large as it may have moved, one standard deviation.
+    variance : float
+        Of the residuals [N^2].
+    """
+    lower = np.tril(sums.gram, -1)
+    applied = directions @ (lower + lower.T + np.diag(np.diag(sums.gram)))
+    matrix = applied @ directions.T + variance * np.eye(len(directions))
+    right = directions @ sums.cross
+    solved = np.linalg.solve(matrix, np.column_stack((applied, right)))
+    return sums._replace(
+        gram=sums.gram - applied.T @ solved[:, :-1],
+        cross=sums.cross - applied.T @ solved[:, -1],
+        energy=sums.energy - right @ solved[:, -1],
+    )
+
+
 def empty_memory(knots: int, functions: int) -> Memory:
     """Return an empty memory."""
     unknowns = knots * functions + 1

@@ -27,7 +27,10 @@ class ExactRecursionSettings:
     memory_time : float
         Time constant with which samples are forgotten, in time during which pulses act [s].
     memory_after_change : float
-        Weight of the memory after a change of the muscle, in seconds of samples [s].
+        Weight of the memory after a change of the muscle of which it is not known what has
+        changed, in seconds of samples [s].
+    memory_kept : float
+        The same where it is known what has changed: weight of what still holds [s].
     drift : float
         Standard deviation of the random walk of the baseline in a second, relative to that of
         the noise of a sample.
@@ -43,11 +46,12 @@ class ExactRecursionSettings:
     model: ProjectionSettings = field(default_factory=_model)
     memory_time: float = 40.0
     memory_after_change: float = 0.25
+    memory_kept: float = 5.0
     drift: float = 0.1
     step_period: float = 0.04
 
     def __post_init__(self) -> None:
-        for name in ('memory_time', 'memory_after_change', 'drift', 'step_period'):
+        for name in ('memory_time', 'memory_after_change', 'memory_kept', 'drift', 'step_period'):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise IdentificationError(f'expected {name} above 0, got {value}')

@@ -47,6 +47,9 @@ _GAIN = 0.4
 _THRESHOLD = 0.1
 _DYNAMICS = 0.3
 _SHAPE = 0.1
+# Of a muscle that does not change, relative, and of a slow change that goes on, against what it
+# was so far.
+_RESTLESS, _GOES_ON = 0.002, 1.5
 # Of a jump of the baseline, as a share of the force.
 _JUMP = 0.5
 # Mean square of what is left, against the noise, of samples that are explained.
@@ -117,36 +120,66 @@ class Explanation:
     knowledge: Knowledge
 
 
-def after(before: Snapshot, kind: str, knowledge: Knowledge, seconds: float) -> Knowledge:
-    """Return what is known after a change of a kind, so many seconds after a snapshot."""
-    point = before.point
-    functions = len(point.linear)
-    joint = PARAMETERS + functions
-    covariance = before.covariance.copy()
-    freed: list[FloatArray] = []
+def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray:
+    """Return the covariance of theta and w, alpha as logarithms, after a change of a kind.
+
+    Parameters
+    ----------
+    covariance : ndarray (4 + functions, 4 + functions)
+        Before.
+    linear : ndarray (functions,)
+        w before.
+    kind : str
+        What has changed.
+    """
+    functions = len(linear)
+    covariance = covariance.copy()
 
     def free(start: int, values: FloatArray | float) -> None:
-        direction = np.zeros(joint)
+        direction = np.zeros(PARAMETERS + functions)
         direction[start : start + np.size(values)] = values
-        freed.append(direction)
+        covariance[:] += np.outer(direction, direction)
 
-    # what changes slowly goes on, more or less
-    rate = float(point.gain[0]) if len(point.gain) else 0.0
-    slow = float(point.slowing[0]) if len(point.slowing) else 0.0
-    free(PARAMETERS, (0.002 + 0.3 * abs(rate) * seconds) * point.linear)
-    free(PARAMETERS, 0.3 * abs(slow) * seconds * slowed(point.linear))
-    if kind in (GAIN, THRESHOLDS, DYNAMICS):
-        free(PARAMETERS, _GAIN * point.linear)
+    if kind in MUSCLE:
+        free(PARAMETERS, _GAIN * linear)
     if kind == THRESHOLDS:
         free(0, _THRESHOLD)
         free(1, _THRESHOLD)
     if kind == DYNAMICS:
-        free(PARAMETERS, _DYNAMICS * slowed(point.linear))
-        size = _SHAPE * float(np.linalg.norm(point.linear))
+        free(PARAMETERS, _DYNAMICS * slowed(linear))
+        size = _SHAPE * float(np.linalg.norm(linear))
         for place in range(functions):
             free(PARAMETERS + place, size)
-    for direction in freed:
+    return covariance
+
+
+def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) -> Knowledge:
+    """Return what is known after a change of a kind.
+
+    Parameters
+    ----------
+    before : Snapshot
+        What was known.
+    kind : str
+        What has changed.
+    knowledge : Knowledge
+        Physiology and bounds.
+    distance : float
+        Time since the snapshot, in distances of the knots of the slow change [1].
+    """
+    point = before.point
+    joint = PARAMETERS + len(point.linear)
+    # against now, relative, at the first knot of the past: the change over one distance
+    change = float(point.gain[0]) if len(point.gain) else 0.0
+    slowing = float(point.slowing[0]) if len(point.slowing) else 0.0
+    covariance = before.covariance.copy()
+    for response in (
+        (_RESTLESS + _GOES_ON * abs(change) * distance) * point.linear,
+        _GOES_ON * abs(slowing) * distance * slowed(point.linear),
+    ):
+        direction = np.concatenate((np.zeros(PARAMETERS), response))
         covariance += np.outer(direction, direction)
+    covariance = widened(covariance, point.linear, kind)
     scale = 1.0 / np.sqrt(np.diag(covariance))
     scaled = covariance * np.outer(scale, scale) + 1e-9 * np.eye(joint)
     information = np.linalg.inv(scaled) * np.outer(scale, scale)
@@ -181,8 +214,8 @@ def explain(
     force: float,
 ) -> Explanation | None:
     """Explain the samples of a window that begins after a snapshot; None if it cannot be done."""
-    seconds = 1e-9 * (window.now_ns - before.stamp_ns)
-    known = after(before, kind, knowledge, seconds)
+    distance = (window.now_ns - before.stamp_ns) / (window.spacing * window.length_ns)
+    known = after(before, kind, knowledge, distance)
     functions = len(before.point.linear)
     unknowns = PARAMETERS + functions + SLOPES
     point = Point(

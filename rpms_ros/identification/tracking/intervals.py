@@ -20,12 +20,8 @@ import numba
 import numpy as np
 
 from rpms_ros.identification.projection.block_statistics import COUNT
-from rpms_ros.identification.projection.block_statistics import FORCE
 from rpms_ros.identification.projection.block_statistics import FORCE_SQUARED
-from rpms_ros.identification.projection.block_statistics import FORCE_TIME
-from rpms_ros.identification.projection.block_statistics import RESPONSE_FORCE
-from rpms_ros.identification.projection.block_statistics import RESPONSE_ONE
-from rpms_ros.identification.projection.block_statistics import RESPONSE_TIME
+from rpms_ros.identification.projection.block_statistics import without_force
 from rpms_ros.identification.projection.normal_equations import add_baseline_terms
 from rpms_ros.identification.projection.normal_equations import add_gradient_baseline_terms
 from rpms_ros.identification.projection.normal_equations import add_gradient_terms
@@ -128,30 +124,6 @@ def condensed(
 
 
 @numba.njit(cache=True)
-def _without(
-    problem: Problem,
-    here: int,
-    values: FloatArray,
-    response: FloatArray,
-    moments: FloatArray,
-) -> None:
-    """Write the sums of a block with the force ``values^T e(tau)`` taken off the samples."""
-    blocks = problem.blocks
-    response[:] = blocks.response[here]
-    moments[:] = blocks.moments[here]
-    for row in range(len(values)):
-        product = 0.0
-        for column in range(len(values)):
-            product += blocks.gram[here, row, column] * values[column]
-        moments[FORCE_SQUARED] += values[row] * (product - 2.0 * response[row, RESPONSE_FORCE])
-        moments[FORCE] -= values[row] * response[row, RESPONSE_ONE]
-        moments[FORCE_TIME] -= values[row] * response[row, RESPONSE_TIME]
-    for row in range(len(values)):
-        for column in range(len(values)):
-            response[row, RESPONSE_FORCE] -= blocks.gram[here, row, column] * values[column]
-
-
-@numba.njit(cache=True)
 def _condense(
     problem: Problem,
     theta: FloatArray,
@@ -182,7 +154,7 @@ def _condense(
         if index < problem.first or blocks.moments[here, COUNT] == 0.0:
             continue
         correlate(change.linear, before, values)
-        _without(problem, here, values, response, moments)
+        without_force(blocks, here, values, response, moments)
         number = start_ns // length_ns
         place = min(max(number - intervals.first[0], 0), most)
         baseline = BaselineKnots(2, number * length_ns, length_ns)
