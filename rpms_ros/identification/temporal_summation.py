@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""The history law as a weight of each pulse that depends on the pulses before it.
 
-The history law (`rpms_ros.identification.analysis.history_law`) is not linear: facilitated
-twitches add up to an activation x, and the force is ``S(x) = (1 + k^h) x^h / (k^h + x^h)``.  An
+The history law (`rpms_ros.identification.history_law`) is not linear: facilitated
+twitches add up to an activation x, and the force is ``S(x)``.  An
 estimator adds weighted responses.  So each pulse gets the weight for which the sum of the weighted
 twitches equals the force of the law at the peak of that pulse's own twitch,
 
@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.history_law import HistoryLaw
 from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.identification.saved_state import expect
 from rpms_ros.muscle.twitch import twitch
@@ -44,19 +45,11 @@ _LARGEST_FILE = 64_000_000
 
 
 @dataclass(frozen=True)
-class TemporalSummation:
-    """Parameters of the history law and of its twitches.
+class TemporalSummation(HistoryLaw):
+    """History law, and its twitches.
 
     Attributes
     ----------
-    half_level : float
-        k, activation at half the greatest force, in peaks of a single twitch.
-    cooperation : float
-        h, exponent.
-    facilitation : float
-        a, increase of the gain of the next pulse by one pulse.
-    facilitation_decay : float
-        tau_p [s].
     time_constant : float
         T_a of the twitches [s].
     order : int
@@ -68,22 +61,13 @@ class TemporalSummation:
         If a value is not possible.
     """
 
-    half_level: float = 3.0
-    cooperation: float = 1.5
-    facilitation: float = 0.3
-    facilitation_decay: float = 0.1
+    POSITIVE = (*HistoryLaw.POSITIVE, 'time_constant')
+
     time_constant: float = 25e-3
     order: int = 3
 
     def __post_init__(self) -> None:
-        for name in ('half_level', 'cooperation', 'facilitation_decay', 'time_constant'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected a {name} above 0, got {value}')
-        if not (math.isfinite(self.facilitation) and self.facilitation >= 0):
-            raise IdentificationError(
-                f'expected a facilitation of at least 0, got {self.facilitation}'
-            )
+        super().__post_init__()
         if self.order < 2:
             raise IdentificationError(f'expected an order of at least 2, got {self.order}')
 
@@ -137,12 +121,6 @@ class TemporalSummation:
         if not isinstance(document, dict):
             raise IdentificationError(f'expected a JSON object in {path}, got another value')
         return cls.of_analysis(document)
-
-    def saturated(self, activation: float) -> float:
-        """Return S(x), 1 at 1."""
-        power = max(activation, 0.0) ** self.cooperation
-        level = self.half_level**self.cooperation
-        return float((1.0 + level) * power / (level + power))
 
 
 class PulseHistory(Restorable):
@@ -203,8 +181,8 @@ class PulseHistory(Restorable):
         peak = (law.order - 1) * law.time_constant
         lag = 1e-9 * np.maximum(onset_ns - self._onset_ns[recent], _REFRACTORY_NS) + peak
         shape = twitch(lag, law.time_constant, law.order)
-        activation = gain + float(self._gain[recent] @ shape)
-        weight = law.saturated(activation) - float(self._weight[recent] @ shape)
+        activation = gain + self._gain[recent] @ shape
+        weight = float(law.saturated(activation) - self._weight[recent] @ shape)
         weight = max(weight, 0.0)
         if acts:
             # The newest pulse is always kept: the facilitation decays from its onset on.

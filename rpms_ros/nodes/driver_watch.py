@@ -12,7 +12,6 @@ import select
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -27,6 +26,8 @@ from rpms_ros.nodes.driver_graph import others_of_this_name
 from rpms_ros.nodes.driver_graph import publishers_of
 from rpms_ros.nodes.driver_refusal import UNIQUE
 from rpms_ros.nodes.driver_refusal import WATCH
+from rpms_ros.nodes.overridable import second_node
+from rpms_ros.nodes.overridable import taken_from
 from rpms_ros.nodes.taking import Taken
 from rpms_ros.nodes.taking import Taker
 from rpms_ros.stimulation.authority import Authority
@@ -88,15 +89,7 @@ class DriverWatch:
         self._others = ''
         self._lock = threading.Lock()
         self._closing = False
-        # of the driver's context and namespace, but served by nobody
-        self._node = Node(
-            node.get_name() + SUFFIX,
-            namespace=node.get_namespace(),
-            context=node.context,
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._node = second_node(node, SUFFIX)
         self._live = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
         self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
         self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
@@ -139,7 +132,7 @@ class DriverWatch:
 
     def _taker(self, kind: type, topic: str, profile: QoSProfile) -> Taker:
         name = self._driver.resolve_topic_name(topic)
-        return Taker(self._node.create_subscription(kind, name, _served_by_nobody, profile))
+        return Taker(taken_from(self._node, kind, name, profile))
 
     def _run(self) -> None:
         try:
@@ -249,7 +242,3 @@ class DriverWatch:
             self._controller.disarm(problem)
         else:
             self._controller.stop(HEARTBEAT, problem)
-
-
-def _served_by_nobody(_message: Any) -> None:
-    """Do nothing; rclpy asks for a callback."""

@@ -23,6 +23,7 @@ from rpms_ros.identification.arrival_order import Foreign
 from rpms_ros.identification.first_publisher import FirstPublisher
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.overridable import second_node
 from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import taken_from
 from rpms_ros.nodes.taking import Taken
@@ -81,14 +82,7 @@ class Hearing:
         self._quantity = quantity
         self.sensor_frame = ''
         self._silence_ns = silence_ns
-        self._node = Node(
-            node.get_name() + SUFFIX,
-            namespace=node.get_namespace(),
-            context=node.context,
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._node = second_node(node, SUFFIX)
         # Overrides of the quality of service are parameters of the identifier.
         pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
         self._pulses = Taker(pulses)

@@ -34,6 +34,7 @@ from rpms_ros.live.serialized_force import forces_of
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.overridable import second_node
 from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.taking import Taker
@@ -93,15 +94,7 @@ class LiveListener:
         self._session = session
         self._axis = axis
         self._quantity = quantity
-        # of the page's context and namespace, but served by nobody
-        self._node = Node(
-            node.get_name() + SUFFIX,
-            namespace=node.get_namespace(),
-            context=node.context,
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._node = second_node(node, SUFFIX)
         self._takers = {key: self._taker(key) for key in TYPES}
         warn_of_unused(node)
         self._unread: list[bytes] = []

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions whose quality of service a user may replace by parameters `qos_overrides`.
+"""Subscriptions of a second node, whose quality of service `qos_overrides` may replace.
 
 qos_overrides:
   /left_leg/force:
@@ -24,6 +24,28 @@ from rpms_ros.errors import NodeError
 from rpms_ros.nodes.logger import logger_of
 
 PREFIX = 'qos_overrides.'
+
+
+def second_node(node: Node, suffix: str) -> Node:
+    """Return a node of the same context and namespace that no executor and no service knows.
+
+    What its subscriptions get is taken from them (`rpms_ros.nodes.taking`).
+
+    Parameters
+    ----------
+    node : Node
+        Whose name it bears, with `suffix` behind it.
+    suffix : str
+        By which people and policies know it.
+    """
+    return Node(
+        node.get_name() + suffix,
+        namespace=node.get_namespace(),
+        context=node.context,
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )
 
 
 def subscribe(

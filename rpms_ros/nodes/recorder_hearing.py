@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 
+from rpms_ros.nodes.overridable import second_node
 from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import taken_from
 from rpms_ros.nodes.taking import Taker
@@ -102,14 +103,7 @@ class RecorderHearing:
 
     def __init__(self, node: Node) -> None:
         self._named = node
-        self._node = Node(
-            node.get_name() + SUFFIX,
-            namespace=node.get_namespace(),
-            context=node.context,
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._node = second_node(node, SUFFIX)
         self._topics: dict[str, _Topic] = {}
         self._kinds: dict[str, Any] = {}
 

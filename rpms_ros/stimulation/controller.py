@@ -17,6 +17,7 @@ from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.admission import quantized_plan
 from rpms_ros.stimulation.admission import refuse_over_dose
 from rpms_ros.stimulation.admission import refuse_undeliverable
+from rpms_ros.stimulation.device_owner import Equipment
 from rpms_ros.stimulation.device_specification import DeviceSpecification
 from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.dose import DoseExceeded
@@ -79,7 +80,7 @@ class StimulationController(PulseOwner):
                 f'expected a dose ledger on the disk for a real device, got {got}'
             )
         coil = CoilTemperature(thermal, clock()) if thermal else None
-        super().__init__(device, settings, specification.limits, coil, clock)
+        super().__init__(Equipment(device, settings, specification.limits, coil, clock))
         self.specification = specification
         self.ledger = MemoryLedger() if ledger is None else ledger
         for books in (self.limiter, self.confirmed):

@@ -8,8 +8,8 @@ and what its call returns later is ignored.
 """
 
 import math
-import time
 from collections.abc import Callable
+from typing import NamedTuple
 from typing import ParamSpec
 from typing import TypeVar
 
@@ -50,10 +50,10 @@ Arguments = ParamSpec('Arguments')
 Result = TypeVar('Result')
 
 
-class DeviceOwner(SafetyMonitor):
-    """Opens, arms, keeps alive and closes a device.
+class Equipment(NamedTuple):
+    """What a driver drives.
 
-    Parameters
+    Attributes
     ----------
     device : Device
         What gives the pulses.
@@ -67,19 +67,28 @@ class DeviceOwner(SafetyMonitor):
         Monotonic time [ns].
     """
 
-    def __init__(
-        self,
-        device: Device,
-        settings: DriverSettings,
-        limits: Limits,
-        coil: CoilTemperature | None,
-        clock: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        super().__init__(device, settings, clock)
-        self.limits = limits
-        self.coil = coil
+    device: Device
+    settings: DriverSettings
+    limits: Limits
+    coil: CoilTemperature | None
+    clock: Callable[[], int]
+
+
+class DeviceOwner(SafetyMonitor):
+    """Opens, arms, keeps alive and closes a device.
+
+    Parameters
+    ----------
+    equipment : Equipment
+        The device, and what belongs to it.
+    """
+
+    def __init__(self, equipment: Equipment) -> None:
+        super().__init__(equipment.device, equipment.settings, equipment.clock)
+        self.limits = equipment.limits
+        self.coil = equipment.coil
         self.orders = Orders(self.wake)
-        self._deadlines = Deadlines(clock, _HELD_UP_NS)
+        self._deadlines = Deadlines(equipment.clock, _HELD_UP_NS)
         # when the device was armed, and when it was armed or fired last
         self._armed_ns = 0
         self._active_ns = 0

@@ -3,7 +3,6 @@
 """Firing the pulses of a run, each after everything that can stand against it was asked."""
 
 import dataclasses
-import time
 from collections.abc import Callable
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -12,22 +11,19 @@ from rpms_ros.stimulation.device_faults import intensity_fault
 from rpms_ros.stimulation.device_owner import AGAIN_NS
 from rpms_ros.stimulation.device_owner import LOOK_NS
 from rpms_ros.stimulation.device_owner import DeviceOwner
+from rpms_ros.stimulation.device_owner import Equipment
 from rpms_ros.stimulation.devices.interface import UNVERIFIED
 from rpms_ros.stimulation.devices.interface import Delivery
-from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.dose import LedgerError
 from rpms_ros.stimulation.fired import Fired
 from rpms_ros.stimulation.lateness import Lateness
 from rpms_ros.stimulation.limiter import PulseLimiter
-from rpms_ros.stimulation.limits import Limits
 from rpms_ros.stimulation.refusals import TIMING_LIMITS
 from rpms_ros.stimulation.reservations import Reservations
 from rpms_ros.stimulation.run import Run
-from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.thermal import CoilTemperature
 
 _LATE = 'late'
 
@@ -37,16 +33,8 @@ class PulseOwner(DeviceOwner):
 
     Parameters
     ----------
-    device : Device
-        What gives the pulses.
-    settings : DriverSettings
-        How the driver watches over itself.
-    limits : Limits
-        Of the device.
-    coil : CoilTemperature or None
-        Model of the coil.
-    clock : callable
-        Monotonic time [ns].
+    equipment : Equipment
+        The device, and what belongs to it.
 
     Attributes
     ----------
@@ -54,19 +42,12 @@ class PulseOwner(DeviceOwner):
         Called by the owner after every trigger; what it raises is a fault.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        settings: DriverSettings,
-        limits: Limits,
-        coil: CoilTemperature | None,
-        clock: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        super().__init__(device, settings, limits, coil, clock)
+    def __init__(self, equipment: Equipment) -> None:
+        super().__init__(equipment)
         # two books: what may have been given, written before each trigger, and what was given as
         # far as the device tells; a pulse has to pass both
-        self.limiter = PulseLimiter(limits)
-        self.confirmed = PulseLimiter(limits)
+        self.limiter = PulseLimiter(equipment.limits)
+        self.confirmed = PulseLimiter(equipment.limits)
         self.lateness = Lateness()
         self.on_fired: Callable[[Fired], None] = _nobody
         self.commanded = 0
@@ -74,7 +55,7 @@ class PulseOwner(DeviceOwner):
         self.unverified = 0
         self.dropped = 0
         self._reservations: Reservations | None = None
-        self._trigger_ns = nanoseconds(device.trigger_s)
+        self._trigger_ns = nanoseconds(equipment.device.trigger_s)
         self._wait_for_nothing()
 
     def _wait_for_nothing(self) -> None:

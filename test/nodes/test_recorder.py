@@ -51,7 +51,10 @@ class Source:
 
     def wait_for_listeners(self) -> None:
         both = (self._pulses, self._force)
-        self.graph.wait_for(lambda: all(one.get_subscription_count() == 1 for one in both))
+        # a recorder that is a process imports for a while on a machine under load
+        self.graph.wait_for(
+            lambda: all(one.get_subscription_count() == 1 for one in both), timeout=60.0
+        )
 
     def send(self, samples: int) -> None:
         for index in range(samples):

@@ -12,8 +12,8 @@ from rpms_ros.identification import TABLE_4
 from rpms_ros.identification import DistortedSineBasis
 from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import RecursiveSettings
-from rpms_ros.identification.recursion_kernel import RecursionState
 from rpms_ros.identification.recursion_kernel import _judge
+from rpms_ros.identification.recursion_state import RecursionState
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import RecruitmentParameters
 from rpms_ros.muscle import identified_recruitment

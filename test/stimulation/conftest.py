@@ -7,6 +7,7 @@ from functools import cache
 
 import pytest
 
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import SimulatedDevice
@@ -14,6 +15,7 @@ from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import HEARTBEAT
 from rpms_ros.stimulation.settings import DriverSettings
+from rpms_ros.stimulation.states import State
 
 MILLISECOND = 1_000_000
 SECOND = 1_000_000_000
@@ -166,3 +168,36 @@ class Driver:
 def virtual():
     """A driver in virtual time: the class, to be built with limits, specification and settings."""
     return Driver
+
+
+@pytest.fixture
+def running(virtual):
+    """A driver in the middle of a train."""
+    driver = virtual().armed()
+    driver.controller.start(constant(0.5, 5.0, 20.0))
+    driver.advance(0.52)
+    assert len(driver.device.commands) == 10
+    return driver
+
+
+@pytest.fixture
+def driver_in(virtual):
+    """Return a driver that came to a state in the ordinary way."""
+
+    def build(state):
+        return brought_to(state, virtual())
+
+    return build
+
+
+def brought_to(state, driver):
+    if state is not State.UNCONFIGURED:
+        driver.controller.configure()
+    if state is State.FAULT:
+        driver.controller.fail('test', 'a test')
+    if state in (State.ARMED, State.RUNNING):
+        driver.controller.arm()
+    if state is State.RUNNING:
+        driver.controller.start(constant(0.5, 0.5, 20.0))
+    assert driver.controller.state is state
+    return driver

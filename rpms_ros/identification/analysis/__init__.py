@@ -5,7 +5,7 @@
 from rpms_ros.identification.analysis.analyze import analyze
 from rpms_ros.identification.analysis.field_fit import FieldAnalysis
 from rpms_ros.identification.analysis.field_fit import fit_field
-from rpms_ros.identification.analysis.history_law import HistoryLaw
+from rpms_ros.identification.analysis.history_law import TrainLaw
 from rpms_ros.identification.analysis.muscle_analysis import MuscleAnalysis
 from rpms_ros.identification.analysis.settings import AnalysisSettings
 from rpms_ros.identification.analysis.steady import SteadyPoint
@@ -16,10 +16,10 @@ from rpms_ros.identification.analysis.twitches import TwitchAnalysis
 __all__ = [
     'AnalysisSettings',
     'FieldAnalysis',
-    'HistoryLaw',
     'MuscleAnalysis',
     'SteadyPoint',
     'SummationAnalysis',
+    'TrainLaw',
     'TwitchAnalysis',
     'analyze',
     'analyze_trains',

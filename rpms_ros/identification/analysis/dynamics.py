@@ -16,7 +16,7 @@ from scipy.stats import t as student
 from rpms_ros.identification.analysis.force_onset import ForceOnset
 from rpms_ros.identification.analysis.force_onset import force_onset
 from rpms_ros.identification.analysis.history_fit import law_deviations
-from rpms_ros.identification.analysis.history_law import HistoryLaw
+from rpms_ros.identification.analysis.history_law import TrainLaw
 from rpms_ros.identification.analysis.muscle_analysis import MuscleAnalysis
 from rpms_ros.identification.analysis.summation import SummationAnalysis
 from rpms_ros.identification.analysis.summation import TrainAnalysis
@@ -57,7 +57,7 @@ class TrainDynamics:
     fit_percent: float = documented('100 (1 - |residual| / |force - mean|), mean of the trains')
     fit_equal_percent: float = documented('the same with equal pulses')
     fit_gains_percent: float = documented('the same with one gain a pulse')
-    law: HistoryLaw | None = documented('numbers of the history law, if there is one')
+    law: TrainLaw | None = documented('numbers of the history law, if there is one')
 
 
 def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse import lil_matrix
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis.history_law import HistoryLaw
+from rpms_ros.identification.analysis.history_law import TrainLaw
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.train_model import HIGHEST
 from rpms_ros.identification.analysis.train_model import LOWEST
@@ -31,7 +31,7 @@ _PRIOR = 0.02
 _FASTEST = 2e-3
 
 
-def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: int) -> HistoryLaw:
+def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: int) -> TrainLaw:
     """Return the law that explains the trains best.
 
     Parameters
@@ -50,14 +50,14 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
     """
     if not any(len(train.onset) >= 3 for train in trains):
         raise IdentificationError('expected a train of at least 3 pulses, got none')
-    centre = HistoryLaw().logarithms
+    centre = TrainLaw().logarithms
     count = len(trains)
     # the prior is weaker where equal pulses already explain the trains well
     misfit = float(np.mean([1.0 - fit.fit / 100.0 for fit in equal]))
     prior = _PRIOR * min(1.0, misfit / 0.1)
 
     def residual(theta: FloatArray) -> FloatArray:
-        law = HistoryLaw.of_logarithms(theta[:NUMBERS])
+        law = TrainLaw.of_logarithms(theta[:NUMBERS])
         own = theta[NUMBERS:].reshape(count, 2)
         parts = [_misfit(law, train, order, *row) for train, row in zip(trains, own, strict=True)]
         return np.concatenate([*parts, prior * (theta[:NUMBERS] - centre)])
@@ -76,10 +76,10 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
         jac_sparsity=_sparsity(trains),
         max_nfev=60,
     )
-    return HistoryLaw.of_logarithms(found.x[:NUMBERS])
+    return TrainLaw.of_logarithms(found.x[:NUMBERS])
 
 
-def fit_with_law(law: HistoryLaw, train: Response, order: int) -> TrainFit:
+def fit_with_law(law: TrainLaw, train: Response, order: int) -> TrainFit:
     """Fit latency, T_a, gain and baseline of a train with a given law."""
 
     def shape(latency: float, constant: float) -> FloatArray:
@@ -88,7 +88,7 @@ def fit_with_law(law: HistoryLaw, train: Response, order: int) -> TrainFit:
     return fit_scaled('history law', train, shape)
 
 
-def law_deviations(law: HistoryLaw, train: Response, fit: TrainFit, order: int) -> FloatArray:
+def law_deviations(law: TrainLaw, train: Response, fit: TrainFit, order: int) -> FloatArray:
     """Return the standard deviations of latency and T_a (2,) of a train and its law [s].
 
     The parameters of the law count as unknown too: it may have been fitted to this train.
@@ -97,7 +97,7 @@ def law_deviations(law: HistoryLaw, train: Response, fit: TrainFit, order: int) 
 
     def model(numbers: FloatArray) -> FloatArray:
         latency, constant, gain, base = numbers[:4]
-        shape = HistoryLaw.of_logarithms(numbers[4:]).force(train, order, latency, constant)
+        shape = TrainLaw.of_logarithms(numbers[4:]).force(train, order, latency, constant)
         force: FloatArray = base + gain * shape
         return force[chosen]
 
@@ -112,7 +112,7 @@ def law_deviations(law: HistoryLaw, train: Response, fit: TrainFit, order: int) 
 
 
 def _misfit(
-    law: HistoryLaw, train: Response, order: int, latency: float, constant: float
+    law: TrainLaw, train: Response, order: int, latency: float, constant: float
 ) -> FloatArray:
     """Return the residual (samples,) over the spread of the train, at best gain and baseline."""
     shape = law.force(train, order, latency, constant)[train.usable]

@@ -1,19 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""History law: how earlier pulses of a train change the effect of later ones.
+"""Force of a train by the history law (`rpms_ros.identification.history_law`), behind a lag.
 
-Pulse q is facilitated by the earlier ones, whose effect decays,
-
-.. math:: p_q = 1 + a \sum_{j<q} e^{-(t_q - t_j) / \tau_p}
-
-(potentiation and the doublet effect).  The weighted twitches add up to an activation
-``x = sum_q p_q F^(t - t_q)`` (Eqs. 5, 6), and the force rises with it cooperatively at low
-activation and saturates at high activation,
-
-.. math:: F = G \, \frac{(1 + k^h) x^h}{k^h + x^h}
-
-through a series elasticity, a first-order lag tau_s.  A single twitch has the peak G before the
-lag.  The linear sum of Eq. (6) is the limit a = 0, h = 1, k to infinity, tau_s = 0.
+Force is ``G S(x)`` through a series elasticity, a first-order lag tau_s.  A single twitch has the
+peak G before the lag.  The linear sum of Eq. (6) is the limit a = 0, h = 1, k to infinity,
+tau_s = 0.
 """
 
 from dataclasses import dataclass
@@ -21,26 +12,18 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.train_model import pulse_twitches
+from rpms_ros.identification.history_law import HistoryLaw
 from rpms_ros.pulses import FloatArray
 
 
 @dataclass(frozen=True)
-class HistoryLaw:
-    """Parameters of the history law.
+class TrainLaw(HistoryLaw):
+    """History law with a series lag.
 
     Attributes
     ----------
-    half_level : float
-        k, activation at half the greatest force, in peaks of a single twitch.
-    cooperation : float
-        h, exponent.
-    facilitation : float
-        a, increase of the gain of the next pulse by one pulse.
-    facilitation_decay : float
-        tau_p [s].
     series_lag : float
         tau_s [s].
 
@@ -50,23 +33,12 @@ class HistoryLaw:
         If a value is not possible.
     """
 
-    half_level: float = 3.0
-    cooperation: float = 1.5
-    facilitation: float = 0.3
-    facilitation_decay: float = 0.1
+    POSITIVE = (*HistoryLaw.POSITIVE, 'series_lag')
+
     series_lag: float = 0.01
 
-    def __post_init__(self) -> None:
-        for name in ('half_level', 'cooperation', 'facilitation_decay', 'series_lag'):
-            if not getattr(self, name) > 0:
-                raise IdentificationError(f'expected a {name} above 0, got {getattr(self, name)}')
-        if not self.facilitation >= 0:
-            raise IdentificationError(
-                f'expected a facilitation of at least 0, got {self.facilitation}'
-            )
-
     @classmethod
-    def of_logarithms(cls, logarithms: FloatArray) -> 'HistoryLaw':
+    def of_logarithms(cls, logarithms: FloatArray) -> 'TrainLaw':
         """Return the law from the logarithms (5,) of its parameters, in the order of fields."""
         return cls(*(float(value) for value in np.exp(logarithms)))
 
@@ -94,10 +66,7 @@ class HistoryLaw:
         """Return the force of a train in units of G, shape (samples,)."""
         columns = pulse_twitches(response, order, latency, constant)
         activation = columns @ self.gains(response.onset)
-        power = np.maximum(activation, 1e-9) ** self.cooperation
-        level = self.half_level**self.cooperation
-        saturated = (1.0 + level) * power / (level + power)
-        return _lagged(response.lag, saturated, self.series_lag)
+        return _lagged(response.lag, self.saturated(activation), self.series_lag)
 
 
 @numba.njit(cache=True)

@@ -17,7 +17,7 @@ import numpy as np
 from rpms_ros.identification.analysis.force_onset import force_onset
 from rpms_ros.identification.analysis.history_fit import fit_history
 from rpms_ros.identification.analysis.history_fit import fit_with_law
-from rpms_ros.identification.analysis.history_law import HistoryLaw
+from rpms_ros.identification.analysis.history_law import TrainLaw
 from rpms_ros.identification.analysis.order_choice import spread
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.train_model import TrainFit
@@ -71,7 +71,7 @@ class SummationAnalysis:
         Order of the twitch.
     trains : tuple of TrainAnalysis
         Those that qualified.
-    law : HistoryLaw or None
+    law : TrainLaw or None
         Common law; None if no train has three pulses.
     latency, latency_spread : float
         Mean and standard deviation over the trains of the latency of equal pulses, a parameter
@@ -84,7 +84,7 @@ class SummationAnalysis:
 
     order: int
     trains: tuple[TrainAnalysis, ...]
-    law: HistoryLaw | None
+    law: TrainLaw | None
     latency: float
     latency_spread: float
     time_constant: float
@@ -179,7 +179,7 @@ def _law(
     equal: Sequence[TrainFit],
     held_out: Sequence[bool],
     order: int,
-) -> HistoryLaw | None:
+) -> TrainLaw | None:
     taught = [
         (response, fit)
         for response, fit, out in zip(responses, equal, held_out, strict=True)

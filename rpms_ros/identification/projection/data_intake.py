@@ -113,6 +113,27 @@ def recompute_state(problem: Problem, intake: Intake, fit: Fit) -> None:
 
 
 @numba.njit(cache=True)
+def count_energy(
+    error_energy: FloatArray,
+    force_energy: FloatArray,
+    previous_ns: IntArray,
+    stamp_ns: int,
+    error: float,
+    force: float,
+) -> float:
+    """Add the squares of an a-priori error and of a force [N] to the decaying sums (1,).
+
+    Returns what is left of what was counted until the sample before.
+    """
+    since = min(max(1e-9 * (stamp_ns - previous_ns[0]), 0.0), 100.0)
+    decay = math.exp(-since / OUTPUT_ERROR_TIME)
+    previous_ns[0] = stamp_ns
+    error_energy[0] = decay * error_energy[0] + error * error
+    force_energy[0] = decay * force_energy[0] + force * force
+    return decay
+
+
+@numba.njit(cache=True)
 def take(
     stamp_ns: IntArray,
     force: FloatArray,
@@ -165,11 +186,14 @@ def take(
         if not usable[index]:
             continue
         error = force[index] - predicted
-        since = min(max(1e-9 * (stamp - intake.previous_ns[0]), 0.0), 100.0)
-        decay = math.exp(-since / OUTPUT_ERROR_TIME)
-        intake.previous_ns[0] = stamp
-        intake.error_energy[0] = decay * intake.error_energy[0] + error * error
-        intake.force_energy[0] = decay * intake.force_energy[0] + force[index] * force[index]
+        decay = count_energy(
+            intake.error_energy,
+            intake.force_energy,
+            intake.previous_ns,
+            stamp,
+            error,
+            force[index],
+        )
         intake.recent[0] = decay * intake.recent[0] + 1.0
         intake.learnt[0] += 1.0
         add_sample(blocks, here, tau, force[index], intake.values)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Adds samples and pulses to the present block, with an a-priori prediction of each sample."""
 
-import math
 from typing import NamedTuple
 
 import numba
@@ -16,7 +15,7 @@ from rpms_ros.identification.projection.block_statistics import BlockStatistics
 from rpms_ros.identification.projection.block_statistics import add_sample
 from rpms_ros.identification.projection.block_statistics import newest
 from rpms_ros.identification.projection.block_statistics import open_block
-from rpms_ros.identification.projection.data_intake import OUTPUT_ERROR_TIME
+from rpms_ros.identification.projection.data_intake import count_energy
 from rpms_ros.identification.projection.normal_equations import advance_state
 from rpms_ros.identification.projection.normal_equations import correlate
 from rpms_ros.identification.projection.problem import PARAMETERS
@@ -142,11 +141,14 @@ def take(
         if not usable[index]:
             continue
         error = force[index] - predicted
-        since = min(max(1e-9 * (stamp - carried.previous_ns[0]), 0.0), 100.0)
-        decay = math.exp(-since / OUTPUT_ERROR_TIME)
-        carried.previous_ns[0] = stamp
-        carried.error_energy[0] = decay * carried.error_energy[0] + error * error
-        carried.force_energy[0] = decay * carried.force_energy[0] + force[index] * force[index]
+        count_energy(
+            carried.error_energy,
+            carried.force_energy,
+            carried.previous_ns,
+            stamp,
+            error,
+            force[index],
+        )
         carried.squares[0] += error * error
         carried.learnt[0] += 1.0
         add_sample(blocks, here, tau, force[index], carried.values)

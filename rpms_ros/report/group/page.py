@@ -11,10 +11,11 @@ from urllib.parse import quote
 from rpms_ros.report.group.figures import group_figure
 from rpms_ros.report.session.page import UNKNOWN
 from rpms_ros.report.session.page import number
+from rpms_ros.report.templates import image_url
+from rpms_ros.report.templates import page_template
+from rpms_ros.report.templates import shipped
 
 _HERE = Path(__file__).parent
-# What need not be escaped in a data URL; base64 would be longer.
-_KEPT = " !$&'()*+,/:;=?@\n"
 
 
 def as_group_page(document: Mapping[str, Any], folder: Path) -> str:
@@ -27,23 +28,8 @@ def as_group_page(document: Mapping[str, Any], folder: Path) -> str:
     folder : Path
         Where the page goes: links are relative to it.
     """
-    # the extra rpms_ros[report]
-    from jinja2 import Environment
-    from jinja2 import FileSystemLoader
-    from jinja2 import StrictUndefined
-    from markupsafe import Markup
-
-    environment = Environment(
-        loader=FileSystemLoader(_HERE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies['json.dumps_kwargs'] = {'allow_nan': False}
-    environment.filters |= {'number': number, 'stated': stated}
-    css = (_HERE.parent / 'session' / 'page.css', _HERE / 'page.css')
-    return environment.get_template('page.html').render(
+    template = page_template(_HERE, number=number, stated=stated)
+    return template.render(
         document,
         # all numbers stand in the details and in results.csv already
         compact={
@@ -54,8 +40,8 @@ def as_group_page(document: Mapping[str, Any], folder: Path) -> str:
             ],
         },
         unknown=UNKNOWN,
-        style=Markup('\n'.join(path.read_text(encoding='utf-8') for path in css)),
-        image=f'data:image/svg+xml,{quote(group_figure(document), safe=_KEPT)}',
+        file=lambda name: shipped(_HERE.parent / name),
+        image=image_url(group_figure(document)),
         link=lambda path: link(path, folder),
     )
 

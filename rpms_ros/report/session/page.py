@@ -7,7 +7,6 @@ from datetime import UTC
 from datetime import datetime
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -17,13 +16,14 @@ from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.dose import TRAIN_GAP
 from rpms_ros.report.session.figures import as_svg
 from rpms_ros.report.session.traces import force_traces
+from rpms_ros.report.templates import image_url
+from rpms_ros.report.templates import page_template
+from rpms_ros.report.templates import shipped
 
 UNKNOWN = 'not known'
 # The year 2000: stamps before are those of a clock that began with the machine or the trial.
 _EARLIEST_S = 946_684_800
 _HERE = Path(__file__).parent
-# What need not be escaped in a data URL; base64 would be longer.
-_KEPT = " !$&'()*+,/:;=?@\n"
 CAPTIONS = {
     'recruitment': 'Steady force over intensity with its band; the bars below show which '
     'intensities were used.',
@@ -63,22 +63,8 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
     document : dict
         What the tables show, as `as_document` makes it; it is inside the page as JSON too.
     """
-    # the extra rpms_ros[report]; figures are drawn without it
-    from jinja2 import Environment
-    from jinja2 import FileSystemLoader
-    from jinja2 import StrictUndefined
-    from markupsafe import Markup
-
-    environment = Environment(
-        loader=FileSystemLoader(_HERE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies['json.dumps_kwargs'] = {'allow_nan': False}
-    environment.filters |= {'number': number, 'percent': percent}
-    return environment.get_template('page.html').render(
+    template = page_template(_HERE, number=number, percent=percent)
+    return template.render(
         document,
         document=document,
         sections=SECTIONS,
@@ -89,8 +75,8 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
         captions=CAPTIONS,
         what=QUANTITIES[analysis.result.unit],
         force_range=float(np.ptp(analysis.session.force[analysis.session.usable])),
-        image=lambda name: f'data:image/svg+xml,{quote(as_svg(name, analysis), safe=_KEPT)}',
-        file=lambda name: Markup((_HERE / name).read_text(encoding='utf-8')),
+        image=lambda name: image_url(as_svg(name, analysis)),
+        file=lambda name: shipped(_HERE / name),
     )
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.history_fit import fit_history
 from rpms_ros.identification.analysis.history_fit import fit_with_law
-from rpms_ros.identification.analysis.history_law import HistoryLaw
+from rpms_ros.identification.analysis.history_law import TrainLaw
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.summation import analyze_trains
 from rpms_ros.identification.analysis.train_model import fit_equal
@@ -69,7 +69,7 @@ def test_the_fit_in_per_cent_is_that_of_the_norms():
     rate=st.floats(1.0, 100.0),
 )
 def test_facilitation_only_grows_in_a_regular_train_and_starts_at_one(facilitation, decay, rate):
-    law = HistoryLaw(facilitation=facilitation, facilitation_decay=decay)
+    law = TrainLaw(facilitation=facilitation, facilitation_decay=decay)
     gains = law.gains(np.arange(10) / rate)
     assert gains[0] == 1.0
     assert (np.diff(gains) >= 0).all()
@@ -80,14 +80,14 @@ def test_facilitation_only_grows_in_a_regular_train_and_starts_at_one(facilitati
 
 def test_a_law_without_history_is_the_linear_sum():
     train = response(5)
-    law = HistoryLaw(1e6, 1.0, 0.0, 0.1, 1e-6)
+    law = TrainLaw(1e6, 1.0, 0.0, 0.1, 1e-6)
     linear = twitch(train.lag[:, None] - train.onset - LATENCY, CONSTANT).sum(axis=1)
     # saturation takes x / 1e6 of x, the lag a microsecond
     assert law.force(train, 3, LATENCY, CONSTANT) == pytest.approx(linear, abs=2e-4)
 
 
 def test_the_law_of_a_single_twitch_has_the_peak_one_without_a_lag():
-    law = HistoryLaw(series_lag=1e-7)
+    law = TrainLaw(series_lag=1e-7)
     force = law.force(response(1, step=1e-4), 3, LATENCY, CONSTANT)
     # the sample nearest to the peak is within 50 us of it
     assert force.max() == pytest.approx(1.0, abs=1e-4)
@@ -96,16 +96,16 @@ def test_the_law_of_a_single_twitch_has_the_peak_one_without_a_lag():
 @pytest.mark.parametrize('name', ['half_level', 'cooperation', 'facilitation_decay', 'series_lag'])
 def test_numbers_of_the_law_are_above_zero(name):
     with pytest.raises(IdentificationError, match=f'expected a {name} above 0, got 0'):
-        HistoryLaw(**{name: 0.0})
+        TrainLaw(**{name: 0.0})
 
 
 def test_facilitation_is_not_negative():
     with pytest.raises(IdentificationError, match='facilitation of at least 0, got -1'):
-        HistoryLaw(facilitation=-1.0)
+        TrainLaw(facilitation=-1.0)
 
 
 def test_a_law_learned_on_short_trains_tells_longer_ones():
-    law = HistoryLaw(2.5, 1.8, 0.6, 0.08, 0.008)
+    law = TrainLaw(2.5, 1.8, 0.6, 0.08, 0.008)
     taught = [response(count, 50.0, law=law, noise=5e-3) for count in (2, 4, 6)]
     longer = response(9, 50.0, law=law, noise=5e-3)
     found = fit_history(taught, [fit_equal(train, 3) for train in taught], 3)
@@ -121,7 +121,7 @@ def test_trains_of_two_pulses_teach_no_law():
 
 
 def test_the_longest_trains_judge_the_law():
-    law = HistoryLaw(2.5, 1.8, 0.6, 0.08, 0.008)
+    law = TrainLaw(2.5, 1.8, 0.6, 0.08, 0.008)
     trains = [response(count, law=law, noise=5e-3) for count in (3, 6, 6, 4)]
     found = analyze_trains(trains, 3, {'sensor saturated': 1})
     assert [train.held_out for train in found.trains] == [False, True, True, False]

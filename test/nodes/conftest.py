@@ -1,0 +1,60 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A live page, and a simulated muscle that is stimulated, on the graph of a test."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from rpms_ros.nodes.identifier import Identifier
+from rpms_ros.nodes.live_page import LivePage
+from rpms_ros.nodes.plant_simulator import PlantSimulator
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+
+RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
+TOKEN = 'correct-horse-battery'
+# a machine under load may stall for longer than the defaults allow
+PATIENT = {'executor_timeout': 5.0, 'watch_timeout': 5.0, 'stop_button_timeout': 5.0}
+
+
+@pytest.fixture
+def page(graph):
+    """A page with a stop, on a free port."""
+    return graph.add(lambda **options: LivePage(TOKEN, **options), port=0)
+
+
+@pytest.fixture
+def driven(graph):
+    """A simulated muscle that is stimulated for a minute, and its identifier."""
+    identifier = graph.add(Identifier, estimator='horizon')
+    graph.add(PlantSimulator, minimum_subscribers=2, publication_delay=0.05, noise=0.02)
+    driver = graph.add(
+        StimulatorDriver,
+        autostart=True,
+        require_operator=False,
+        require_stop_button=False,
+        minimum_subscribers=3,
+        duration=60.0,
+        low=0.2,
+        **PATIENT,
+    )
+    return identifier, driver
+
+
+@pytest.fixture
+def page_process(domain):
+    """Start `rpms live` as a process; return it and the address that it prints."""
+
+    def start(*arguments):
+        process = subprocess.Popen(
+            [*RPMS, 'live', *arguments],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        return process, process.stdout.readline().strip()
+
+    return start
