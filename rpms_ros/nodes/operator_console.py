@@ -159,7 +159,7 @@ class OperatorConsole(Node):
         self.client.request().add_done_callback(self._tell)
 
     def _go_on(self) -> None:
-        """Second step, and then the schedule, while the enable is held."""
+        """Confirm the arming, then start the schedule, while the enable is held."""
         if not self.client.enable or not self.client.token or self._busy:
             return
         if self._state == DriverStatus.DISARMED and not self._started:
@@ -181,7 +181,7 @@ class OperatorConsole(Node):
         self._say(future.result().message)
 
     def _say(self, line: str) -> None:
-        """Print a line once, however often it comes."""
+        """Print a line unless it was the last one printed."""
         if line and line != self._shown:
             logger_of(self).info(line)
         self._shown = line

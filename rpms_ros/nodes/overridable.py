@@ -51,32 +51,32 @@ def second_node(node: Node, suffix: str) -> Node:
 def subscribe(
     named: Node, hearing: Node, kind: Any, topic: str, profile: QoSProfile
 ) -> Subscription:
-    """Create a subscription of one node, as the parameters of another say.
+    """Create a subscription of one node with the quality of service of another one's parameters.
 
-    Nothing else subscribes on the way, so that a publisher that finds a subscription has found
-    the one that takes its messages.
+    No other subscription is made meanwhile, so a publisher that finds a subscription has found
+    the one that receives its messages.
 
     Parameters
     ----------
     named : Node
-        Whose parameters and names of topics count.
+        Node with the parameters and the remappings of topics.
     hearing : Node
-        Whose subscription it is; it is in no executor.
+        Node that owns the subscription; it is in no executor.
     kind : type
         Message class.
     topic : str
-        Name, as the first node knows it.
+        Name of the topic, relative to the first node.
     profile : QoSProfile
-        What is asked for if the parameters say nothing.
+        Quality of service without parameters.
 
     Raises
     ------
     NodeError
-        If what they say is no quality of service.
+        If the parameters are no quality of service.
     """
     name = named.resolve_topic_name(topic)
     options = QoSOverridingOptions.with_default_policies(callback=_judged)
-    # rclpy writes what the parameters say into the profile that it is given
+    # rclpy writes the values of the parameters into the given profile
     chosen = copy(profile)
     try:
         _declare_qos_parameters(Subscription, named, name, chosen, options)
@@ -88,12 +88,12 @@ def subscribe(
 
 
 def taken_from(node: Node, kind: Any, name: str, profile: QoSProfile) -> Subscription:
-    """Create a subscription whose messages are taken from it: no callback does anything."""
+    """Create a subscription whose messages are read with a `Taker` instead of a callback."""
     return node.create_subscription(kind, name, _served_by_nobody, profile)
 
 
 def warn_of_unused(node: Node) -> None:
-    """Warn of overrides that fit no topic of the node, once all its subscriptions are made."""
+    """Warn of overrides without a topic; to be called after all subscriptions are made."""
     given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
     for name in given:
         if name.startswith(PREFIX) and not node.has_parameter(name):
@@ -107,4 +107,4 @@ def _judged(profile: QoSProfile) -> SetParametersResult:
 
 
 def _served_by_nobody(_message: Any) -> None:
-    """Stand where rclpy wants a callback."""
+    """Do nothing: rclpy requires a callback."""

@@ -13,8 +13,8 @@ A field made by `parameter` carries default, description, unit and bounds::
             if ...:  # conditions on several fields
                 raise NodeError(...)
 
-``declare_parameters(node, PlantParameters)`` returns the dataclass with what YAML file, command
-line or overrides say.  `follow_parameters` keeps up with later changes.
+``declare_parameters(node, PlantParameters)`` returns the dataclass with the values of YAML file,
+command line or overrides.  `follow_parameters` calls back on later changes.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ _LARGEST_DOUBLE = 1.7976931348623157e308
 _METADATA = 'parameter'
 
 LARGEST_SEED = 2**53
-"""Of any random start: every program that handles it holds such a number exactly."""
+"""Largest seed: JSON and YAML readers that use doubles hold it exactly."""
 
 _TYPES = {
     bool: Parameter.Type.BOOL,
@@ -185,10 +185,10 @@ def declare_parameters(node: Node, settings: type[Settings]) -> Settings:
     Raises
     ------
     NodeError
-        If a value has the wrong type, is out of bounds, or does not go with the others.
+        If a value has the wrong type, is out of bounds, or contradicts another one.
     """
-    # rclpy's own errors name neither the bounds nor the right way to write the value, and it
-    # ignores misspelled names; the values given are not to be had in a public way.
+    # The errors of rclpy name neither the bounds nor the right way to write the value, and it
+    # ignores misspelled names; it has no public access to the given values.
     given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
     values: dict[str, Any] = {}
     for name, description in descriptions(settings).items():
@@ -209,15 +209,15 @@ def declare_parameters(node: Node, settings: type[Settings]) -> Settings:
 
 def _warn_of_unknown(node: Node, given: dict[str, Parameter]) -> None:
     for name in given:
-        # A file may hold parameters of several nodes, so this is no error.
+        # A file may hold parameters of several nodes, so this is not an error.
         if not node.has_parameter(name) and not name.startswith('qos_overrides.'):
             logger_of(node).warning(f'parameter {name} is unknown here and ignored')
 
 
 def follow_parameters(node: Node, current: Settings, apply: Callable[[Settings], None]) -> None:
-    """Call `apply` with the new parameters whenever dynamic ones were changed.
+    """Call `apply` with the new parameters whenever dynamic ones have changed.
 
-    A change that breaks a bound or a condition on several fields is refused with its reason.
+    A change that violates a bound or a condition on several fields is refused with its reason.
     """
     known = set(descriptions(type(current)))
     latest = current

@@ -70,7 +70,7 @@ class PlantParameters(NodeParameters):
     )
     fixed_rate: float = parameter(
         0.0,
-        'Rate by which every pulse is weighted; 0 takes the interval to the one before.',
+        'Repetition rate that gives every pulse its weight; 0: by the interval to the one before.',
         unit='Hz',
         minimum=0.0,
         maximum=1000.0,
@@ -99,7 +99,7 @@ class PlantParameters(NodeParameters):
     axis: str = parameter('z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'))
     quantity: str = parameter(
         FORCE,
-        'What the sensor measures; of a torque the newtons here are newton metres.',
+        'What the sensor measures; with torque every N here is N m.',
         choices=tuple(UNITS),
     )
     frame_id: str = parameter('force_sensor', 'Frame of the wrench.')
@@ -112,12 +112,12 @@ class PlantParameters(NodeParameters):
     )
     scenario: str = parameter(
         '',
-        'What happens in the session: a name or a YAML file; empty for a muscle that is steady. '
+        'Name or YAML file of a scenario; empty for a muscle that does not change. '
         'Disturbances given by parameters replace those of the scenario.',
     )
     truth_rate: float = parameter(
         10.0,
-        'Messages a second that say what is true of the muscle; 0 for none.',
+        'Messages a second with the true state of the muscle; 0 for none.',
         unit='Hz',
         minimum=0.0,
         maximum=100.0,
@@ -144,7 +144,7 @@ class PlantParameters(NodeParameters):
 
 
 def subject_of(settings: PlantParameters) -> Subject:
-    """Return the preset with the changes that the parameters make."""
+    """Return the preset with the changes by the parameters."""
     if settings.subject == RANDOM:
         preset = random_subject(np.random.default_rng(settings.seed))
     else:
@@ -158,7 +158,7 @@ def subject_of(settings: PlantParameters) -> Subject:
 
 
 def scenario_of(settings: PlantParameters) -> Scenario:
-    """Return the scenario, its disturbances replaced where the parameters say so."""
+    """Return the scenario, with disturbances given by parameters in place of its own."""
     scenario = load_scenario(settings.scenario) if settings.scenario else Scenario()
     given = {'saturation': settings.largest_force}
     for name in ('noise', 'offset', 'drift', 'drift_period', 'artifact', 'artifact_decay'):

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that simulates the muscle and its force sensor: `pulses` in, `force` out.
 
-Samples are stamped by the node's clock, or by a clock of its own that it publishes on /clock.  A
-steady timer wakes the node; each tick publishes every sample that is due, with its own stamp, so a
-late tick delays samples but neither loses one nor changes its stamp.
+Samples are stamped by the clock of the node, or by a simulated clock that it publishes on /clock.
+At each tick of a steady timer every sample that is due is published with its own stamp, so a late
+tick delays samples but does not lose them or change their stamps.
 """
 
 import time
@@ -138,7 +138,7 @@ class PlantSimulator(Node):
             )
 
     def _report(self) -> None:
-        """Say how the simulator is: a warning for ten seconds after a pulse was not as it must."""
+        """Publish the health of the simulator: a warning for ten seconds after a faulty pulse."""
         faults = dict(self.plant.faults)
         recent = self._recent.seen(sum(faults.values()), time.monotonic_ns())
         figures = {
@@ -160,7 +160,7 @@ class PlantSimulator(Node):
 
 
 def _warm_up(settings: PlantParameters) -> None:
-    """Compile the model: on a machine where this was never done it takes seconds."""
+    """Compile the model before the first sample: without numba's cache it takes seconds."""
     plant = build_plant(settings)
     plant.begin(0)
     for onset_s in (0, 1, 10):

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Permissions of each node, and the SROS2 policy made of them: one enclave for each node.
 
-`tools/policies` writes the policies of a namespace; a test compares the table with what the
-running nodes really publish, hear, serve and call.
+`tools/policies` writes the policies of a namespace; a test compares the table with the topics,
+services and actions of the running nodes.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ COMMON_TOPICS = ('/parameter_events', '/rosout')
 
 @dataclass(frozen=True)
 class Interfaces:
-    """What one node does on the graph; names relative to its namespace, ``~`` is the node.
+    """Topics, services and actions of one node, relative to its namespace; ``~`` is the node.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Interfaces:
     execute, start : tuple of str
         Actions that it serves and of which it is a client.
     plain : bool
-        Whether it goes without parameter services and log topic.
+        Whether it has neither parameter services nor a log topic.
     """
 
     publish: tuple[str, ...] = ()
@@ -143,7 +143,7 @@ NODES: dict[str, Interfaces] = {
         plain=True,
     ),
 }
-"""What each node does, by its name."""
+"""Interfaces of each node, by its name."""
 
 ENCLAVES: dict[str, tuple[str, ...]] = {
     'stimulator_driver': ('stimulator_driver', 'stimulator_driver_watch'),

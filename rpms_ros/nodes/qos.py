@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quality of service of every topic.
 
-Data is reliable and volatile: a sample is never skipped, and who joins late does not get samples
-that no longer belong together.  Depths bridge a stall of the receiver, not a slow receiver.
+Data is reliable and volatile: no sample is skipped, and a late subscriber does not get a part of
+earlier samples.  The depths are for a receiver that stalls, not for one that is always too slow.
 """
 
 from rclpy.qos import DurabilityPolicy
@@ -25,57 +25,57 @@ def _profile(
     )
 
 
-# Five seconds at 1 kHz: longer than compiling or a garbage collection ever takes.
+# Five seconds at 1 kHz, longer than a stall by compilation or garbage collection.
 FORCE = _profile(5000)
 
-# For a subscription to a sensor that does not offer more; it hears reliable ones as well.
+# For a sensor that publishes best effort; it also receives from reliable publishers.
 FORCE_BEST_EFFORT = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # A hundred seconds at 50 Hz.
 PULSES = _profile(5000)
 
 ESTIMATE = _profile(1000)
-"""For those who hear estimates from now on."""
+"""For subscribers of new estimates."""
 
-# Who joins late and asks for it gets the newest at once.
+# A late subscriber that asks for it gets the newest estimate at once.
 ESTIMATE_KEPT = _profile(1000, DurabilityPolicy.TRANSIENT_LOCAL)
 
 DISTURBANCE = _profile(1000)
 
-# Every state, and those of the last seconds also for those who join later; a burst of changes must
-# not push any of them out before it is read.
+# Every state, and those of the last seconds for late subscribers; deep enough that a burst of
+# changes does not overwrite one before it is read.
 STATUS = _profile(100, DurabilityPolicy.TRANSIENT_LOCAL)
 
-# For those to whom the newest state matters alone.
+# For subscribers that need the newest state only.
 STATUS_LATEST = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
-# The schedule that runs, also for a recorder that is started after it.
+# The running schedule, also for a recorder that is started after it.
 ACCEPTED_SCHEDULE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
-# What the subscription that use_sim_time makes expects: only the newest time matters.
+# As the subscription of use_sim_time expects: only the newest time matters.
 CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-# Where only the newest message counts, of whatever publisher.
+# Only the newest message of any publisher matters.
 LATEST = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-# What may stop a driver: nothing is skipped, and nothing old is waited for.
+# Messages that may stop a driver: none is skipped, old ones are not repeated.
 STOP = _profile(10)
 
 
-# What a button says: also for a driver that starts later.
+# State of a button, also for a driver that starts later.
 STOP_STATE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
-# The queue holds the messages of all publishers together; a driver empties it every 5 ms.
+# The queue is common to all publishers; a driver empties it every 5 ms.
 STOP_DEPTH = 2000
 
-# How a driver hears what may stop it: publishers that repeat nothing are heard as well ...
+# Subscriptions of a driver to stops: from publishers of any durability and reliability ...
 STOP_LIVE = _profile(STOP_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-# ... and what was said before the driver was there.
+# ... and with the states published before the driver was started.
 STOP_KEPT = _profile(STOP_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
 
-# For a view: hears every publisher, whatever it offers, and makes none wait.
+# For a view: receives from publishers of any quality of service and does not block them.
 VIEW = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 TRUTH = _profile(100)
-"""What is true of a simulated muscle."""
+"""True state of a simulated muscle."""

@@ -59,7 +59,7 @@ def definition_of(type_name: str) -> tuple[str, str]:
     Raises
     ------
     RecordingError
-        If its package does not say how it is defined.
+        If its package has no definition of it.
     """
     if type_name in known_types().fielddefs:
         return written_definition(type_name)
@@ -76,7 +76,7 @@ def _installed_text(type_name: str) -> str:
 
 
 def subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
-    """Return a profile that hears all publishers: as reliable and durable as the least of them."""
+    """Return a profile compatible with all publishers: as reliable and durable as the least."""
     profiles = [publisher.qos_profile for publisher in publishers]
     reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in profiles)
     durable = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in profiles)
@@ -88,7 +88,7 @@ def subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
 
 
 def offered_qos(publishers: Sequence[TopicEndpointInfo]) -> list[Qos]:
-    """Return what each publisher offers, as a recording has it."""
+    """Return the quality of service that each publisher offers, as recordings store it."""
     return [_recorded(publisher.qos_profile) for publisher in publishers]
 
 

@@ -1,10 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Node that records topics as they come: raw bytes, nothing deserialised, each by its publisher.
+"""Node that records topics: messages as raw bytes, with their publisher.
 
-What has come is handed to the operating system every `flush_period`: a recorder that is killed
-leaves all but the last of it readable.  The topics of this package are heard from the start; the
-type of any other is learnt from whoever publishes it.
+Messages are written to the operating system every `flush_period`: after a recorder was killed,
+all older messages are readable.  It subscribes to the topics of this package at the start, and to
+others as soon as a publisher shows their type.
 """
 
 import json
@@ -66,9 +66,9 @@ _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     topics.DRIVER_STATUS: (DriverStatus, qos.STATUS),
     topics.ACCEPTED_SCHEDULE: (AcceptedSchedule, qos.ACCEPTED_SCHEDULE),
 }
-# How often what has come is taken [s].
+# Period with which the subscriptions are emptied [s].
 _LISTENING_PERIOD = 0.01
-# How often the types of other topics are looked for [s].
+# Period with which the types of other topics are looked up [s].
 _LOOK_PERIOD = 0.2
 _MOST_NAMES = 100
 
@@ -79,18 +79,17 @@ class RecorderParameters(NodeParameters):
 
     path: str = parameter(
         '',
-        'Folder of the recording, which must not exist yet; empty makes a name of time and '
-        'namespace.',
+        'Folder of the recording, which must not exist yet; empty: named by time and namespace.',
     )
     storage: str = parameter('mcap', 'Format of the file.', choices=('mcap', 'sqlite3'))
-    compression: str = parameter('', 'Of mcap.', choices=('', 'lz4', 'zstd'))
+    compression: str = parameter('', 'Compression of mcap.', choices=('', 'lz4', 'zstd'))
     topics: tuple[str, ...] = parameter(
-        tuple(_TOPICS), 'Topics of any type; those that nobody publishes stay empty.'
+        tuple(_TOPICS), 'Topics to record, of any type; those without publisher stay empty.'
     )
     best_effort_force: bool = parameter(
         False,
-        'Hear a force sensor that publishes best effort from the start; without it, from a second '
-        'after it was found. Samples may be lost.',
+        'Record a force sensor that publishes best effort from the start, not from a second after '
+        'it was found. Samples may be lost.',
     )
     key_file: str = parameter(
         '', 'File with the key that signs the recording; empty leaves it unsigned.'
@@ -107,9 +106,9 @@ class TopicCount:
     Attributes
     ----------
     messages : int
-        Number of them.
+        Number of messages.
     first_ns, last_ns : int
-        Stamps of the first and the newest, times of reception where there are none [ns].
+        Stamps of the first and the newest; times of reception for messages without stamp [ns].
     """
 
     messages: int = 0
@@ -156,7 +155,7 @@ class Recorder(Node):
         try:
             self._subscribe_to_known()
         except NodeError:
-            # a recording that nobody writes to must not stay open
+            # the recording must not stay open
             self.destroy_node()
             raise
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -182,7 +181,7 @@ class Recorder(Node):
                 self._unknown.append(name)
 
     def _opened(self) -> RecordingWriter:
-        """Return the writer; of recorders that make the same name, each takes another one."""
+        """Return the writer; if the name is taken by another recorder, a number is added."""
         settings = self.settings
         key = read_key(Path(settings.key_file)) if settings.key_file else None
         options: dict[str, Any] = {'storage': settings.storage, 'key': key}
@@ -196,13 +195,13 @@ class Recorder(Node):
             try:
                 return RecordingWriter(name, **options)
             except RecordingError:
-                # Another recorder may have made the folder since it was looked for.
+                # Another recorder may have made the folder meanwhile.
                 if not Path(name).exists():
                     raise
         raise RecordingError(f'expected a name for the recording, got {base} taken')
 
     def _look(self) -> None:
-        """Subscribe to topics whose type is known by now."""
+        """Subscribe to topics whose type has become known."""
         types = dict(self.get_topic_names_and_types()) if self._unknown else {}
         for name in list(self._unknown):
             found = types.get(self.resolve_topic_name(name), [])
@@ -227,14 +226,14 @@ class Recorder(Node):
         self._publisher_counts[name] = 0
 
     def _take(self) -> None:
-        """Write what has come, in the order of its arrival."""
+        """Write the new messages in the order of their arrival."""
         if self._closed:
             return
         for message in self._hearing.heard():
             kind = self._kinds[message.topic]
             key = message.topic, message.publisher
             if key not in self._numbers:
-                # By now it is known how it is published.
+                # The publisher is known only now, with its quality of service.
                 self._numbers[key] = self._add_topic(kind, *key)
             stamped = 'header' in list(kind.get_fields_and_field_types())[:1]
             count = self.counts[message.topic]
@@ -243,7 +242,7 @@ class Recorder(Node):
             self._writer.append(self._numbers[key], message.received_ns, message.data)
 
     def _hear_best_effort(self) -> None:
-        """Subscribe best effort to what a reliable subscription does not receive."""
+        """Subscribe best effort to topics that a reliable subscription does not receive."""
         for name in self._kinds:
             infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
             alone = bool(infos) and all(
@@ -256,7 +255,7 @@ class Recorder(Node):
                 )
 
     def _warn_of_lost(self) -> None:
-        """Say what came and was not kept: its queue was full, or the network lost it."""
+        """Warn of lost messages: a queue was full, or the network lost them."""
         lost = self._hearing.lost
         for name, count in lost.items():
             if count != self._lost.get(name):
@@ -265,7 +264,7 @@ class Recorder(Node):
         self._lost = lost
 
     def _report(self) -> None:
-        """Look at who publishes, and say how the recorder is."""
+        """Check the publishers and publish the health of the recorder."""
         if self._closed:
             return
         self._hear_best_effort()
@@ -299,10 +298,10 @@ class Recorder(Node):
             raise NodeError(str(error)) from error
 
     def close(self) -> None:
-        """Write what is left and the index, and end the recording."""
+        """Write the remaining messages and the index, and end the recording."""
         if self._closed:
             return
-        # What waits has come as well.
+        # Messages that wait belong to the recording.
         with suppress(RecordingError):
             self._take()
         self._closed = True
@@ -324,7 +323,7 @@ class Recorder(Node):
         logger_of(self).info(f'closed {self.path}: {total} messages')
 
     def destroy_node(self) -> None:
-        """Close the recording, then go."""
+        """Close the recording, then destroy the node."""
         self.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rpms_ros.nodes.diagnostics import Health
 
 LEAST_ROOM = 1_000_000_000
-"""Bytes on the disk; with less a session of an hour may not fit."""
+"""Free bytes below which a session of an hour may not fit on the disk."""
 
 
 def recorder_health(
@@ -29,11 +29,11 @@ def recorder_health(
     missing : sequence of str
         Topics that are published and not recorded.
     lost : mapping of str to int
-        Messages that came and were not kept, by topic.
+        Messages that were lost, by topic.
     """
     free = shutil.disk_usage(path).free
     total = sum(counts.values())
-    level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; nothing has come yet'
+    level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; no message yet'
     faults = [f'not recorded: {", ".join(missing)}'] if missing else []
     faults += [f'{count} messages of {name} lost' for name, count in lost.items()]
     if free < LEAST_ROOM:

@@ -1,10 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a recorder hears: messages as they arrived, each with its publisher; lost ones are counted.
+"""Subscriptions of a recorder: messages with their publisher, and counts of lost ones.
 
-An executor of rclpy hands out messages without their publisher and number.  Here, as in the
-identifier, the subscriptions belong to a second node that is in no executor, and are emptied when
-the recorder looks.
+An executor of rclpy does not tell publisher and number of a message.  So, as in the identifier,
+the subscriptions belong to a second node that is in no executor, and the recorder empties them.
 """
 
 import time
@@ -24,25 +23,25 @@ from rpms_ros.nodes.taking import Taker
 from rpms_ros.nodes.taking import drained
 
 SUFFIX = '_hearing'
-"""What the name of the second node adds to the recorder's."""
+"""Suffix of the name of the second node."""
 
-# So many publishers of a topic are told apart; a flood of further ones is one.
+# Most publishers of a topic that are distinguished; further ones count as one.
 _MOST_PUBLISHERS = 64
 
 
 class HeardMessage(NamedTuple):
-    """A message as it came.
+    """A received message.
 
     Attributes
     ----------
     topic : str
-        Name under which the topic was asked for.
+        Name of the topic in the parameters.
     publisher : str
         Identity of its publisher.
     received_ns : int
-        When it came here [ns].
+        Time of reception [ns].
     data : bytes
-        As it was sent.
+        The message, serialised.
     """
 
     topic: str
@@ -52,14 +51,14 @@ class HeardMessage(NamedTuple):
 
 
 class _Topic:
-    """Subscriptions to one topic, and who was heard.
+    """Subscriptions to one topic, and its publishers so far.
 
     Attributes
     ----------
     alone : bool
-        Whether nobody publishes but best effort, which `best_effort` hears.
+        Whether the topic is published best effort only, received by `best_effort`.
     lost : int
-        Messages that came and were not kept, by the numbers that publishers give them.
+        Messages that were lost, by the sequence numbers of their publishers.
     """
 
     def __init__(self, name: str, reliable: Taker | None, best_effort: Taker | None) -> None:
@@ -72,7 +71,7 @@ class _Topic:
 
     def taken(self) -> Iterator[HeardMessage]:
         reliable, best_effort = (drained(taker) for taker in self.takers)
-        # What is published reliably comes by both subscriptions.
+        # Both subscriptions receive from reliable publishers.
         for taken in [*reliable, *best_effort] if self.alone else reliable:
             publisher = self._named(taken.identity)
             self._count_lost(publisher, taken.sequence)
@@ -109,18 +108,17 @@ class RecorderHearing:
 
     @property
     def lost(self) -> dict[str, int]:
-        """Messages that came and were not kept, by topic; those that lost none are left out."""
+        """Lost messages by topic; topics without loss are not included."""
         return {name: topic.lost for name, topic in self._topics.items() if topic.lost}
 
     def hear(self, name: str, kind: Any, profile: QoSProfile) -> None:
-        """Subscribe to a topic, as the parameters of the recorder say.
+        """Subscribe to a topic; parameters of the recorder may override the quality of service.
 
         Raises
         ------
         NodeError
-            If what they say is no quality of service.
+            If such a parameter is no quality of service.
         """
-        # Overrides of the quality of service are parameters of the recorder.
         subscription = subscribe(self._named, self._node, kind, name, profile)
         taker = Taker(subscription)
         is_best_effort = subscription.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
@@ -129,7 +127,7 @@ class RecorderHearing:
         self._kinds[name] = kind
 
     def set_alone(self, name: str, alone: bool, profile: Callable[[], QoSProfile]) -> bool:
-        """Say whether a topic is published best effort alone; return whether that is new."""
+        """Set whether a topic is published best effort only; return whether that is new."""
         topic = self._topics[name]
         if topic.takers[0] is None:
             return False
@@ -142,7 +140,7 @@ class RecorderHearing:
         return True
 
     def heard(self) -> list[HeardMessage]:
-        """Return what has come since the last look, in the order of its arrival."""
+        """Return the messages since the last call, in the order of arrival."""
         found: list[tuple[int, HeardMessage]] = []
         for topic in self._topics.values():
             arrived = 0
@@ -153,7 +151,7 @@ class RecorderHearing:
         return [message for _, message in sorted(found, key=lambda one: one[0])]
 
     def close(self) -> None:
-        """Take the second node down."""
+        """Destroy the second node."""
         for topic in self._topics.values():
             for taker in topic.takers:
                 if taker is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording through the real identifier: both nodes in one process, over real DDS."""
+"""Plays a recording through the real identifier: both nodes in one process, over real DDS."""
 
 import os
 import time
@@ -32,7 +32,7 @@ from rpms_ros.nodes.replayer import ReplaySettings
 from rpms_ros.recording import Recording
 
 _READY_LIMIT = 10.0
-# Estimates that are still missing after so much silence will not come [s].
+# Silence after which missing estimates are given up [s].
 _GIVE_UP = 10 * PATIENCE
 
 
@@ -43,15 +43,15 @@ class Replay:
     Attributes
     ----------
     estimates : list of Estimate
-        What the identifier published.
+        Estimates that the identifier published.
     expected : list of Estimate
-        What the same estimator says of the recording without nodes.
+        Estimates of the same estimator without nodes.
     messages : int
         Pulses and force samples that were sent.
     elapsed_s : float
-        How long it took, from the first message to the last estimate [s].
+        Duration of the replay, from the first message to the last estimate [s].
     recorded_s : float
-        How long it took when it was recorded [s].
+        Duration of the recording [s].
     """
 
     estimates: list[Estimate]
@@ -62,7 +62,7 @@ class Replay:
 
     @property
     def factor(self) -> float:
-        """Seconds of the recording a second."""
+        """Seconds of the recording in one second."""
         return self.recorded_s / self.elapsed_s if self.elapsed_s > 0.0 else 0.0
 
 
@@ -77,18 +77,18 @@ def replay(
     Parameters
     ----------
     recording : Recording
-        What is played.
+        The recording.
     parameters : dict, optional
-        Parameters of the identifier by name; those of the axis do not matter.
+        Parameters of the identifier by name; axis and sign are ignored.
     settings : ReplaySettings, optional
-        How fast.
+        Speed.
     progress : callable
-        Is told how many messages were sent since the last call.
+        Called with the number of messages sent since the last call.
 
     Raises
     ------
     NodeError
-        If the parameters cannot work or the nodes do not find each other.
+        If a parameter is not valid or the nodes do not find each other.
     """
     chosen = {**(parameters or {}), 'axis': 'z', 'sign': 1}
     expected = _expected(recording, _parameters(chosen))
@@ -120,7 +120,7 @@ def _play(
     overrides = [Parameter(name, value=value) for name, value in parameters.items()]
     executor = EventsExecutor(context=context)
     nodes: list[Any] = []
-    # the command says what is replayed; faults and doubts are said by the node
+    # the command prints what is replayed; the node logs faults and doubts
     set_logger_level('identifier', LoggingSeverity.WARN)
     try:
         nodes.append(Identifier(parameter_overrides=overrides, **options))
@@ -162,7 +162,7 @@ def _parameters(values: dict[str, Any]) -> IdentifierParameters:
 
 
 def _expected(recording: Recording, parameters: IdentifierParameters) -> list[Estimate]:
-    """Return the estimates that fall due on line: the held-back end of a recording gives none."""
+    """Return the estimates due on line: not those of the last `reorder_delay` of the recording."""
     stream = build_stream(parameters)
     estimates: list[Estimate] = []
     arrival = recording.samples_before_pulse

@@ -1,10 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Node that plays a recording: `pulses` and `force` out, at a factor or as fast as they are used.
+"""Node that plays a recording: publishes `pulses` and `force`, at a factor or as fast as possible.
 
-As fast as they are used means: never further ahead of the newest estimate than the queues of the
-identifier hold, so that nothing is lost however fast this machine is.  What is sent is the
-recording in the order in which it was received, in the same bytes as a driver and a sensor send.
+As fast as possible means: ahead of the newest estimate by no more messages than the queues of the
+identifier hold, so that nothing is lost.  Messages are sent in the order in which they were
+received, in the same bytes as a driver and a sensor send.
 """
 
 import time
@@ -29,9 +29,9 @@ from rpms_ros.recording import Recording
 from rpms_ros.recording.encoding import encode_forces
 from rpms_ros.recording.encoding import encode_pulses
 
-# Messages that may be under way: fewer than the queues of the identifier hold.
+# Messages that may be ahead of the newest estimate: fewer than the queues of the identifier hold.
 WINDOW = 2000
-# Without an estimate for so long, everything that was sent has been used: none is due from it [s].
+# After so long without an estimate, no estimate is due from the messages sent so far [s].
 PATIENCE = 0.5
 _AXIS = np.array(messages.AXES['z'])
 _COIL = 'coil'
@@ -44,9 +44,14 @@ class ReplaySettings:
     Attributes
     ----------
     factor : float
-        Seconds of the recording a second; 0 for as fast as they are used.
+        Seconds of the recording in one second; 0 for as fast as possible.
     window : int
         Messages that may be ahead of the newest estimate.
+
+    Raises
+    ------
+    NodeError
+        If a value is not possible.
     """
 
     factor: float = 0.0
@@ -65,11 +70,11 @@ class Replayer(Node):
     Parameters
     ----------
     recording : Recording
-        What is played; force goes along the z axis, whichever it was measured along.
+        The recording; its force is published along the z axis.
     settings : ReplaySettings, optional
-        How.
+        Speed.
     **options
-        Go to `rclpy.node.Node`.
+        Passed to `rclpy.node.Node`.
     """
 
     def __init__(
@@ -84,7 +89,7 @@ class Replayer(Node):
         self._pulse_bytes = encode_pulses(pulses, _COIL)
         self._force_bytes = encode_forces(forces, _AXIS)
         self._force_stamp_ns = np.maximum.accumulate(forces.stamp_ns)
-        # how many messages have gone out with each force sample and before it
+        # how many messages were sent up to each force sample
         self._sent_with_force = np.flatnonzero(~self._is_pulse) + 1
         self._used = 0
         self._started: float | None = None
@@ -108,11 +113,11 @@ class Replayer(Node):
 
     @property
     def silence(self) -> float:
-        """Time since the last estimate came or the last message went [s]."""
+        """Time since the last estimate was received or the last message sent [s]."""
         return time.monotonic() - self._heard
 
     def step(self, most: int = 200) -> int:
-        """Send what may go now, at most `most` messages; return how many went."""
+        """Send the messages allowed now, at most `most`; return how many were sent."""
         until = min(self._allowed(), self.sent + most)
         for place in range(self.sent, until):
             self._send(place)
@@ -156,7 +161,7 @@ class Replayer(Node):
 def _order(recording: Recording) -> tuple[BoolArray, IntArray, IntArray]:
     """Return kind, index and time after the first [ns] of all messages (messages,), as received.
 
-    Where the clock was set back, messages are due at the time of what came before them.
+    After the clock was set back, messages are due at the time of those before them.
     """
     counts = len(recording.pulses), len(recording.forces)
     is_pulse = np.repeat([True, False], counts)

@@ -26,7 +26,7 @@ from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.stop_request import StopRequest
 
 PARENT_VARIABLE = 'RPMS_ROS_PARENT'
-"""Process id of whoever started this process and wants it to end when it ends itself."""
+"""Environment variable with the id of the process with which this process is to end."""
 
 _BAD_ARGUMENTS = (
     rclpy_implementation.RCLError,
@@ -39,8 +39,8 @@ _BAD_ARGUMENTS = (
 def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Run the node that `build` makes until a signal or shutdown; return the exit code.
 
-    A node with a method `stop_at_once` is told of a signal by another thread, and of an error
-    before anything else is taken down.
+    If the node has a method `stop_at_once`, it is called on a signal by another thread, and on
+    an error before the executor is shut down.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 after a signal or shutdown, 2 if the node could not be made or cannot go on.
+        0 after a signal or shutdown, 2 if the node could not be made or failed.
     """
     given = list(sys.argv if args is None else args)
     with suppress(*_BAD_ARGUMENTS):  # rclpy.init says what is wrong with arguments of ROS
@@ -103,11 +103,11 @@ def _spin(node: Node, stop: StopRequest) -> None:
     executor.add_node(node)
     stop.heed_between_callbacks()
     try:
-        # In Jazzy the spin() of this executor neither waits nor heeds signals.
+        # In Jazzy the spin() of this executor neither waits nor ends on signals.
         while rclpy.ok() and not stop.made and not _orphaned():
             executor.spin_once(timeout_sec=0.1)
     except Exception as error:
-        # taking an executor down with an error on its way has ended processes in the middle
+        # shutting an executor down during an exception has crashed processes
         getattr(node, 'stop_at_once', _nothing)(f'expected to spin on, got {error!r}')
         raise
     finally:
@@ -116,7 +116,7 @@ def _spin(node: Node, stop: StopRequest) -> None:
 
 
 def _nothing(_reason: str) -> None:
-    """Do nothing, in place of what a node does not have."""
+    """Do nothing: for nodes without `stop_at_once`."""
 
 
 def _orphaned() -> bool:

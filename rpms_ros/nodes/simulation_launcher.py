@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A whole graph on this machine: nodes as processes of their own, a recorder here.
+"""A whole graph on this machine: nodes as separate processes, a recorder in this process.
 
-The processes talk over real DDS, on the local host and in a domain of their own.  They end with
-the block that started them, and by themselves if this process is killed.
+The processes communicate over real DDS, on the local host and in a domain of their own.  They end
+with the block that started them, and also if this process is killed.
 """
 
 import contextlib
@@ -47,24 +47,24 @@ PLANT, IDENTIFIER, DRIVER = 'plant_simulator', 'identifier', 'stimulator_driver'
 LIVE_PAGE = 'live_page'
 RECORDING = 'recording'
 
-# Compiling for the first time takes most of it, and minutes on a machine with other work.
+# Compilation for the first time takes most of it, minutes on a busy machine.
 STARTUP_LIMIT = 300.0
 _PATIENCE = 5.0
 _LOOK_PERIOD = 0.2
-# Several estimate periods without an estimate: there will be none.
+# After several estimate periods without an estimate none is expected.
 _QUIET = 0.5
 
 
 @dataclass(frozen=True)
 class SimulationSettings:
-    """Parameters of the nodes, by name; what is not named keeps its default.
+    """Parameters of the nodes, by name; others keep their defaults.
 
     Attributes
     ----------
     plant, driver, identifier : dict
-        Of the three nodes.
+        Parameters of the three nodes.
     live_page : dict or None
-        Of the live page; None for none.
+        Parameters of the live page; None: no live page.
     """
 
     plant: dict[str, Any]
@@ -74,13 +74,13 @@ class SimulationSettings:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the nodes that are processes."""
+        """Names of the nodes that run as processes."""
         return (PLANT, IDENTIFIER, DRIVER) + ((LIVE_PAGE,) if self.live_page is not None else ())
 
     def of(self, name: str) -> dict[str, Any]:
         """Return the parameters of a node with those that make the nodes wait for each other."""
-        # The force goes to the identifier and the recorder, the pulses to the plant too; a page
-        # hears both.
+        # Subscribers of the force are identifier and recorder, of the pulses the plant too; a live
+        # page subscribes to both.
         page = len(self.names) - 3
         return {
             LIVE_PAGE: self.live_page or {},
@@ -111,7 +111,7 @@ class Monitor(Node):
 
     @property
     def done(self) -> bool:
-        """Whether the driver has run its schedule and runs no more."""
+        """Whether the driver has finished its schedule."""
         return (
             self.has_run and self.status is not None and self.status.state != DriverStatus.RUNNING
         )
@@ -133,7 +133,7 @@ class SimulationLauncher:
     Parameters
     ----------
     folder : Path
-        Folder for the recording, the parameters and what the processes say; must not exist.
+        Folder for the recording, the parameters and the output of the processes; must not exist.
     settings : SimulationSettings
         Parameters of the nodes.
 
@@ -177,7 +177,7 @@ class SimulationLauncher:
         self._cleanup.__exit__(kind, value, traceback)
 
     def _start(self, name: str, domain: int) -> None:
-        """Start a node as a process of its own session: a Ctrl-C here is not one there."""
+        """Start a node as a process in its own session, which does not receive Ctrl-C."""
         file = self.folder / f'{name}.yaml'
         parameters = {name: {'ros__parameters': self._settings.of(name)}}
         file.write_text(yaml.safe_dump(parameters, sort_keys=False))
@@ -212,7 +212,7 @@ class SimulationLauncher:
             signal_handler_options=SignalHandlerOptions.NO,
         )
         options: dict[str, Any] = {'context': context, 'use_global_arguments': False}
-        # the command that made it says where the recording is
+        # the command prints where the recording is
         set_logger_level('recorder', LoggingSeverity.WARN)
         path = Parameter('path', value=str(self.folder / RECORDING))
         self.recorder = Recorder(parameter_overrides=[path], **options)
@@ -235,7 +235,7 @@ class SimulationLauncher:
         return {name: process.pid for name, process in self._processes.items()}
 
     def step(self, duration: float) -> None:
-        """Take what comes for `duration` seconds.
+        """Process messages for `duration` seconds.
 
         Raises
         ------
@@ -264,7 +264,7 @@ class SimulationLauncher:
                 )
 
     def stop(self) -> None:
-        """Stop the force, hear what the identifier still says, then close the recording."""
+        """End driver and plant, wait for the last estimates, then close the recording."""
         self._end(DRIVER, PLANT)
         heard, quiet_since = -1, time.monotonic()
         limit = quiet_since + _PATIENCE

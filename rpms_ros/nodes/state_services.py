@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Services that save what an identifier knows into a file, and load it from there.
+"""Services that save the state of an identifier to a file, and load it.
 
-Anybody on the graph may call a service: a path leads into one folder of the node's parameters and
-nowhere else, and without that parameter both are refused.
+Any node of the graph may call a service: paths are limited to the folder in the parameter
+`state_folder`, and without it both services refuse.
 """
 
 from collections.abc import Callable
@@ -28,16 +28,16 @@ class StateServices:
     Parameters
     ----------
     node : Node
-        Whose executor serves them.
+        Node that serves them.
     folder : str
-        Where files are written and read; empty refuses both.
+        Folder of the files; empty: both services refuse.
     save, load : callable
-        Take the path of a file; raise RpmsError.
+        Called with the path of a file; raise RpmsError.
 
     Raises
     ------
     NodeError
-        If the folder is none.
+        If the folder does not exist.
     """
 
     def __init__(self, node: Node, folder: str, save: Act, load: Act) -> None:
@@ -66,7 +66,7 @@ class StateServices:
         return answer
 
     def _path(self, asked: str) -> Path:
-        """Return the file that is asked for, with links followed."""
+        """Return the requested file, symbolic links resolved."""
         if self._folder is None:
             raise NodeError('expected parameter state_folder, in which states are kept, got none')
         if not (0 < len(asked) <= _LONGEST_PATH and asked.isprintable()):

@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Node that drives a stimulator: no pulse until it is told to, and none beyond its limits.
+"""Node that drives a stimulator: pulses only when armed and started, and only within limits.
 
-The life cycle: configure opens the device, activate arms it, deactivate disarms, clean-up lets go.
-What decides is `rpms_ros.stimulation.controller`; here it meets topics, services and the executor.
+Life cycle: configure opens the device, activate arms it, deactivate disarms, clean-up closes it.
+`rpms_ros.stimulation.controller` decides; this node connects it to topics, services and timers.
 """
 
 import os
@@ -77,12 +77,12 @@ class StimulatorDriver(GuardedLifecycleNode):
         try:
             self._build()
         except RpmsError:
-            # half a driver must not stay on the graph under this name
+            # a node that is not complete must not stay on the graph under this name
             super().destroy_node()
             raise
 
     def _build(self) -> None:
-        """Make what the node consists of, in the order in which it depends on each other."""
+        """Make the parts of the node, each after those that it depends on."""
         refuse_simulated_time(self)
         self.settings = declare_parameters(self, DriverParameters)
         settings = self.settings
@@ -165,13 +165,13 @@ class StimulatorDriver(GuardedLifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the device."""
+        """Close the device."""
         self._let_go('device closed')
         self.buttons.clear()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the device, from whatever state."""
+        """Close the device, in any state."""
         self._let_go('shut down')
         return super().on_shutdown(state)
 
@@ -187,7 +187,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._audit.note('signal', reason=reason)
 
     def destroy_node(self) -> None:
-        """Let go of the device before anything else of the node goes."""
+        """Close the device before anything else of the node is destroyed."""
         self._let_go('node destroyed')
         self._threads.close()
         self._watch.close()
@@ -198,7 +198,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         super().destroy_node()
 
     def transition_refused(self, reason: str) -> None:
-        """Say why a transition was refused."""
+        """Report why a transition was refused."""
         self._reports.refuse(reason)
 
     def _configure(self) -> None:
@@ -212,7 +212,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             raise
 
     def _make_ready(self) -> None:
-        """Arm, if whoever asks may."""
+        """Arm, if the operator is allowed to."""
         self._operator.require_arming()
         self._watch.look()
         self.controller.seen(EXECUTOR)
@@ -221,7 +221,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self.controller.arm()
 
     def _arm(self) -> None:
-        """Make the life cycle arm; raise StimulationError if it does not come to it."""
+        """Arm by a transition of the life cycle; raise StimulationError if that fails."""
         try:
             self.change(Transition.TRANSITION_ACTIVATE)
         except NodeError as error:
@@ -240,7 +240,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             self._lock_of_device.release()
 
     def _after_disarming(self) -> None:
-        """Tell, and let go of the operator: who arms again begins with the first step."""
+        """Report it and release the operator: arming again begins with the first step."""
         if self._active:
             _, latched, reason = self.controller.status()
             self._reports.say(f'{"stopped" if latched else "disarmed"}: {reason}')
@@ -257,7 +257,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             self._reports.refuse(str(error))
             return TransitionCallbackReturn.FAILURE
         except Exception as error:
-            # rclpy goes to on_error without a word
+            # rclpy calls on_error without a message
             self._reports.refuse(f'expected a transition without an error, got {error!r}')
             raise
         self._reports.forget_refusal()
@@ -267,7 +267,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._announce(schedule, text_of(goal, schedule), goal.operator_id)
 
     def _announce(self, schedule: Schedule, text: str, operator: str) -> None:
-        """Write down and publish who starts what, before the first pulse."""
+        """Log and publish the operator and the schedule before the first pulse."""
         self._audit.require(
             'schedule',
             operator=plain_text(operator),
@@ -292,7 +292,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self.controller.disarm('context shut down')
 
     def _check_bound(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Take over a bound on the intensity before it is set: it holds or it is refused."""
+        """Apply a bound on the intensity before the parameter is set, or refuse it."""
         try:
             for given in parameters:
                 if given.name == 'maximum_intensity' and isinstance(given.value, float):
@@ -322,14 +322,14 @@ class StimulatorDriver(GuardedLifecycleNode):
         stamp, now_ns = messages.time_message(time.time_ns(), MESSAGE_TYPES), time.monotonic_ns()
         self._action.progress(stamp, now_ns)
         if self._active and self.controller.state not in POSSIBLE:
-            # the controller disarmed by itself: the life cycle follows
+            # the controller has disarmed: deactivate the life cycle too
             self.change(Transition.TRANSITION_DEACTIVATE)
         if self._autostart:
             self._start_if_heard()
         self._reports.publish(stamp, now_ns, self.settings.status_rate)
 
     def _start_if_heard(self) -> None:
-        """Start by itself, once enough nodes listen."""
+        """Start without an operator, once there are enough subscribers."""
         if self._pulses.listeners < self.settings.minimum_subscribers:
             return
         self._autostart = False

@@ -1,8 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Node that is a stop button: a key of the terminal, or a button of a joystick.
+"""Stop button: a node that reads keys of the terminal, or a button of a joystick.
 
-Any key presses it, ``r`` lets go.  A terminal or a joystick that is gone counts as pressed.
+Any key presses it, ``r`` releases it.  A lost terminal or joystick counts as pressed.
 """
 
 import time
@@ -35,7 +35,7 @@ class StopButtonParameters(NodeParameters):
     """Parameters of a stop button."""
 
     rate: float = parameter(
-        50.0, 'How often the state is said.', unit='Hz', minimum=10.0, maximum=500.0
+        50.0, 'Rate at which the state is published.', unit='Hz', minimum=10.0, maximum=500.0
     )
     keyboard: bool = parameter(True, 'Whether keys of the terminal press it.')
     joy_button: int = parameter(
@@ -57,7 +57,7 @@ class StopButton(Node):
     Parameters
     ----------
     keyboard : Keyboard, optional
-        Of the terminal; the one of standard input if not given.
+        Keyboard of the terminal; that of standard input if not given.
     """
 
     settings_type = StopButtonParameters
@@ -74,7 +74,7 @@ class StopButton(Node):
         self._key_pressed = self._keyboard is not None and not self._keyboard.there
         self.button = ButtonPublisher(self, self._wanted(), self.settings.rate)
         self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        logger_of(self).info(f'any key presses, {RELEASE} lets go: {self._word()}')
+        logger_of(self).info(f'any key presses, {RELEASE} releases: {self._word()}')
 
     def destroy_node(self) -> None:
         """Restore the settings of the terminal."""

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Signals that end a process, as a request that cannot get lost."""
+"""Signals that end a process, as a request that is not lost in callbacks."""
 
 import contextlib
 import os
@@ -24,19 +24,18 @@ ENDING = (
     signal.SIGIO,
     signal.SIGPWR,
 )
-"""Signals that would end a process without a word, or end it in the ordinary way."""
+"""Signals that would end the process."""
 
 SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-"""Signals that would stop a process; SIGSTOP cannot be caught."""
+"""Signals that would suspend the process; SIGSTOP cannot be caught."""
 
 
 class StopRequest:
     """Signals as a request to end: a process that spins finishes its callback first.
 
-    rclpy's own handlers shut the context down at once, and what a callback is about to publish
-    fails half-way with an error of its own.  Python's own handler raises in whatever runs, and
-    what runs may swallow it: compiled code is born in callbacks from C, where an exception is
-    printed and forgotten.  So the request is noted in any case.
+    The handlers of rclpy shut the context down at once, so that publishing in a callback fails.
+    The handler of Python raises in the running code, where the exception may get lost: callbacks
+    from C, as during compilation, print and discard it.  So the request is always stored too.
 
     Attributes
     ----------
@@ -53,14 +52,14 @@ class StopRequest:
         self._take_over(ENDING)
 
     def heed_between_callbacks(self) -> None:
-        """From now on only note signals, so that the spinning loop can look at them."""
+        """From now on only store signals, so that the spinning loop can check for them."""
         self._spinning = True
 
     def call_at_once(self, callback: Callable[[str], None]) -> None:
-        """Have a thread tell `callback` of the first signal, whatever the main thread does.
+        """Let a thread call `callback` on a signal, whatever the main thread does.
 
-        A handler in Python waits until the main thread is back from where it is; the byte that
-        wakes this thread does not.  Signals that would suspend the process end it from now on.
+        A handler in Python waits until the main thread runs Python code; the byte that wakes this
+        thread does not.  Signals that would suspend the process end it from now on.
         """
         self._take_over(SUSPENDING)
         read, self._written = os.pipe()
@@ -82,7 +81,7 @@ class StopRequest:
             raise KeyboardInterrupt
 
     def restore(self) -> None:
-        """Put the handlers back that were there before."""
+        """Restore the earlier handlers."""
         if self._thread is not None:
             signal.set_wakeup_fd(-1)
             with contextlib.suppress(OSError):

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Take messages from a subscription without an executor, each with the identity of its publisher.
 
-rclpy of Jazzy does not say which publisher a message is from, and a queue that one publisher fills
-has to be emptied quicker than rclpy can.  rcl does both, and is loaded anyway.
+rclpy of Jazzy does not tell the publisher of a message, and is too slow to empty a queue that a
+publisher floods.  rcl, which is loaded anyway, does both.
 """
 
 import ctypes
@@ -16,7 +16,7 @@ from rpms_ros.errors import NodeError
 _OK, _NOTHING = 0, 401
 _IDENTITY_BYTES = 16
 _FIRST_BYTES = 256
-# More than the queues hold is taken at the next look.
+# Most messages taken at once: more than a queue holds.
 _MOST = 20_000
 
 
@@ -57,13 +57,13 @@ class Taken(NamedTuple):
     Attributes
     ----------
     data : bytes
-        As it was sent, serialised.
+        The message, serialised.
     identity : bytes
-        Of its publisher.
+        Identity of its publisher.
     sequence : int
-        Counts what this publisher sends.
+        Number of the message, counted by its publisher.
     received_ns : int
-        When it came here, by the clock of the computer [ns].
+        Time of reception by the clock of the computer [ns].
     """
 
     data: bytes
@@ -78,12 +78,12 @@ class Taker:
     Parameters
     ----------
     subscription : Subscription
-        Of a node that is in no executor.
+        Subscription of a node that is in no executor.
 
     Raises
     ------
     NodeError
-        If rcl is not there, or is not the one of Jazzy.
+        If rcl is missing, or is not that of Jazzy.
     """
 
     def __init__(self, subscription: Subscription) -> None:
@@ -127,7 +127,7 @@ class Taker:
         )
 
     def take_data(self, most: int) -> list[bytes]:
-        """Return the next `most` messages as they were sent, without saying who sent them."""
+        """Return up to `most` next messages, serialised, without their publishers."""
         found: list[bytes] = []
         handle, content = self._subscription.handle, self._bytes
         with handle:
@@ -148,12 +148,12 @@ class Taker:
         return True
 
     def close(self) -> None:
-        """Let go of the memory."""
+        """Free the memory."""
         self._free(self._to_bytes)
 
 
 def drained(taker: Taker | None) -> list[Taken]:
-    """Return what waits in a subscription, none without one."""
+    """Return the waiting messages of a subscription; none if there is no subscription."""
     found: list[Taken] = []
     while taker is not None and len(found) < _MOST and (taken := taker.take()) is not None:
         found.append(taken)

@@ -6,25 +6,25 @@ PULSES = 'pulses'
 """rpms_msgs/Pulse: pulses that were delivered."""
 
 PULSES_COMMANDED = 'pulses_commanded'
-"""rpms_msgs/Pulse: pulses that somebody asks for."""
+"""rpms_msgs/Pulse: pulses that were requested."""
 
 FORCE = 'force'
 """geometry_msgs/WrenchStamped: what the force sensor measures."""
 
 ESTIMATE = 'estimate'
-"""rpms_msgs/MuscleEstimate: what is known of the muscle."""
+"""rpms_msgs/MuscleEstimate: estimate of the muscle."""
 
 DISTURBANCE = 'disturbance'
 """geometry_msgs/WrenchStamped: estimated force that the stimulation does not cause."""
 
 TRUTH = 'truth'
-"""rpms_msgs/MuscleTruth: what is true of a simulated muscle."""
+"""rpms_msgs/MuscleTruth: true state of a simulated muscle."""
 
 DRIVER_STATUS = 'driver_status'
 """rpms_msgs/DriverStatus: state of a stimulator driver."""
 
 ACCEPTED_SCHEDULE = 'accepted_schedule'
-"""rpms_msgs/AcceptedSchedule: what a driver is about to run."""
+"""rpms_msgs/AcceptedSchedule: schedule that a driver is about to run."""
 
 RUN_SCHEDULE = 'run_schedule'
 """rpms_msgs/RunSchedule: action that makes a driver run a schedule."""
@@ -33,7 +33,7 @@ EMERGENCY_STOP = 'emergency_stop'
 """std_msgs/Bool: state of a stop button, at a rate; std_srvs/Trigger: stop as a service."""
 
 RESET_EMERGENCY_STOP = 'reset_emergency_stop'
-"""std_srvs/Trigger: lets go of a latched stop whose cause is gone."""
+"""std_srvs/Trigger: resets a latched stop whose cause is gone."""
 
 HEARTBEAT = 'heartbeat'
 """rpms_msgs/OperatorHeartbeat: the operator who has armed is there and holds the enable."""

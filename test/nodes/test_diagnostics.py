@@ -127,7 +127,7 @@ def test_a_recorder_says_what_it_lacks(tmp_path: Path, monkeypatch: pytest.Monke
 
     room(5_000_000_000)
     assert recorder_health(tmp_path, {'force': 0}, [], {}).message == (
-        'recording; nothing has come yet'
+        'recording; no message yet'
     )
     fine = recorder_health(tmp_path, {'force': 3}, [], {})
     assert (fine.level, fine.message) == (DiagnosticStatus.OK, 'recording')
