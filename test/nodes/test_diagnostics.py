@@ -126,9 +126,7 @@ def test_a_recorder_says_what_it_lacks(tmp_path: Path, monkeypatch: pytest.Monke
         monkeypatch.setattr(health_module.shutil, 'disk_usage', lambda _: usage)
 
     room(5_000_000_000)
-    assert recorder_health(tmp_path, {'force': 0}, [], {}).message == (
-        'recording; no message yet'
-    )
+    assert recorder_health(tmp_path, {'force': 0}, [], {}).message == 'recording; no message yet'
     fine = recorder_health(tmp_path, {'force': 3}, [], {})
     assert (fine.level, fine.message) == (DiagnosticStatus.OK, 'recording')
     assert fine.figures['messages of force'] == 3
