@@ -10,9 +10,9 @@ sequence numbers alone, not on the order or the time of arrival.
 import numpy as np
 
 from rpms_ros.identification import faults
-from rpms_ros.identification.far_pulses import MOST_PULSES
 from rpms_ros.identification.far_pulses import FarPulses
 from rpms_ros.identification.faults import FaultCounter
+from rpms_ros.identification.pulse_room import PulseRoom
 from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -22,6 +22,8 @@ from rpms_ros.pulses import PulseTrain
 SEQUENCE_PERIOD = 2**32
 LONG_AGO = -(2**63)
 _MANY_ARRIVALS = 1000
+# Pulses with onsets in one second: twice of what stimulators could give, which are 0.2 ms apart.
+MOST_IN_A_SECOND = 10_000
 # Pulses closer than this do not come from one stimulator [ns].
 _CLOSEST_NS = 200_000
 # A second restart of the sequence within this time is not a restart of the driver [ns].
@@ -44,6 +46,7 @@ class PulseQueue(Restorable):
     _arrived: list[PulseTrain]
     _ordered: PulseTrain
     _far: FarPulses
+    _room: PulseRoom
     _last_onset_ns: int | None
     _last_sequence: int
     _last_restart_ns: int
@@ -56,6 +59,7 @@ class PulseQueue(Restorable):
         self._arrived = []
         self._ordered = PulseTrain.of([])
         self._far = FarPulses()
+        self._room = PulseRoom(MOST_IN_A_SECOND)
         self._last_onset_ns = None
         self._last_sequence = 0
         self._last_restart_ns = LONG_AGO
@@ -67,6 +71,8 @@ class PulseQueue(Restorable):
         `newest_ns` is the newest stamp of the force on their arrival [ns], None before the first.
         """
         near = self._far.take(pulses, newest_ns)
+        if newest_ns is not None:
+            near = self._room.admitted(near, near.onset_ns)
         if len(near):
             self._arrived.append(near)
         if len(self._arrived) > _MANY_ARRIVALS:
@@ -91,8 +97,10 @@ class PulseQueue(Restorable):
         intensity : ndarray, shape (pulses,)
             Shares of the maximum, 0..1.
         """
-        come_near, given_up = self._far.come_near(until_ns if cell_ns is None else cell_ns)
+        begun_ns = until_ns if cell_ns is None else cell_ns
+        come_near, given_up = self._far.come_near(begun_ns)
         self._counter.add(faults.PULSE_FAR_AHEAD, given_up)
+        self._counter.add(faults.PULSE_TOO_CLOSE, self._room.refused(begun_ns))
         self._arrived += come_near
         self._merge_arrived()
         due = int(np.searchsorted(self._ordered.onset_ns, until_ns, side='right'))
@@ -125,6 +133,7 @@ class PulseQueue(Restorable):
         self._arrived = []
         self._ordered = PulseTrain.of([])
         self._far = FarPulses()
+        self._room = PulseRoom(MOST_IN_A_SECOND)
         self._unknown = []
         self._last_onset_ns = None
         self._last_restart_ns = LONG_AGO
@@ -133,10 +142,6 @@ class PulseQueue(Restorable):
         if self._arrived:
             self._ordered = _merge([self._ordered, *self._arrived])
             self._arrived = []
-            surplus = len(self._ordered) - MOST_PULSES
-            if surplus > 0:
-                self._counter.add(faults.PULSE_FAR_AHEAD, surplus)
-                self._ordered = self._ordered[:MOST_PULSES]
 
     def _accept(self, train: PulseTrain, index: int) -> bool:
         """Compare one pulse with the one before it; return whether it can be used."""

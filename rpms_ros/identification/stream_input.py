@@ -119,14 +119,16 @@ class StreamInput(RestorableWithSettings):
         `before` (pulses,) is how many of the samples arrived before each pulse.
         """
         newest_ns = self._intake.newest_ns
+        if newest_ns is None and len(pulses):
+            # There is room for so many before the first sample.
+            return False
         line = stamp_ns if newest_ns is None else np.append(newest_ns, stamp_ns)
         steps = np.diff(line)
         if self._intake.in_doubt or not ((steps > 0) & (steps <= self._intake.gap_ns)).all():
             return False
         if not (pulses.onset_ns <= line[0] + FAR_NS).all():
             return False
-        seen = before if newest_ns is not None else before - 1
-        used_ns = line[np.maximum(seen, 0)] - self._reorder_delay_ns
+        used_ns = line[before] - self._reorder_delay_ns
         return bool((pulses.onset_ns > used_ns + self._pulse_look_ahead_ns).all())
 
     def add_forces(self, forces: ForceTrace) -> None:

@@ -226,6 +226,29 @@ def test_far_pulses_are_given_up_at_one_time(after_ms: int) -> None:
     check_live_is_replay('recursive', arrivals, every_late_sample, StreamSettings())
 
 
+@pytest.mark.parametrize('cut_every', [1, 7, 200])
+@pytest.mark.parametrize('ahead_ms', [300, 10_500])
+def test_a_flood_is_refused_alike(
+    monkeypatch: pytest.MonkeyPatch, cut_every: int, ahead_ms: int
+) -> None:
+    """More pulses than there is room for, with limits that a test can reach."""
+    monkeypatch.setattr('rpms_ros.identification.far_pulses.MOST_PULSES', 40)
+    monkeypatch.setattr('rpms_ros.identification.pulse_queue.MOST_IN_A_SECOND', 30)
+    step_ns = SECOND // SLOW_HZ
+    samples = [(START_NS + index * step_ns, 0.0) for index in range(14 * SLOW_HZ)]
+    arrivals: list[Arrival] = [Pulse(START_NS + index * SECOND, 0.5, index) for index in range(50)]
+    for index, sample in enumerate(samples):
+        arrivals.append(sample)
+        if index > SLOW_HZ:
+            ahead_ns = ahead_ms * MILLISECOND + 1000 * index
+            arrivals += [Pulse(sample[0] + ahead_ns, 0.5, 2 * index + one) for one in range(2)]
+    cuts = list(range(0, len(arrivals), cut_every))
+    check_live_is_replay('recursive', arrivals, cuts, StreamSettings())
+    found = replayed('recursive', arrivals, StreamSettings())[-1].faults
+    assert found['pulse_far_ahead'] >= 10
+    assert found['pulse_too_close'] > 0
+
+
 def check_live_is_replay(
     name: str, arrivals: list[Arrival], cuts: list[int], waiting: StreamSettings
 ) -> None:

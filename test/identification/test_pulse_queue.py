@@ -126,18 +126,42 @@ def test_far_pulses_wait_for_the_force_and_are_given_up_when_it_does_not_come() 
     assert queue.counter.counts() == {'pulse_far_ahead': 1}
 
 
-def test_a_flood_of_pulses_is_bounded_and_the_nearest_are_kept() -> None:
+def flood(start_ns: int, count: int, step_ns: int) -> PulseTrain:
+    onsets = start_ns + step_ns * np.arange(count, dtype=np.int64)
+    sequence = np.arange(count, dtype=np.int64)
+    return PulseTrain(onsets, np.full(count, 0.5), sequence, np.full(count, 1e-4))
+
+
+def test_a_flood_of_far_pulses_is_bounded() -> None:
     queue = Queue()
-    count = 60_000
     for start_ns in (10**18, 10**17, 10**16):
-        onsets = start_ns + 50 * MILLISECOND * np.arange(count, dtype=np.int64)
-        sequence = np.arange(count, dtype=np.int64)
-        flood = PulseTrain(onsets, np.full(count, 0.5), sequence, np.full(count, 1e-4))
-        queue.queue.add(flood, newest_ns=0)
-    queue.add((50, 0.5, 0))
+        queue.queue.add(flood(start_ns, 60_000, 50 * MILLISECOND), newest_ns=0)
+    queue.queue.add(PulseTrain.of([Pulse(50 * MILLISECOND, 0.5, 0)]), newest_ns=0)
     assert queue.queue._far._count == 100_000
     assert queue.onsets(100) == [50]
+    # said when the second of the force in which they came is over
+    assert queue.counter.counts() == {}
+    assert queue.onsets(1000) == []
     assert queue.counter.counts() == {'pulse_far_ahead': 80_000}
+
+
+def test_a_flood_before_the_first_force_is_bounded() -> None:
+    queue = Queue()
+    for _ in range(3):
+        queue.queue.add(flood(0, 60_000, 1_000_000))
+    assert queue.queue._far._count + sum(map(len, queue.queue._arrived)) == 100_000
+    queue.queue.settle(0)
+    assert queue.counter.counts()['pulse_far_ahead'] == 80_000
+
+
+def test_a_flood_of_near_pulses_is_bounded() -> None:
+    queue = Queue()
+    for _ in range(100):
+        queue.queue.add(flood(0, 1000, 1000), newest_ns=0)
+    assert sum(map(len, queue.queue._arrived)) == 10_000
+    queue.onsets(1000)
+    assert queue.counter.counts()['pulse_too_close'] >= 90_000
+    assert queue.queue._room.state() == {'_taken': [], '_refused': []}
 
 
 def test_late_spans_are_merged() -> None:

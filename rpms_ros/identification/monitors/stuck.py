@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sensor that does not follow the force: frozen, at the end of its range, or dead."""
 
+import math
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -33,6 +34,11 @@ _CLIPPED_RUN = 3
 # A force without noise approaches its extreme by the last digits of a double; a limit is reached
 # by a step of at least this share of the range of the force.
 _CREEP_SHARE = 1e-9
+# Share of the stimulation of a tenth of a second that still acts in the next; the correlation with
+# the force that tells in which direction it pulls, and how many tenths of a second it needs.
+_MEMORY_OF_PULSES = 0.6
+_CORRELATED = 0.3
+_LEAST_CELLS = 30
 # Places in the record of extremes: a value and its count, the next one inwards and its count; how
 # many of the latest samples have the first value, and the longest run of it.
 _TOP, _TOP_COUNT, _NEXT, _NEXT_COUNT, _RUN, _LONGEST_RUN = range(6)
@@ -92,22 +98,32 @@ class FrozenSensor(Monitor):
 
 
 class ClippedSensor(Monitor):
-    """Finds `force_clipped`: values at the end of the range."""
+    """Finds `force_clipped`: values at the end of the range.
+
+    A force that comes to rest also stays at one value, so the end counts towards which pulses
+    pull.  Until they show it, that is the one away from the force at the beginning.
+    """
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CLIPPED: 0.01}
 
     _highest: FloatArray
     _lowest: FloatArray
     _rest: float | None
+    _acting: float
+    _moments: FloatArray
 
     def __init__(self) -> None:
         self._highest = np.array([-np.inf, 0.0, -np.inf, 0.0, 0.0, 0.0])
         self._lowest = self._highest.copy()
         self._rest = None
+        self._acting = 0.0
+        # Sums over cells of products of 1, the stimulation that acts, and the force.
+        self._moments = np.zeros((3, 3))
 
     def _check_restored(self) -> None:
         fits = self._highest.shape == self._lowest.shape == (6,)
-        expect(fits, 'ClippedSensor', 'records of six numbers')
+        fits = fits and self._moments.shape == (3, 3)
+        expect(fits, 'ClippedSensor', 'records of six numbers and moments of three')
 
     def examine(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples at an end of the range."""
@@ -118,11 +134,31 @@ class ClippedSensor(Monitor):
         count_extremes(-cell, self._lowest)
         found = np.zeros(len(cell), dtype=np.bool_)
         span = self._highest[_TOP] + self._lowest[_TOP]
+        pull = self._pull()
         for sign, record in ((1.0, self._highest), (-1.0, self._lowest)):
             away_from_rest = record[_TOP] - sign * self._rest > 0.5 * span
-            if away_from_rest and _cut_off(record, span):
+            pulled = sign * pull > 0.0 if pull else away_from_rest
+            if pulled and _cut_off(record, span):
                 found |= cell == sign * record[_TOP]
         return {faults.FORCE_CLIPPED: found} if found.any() else {}
+
+    def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
+        """Learn in which direction pulses pull."""
+        # Pulses are known a tenth of a second ahead: what acts here came with the cells before.
+        one = np.array([1.0, self._acting, np.median(samples.force)])
+        self._moments += np.outer(one, one)
+        self._acting = _MEMORY_OF_PULSES * self._acting + float(samples.intensity.sum())
+        return {}
+
+    def _pull(self) -> float:
+        """Return the correlation of stimulation and force; 0 if it tells nothing."""
+        count, dose, force = self._moments[0]
+        if count < _LEAST_CELLS:
+            return 0.0
+        covariance = self._moments[1:, 1:] - np.outer((dose, force), (dose, force)) / count
+        scale = math.sqrt(max(covariance[0, 0] * covariance[1, 1], 0.0))
+        found = float(covariance[0, 1]) / scale if scale else 0.0
+        return found if abs(found) > _CORRELATED else 0.0
 
 
 def _cut_off(record: FloatArray, span: float) -> bool:

@@ -1,0 +1,263 @@
+"""Streams that are not what they seem, for the tests and `bench/hostile_streams.py`.
+
+Each kind spoils the session of one muscle, some with the help of another one's.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from rpms_ros.identification import Estimate
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import PulseTrain
+
+MILLISECOND = 1_000_000
+SECOND = 1000 * MILLISECOND
+RATE_HZ = 20.0
+SAMPLES_A_PULSE = 50
+NOISE = 0.02
+# Of the height of the curve: what is nearer to the truth is not wrong.
+WRONG = 0.05
+
+
+class Stream(NamedTuple):
+    """Pulses, force, and how many samples came before each pulse if that is not as it should."""
+
+    pulses: PulseTrain
+    forces: ForceTrace
+    before: IntArray | None = None
+
+
+Spoil = Callable[[Stream, Stream], Stream]
+
+
+class Kind(NamedTuple):
+    """How a stream is spoilt, and a fault that has to be named."""
+
+    spoil: Spoil
+    fault: str
+
+
+def session(seed: int, seconds: int, share: float = 1.0) -> Stream:
+    """Random pulses at 20 Hz into the simulated subject, and its force with noise at 1 kHz."""
+    random = np.random.default_rng(seed)
+    pulses = PulseTrain.regular(random.uniform(size=int(RATE_HZ) * seconds), RATE_HZ, 0)
+    muscle = Contraction(simulation_subject())
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = MILLISECOND * np.arange(SAMPLES_A_PULSE * len(pulses), dtype=np.int64)
+    noise = NOISE * random.standard_normal(len(stamps))
+    return Stream(pulses, ForceTrace(stamps, share * muscle.force(stamps) + noise))
+
+
+def true_curve(intensity: FloatArray) -> FloatArray:
+    """Steady force [N] of the subject at intensities (intensities,)."""
+    return Contraction(simulation_subject()).steady_force(0, intensity, RATE_HZ)
+
+
+def wrong_by(found: Estimate, truth: FloatArray) -> float:
+    """Return how far the curve is from the truth where its interval excludes it.
+
+    A share of the height of the true curve; 0 where the interval has the truth, or no curve is
+    stated.
+    """
+    if not found.curve_known:
+        return 0.0
+    away = np.abs(found.curve_force - truth)
+    if len(found.curve_lower):
+        away = away[(truth < found.curve_lower) | (truth > found.curve_upper)]
+    return float(away.max(initial=0.0) / truth.max())
+
+
+def merged(first: ForceTrace, second: ForceTrace) -> ForceTrace:
+    """Both traces in the order of their stamps, the first before the second of equal ones."""
+    stamps = np.concatenate((first.stamp_ns, second.stamp_ns))
+    order = np.argsort(stamps, kind='stable')
+    return ForceTrace(stamps[order], np.concatenate((first.force, second.force))[order])
+
+
+def at_once(own: Stream, other: Stream) -> Stream:
+    return own._replace(forces=merged(own.forces, other.forces))
+
+
+def in_between(own: Stream, other: Stream) -> Stream:
+    later = ForceTrace(other.forces.stamp_ns + 300_000, other.forces.force)
+    return own._replace(forces=merged(own.forces, later))
+
+
+def beside_a_dead_one(own: Stream, _: Stream) -> Stream:
+    dead_force = ForceTrace(own.forces.stamp_ns + 300_000, np.zeros(len(own.forces)))
+    return own._replace(forces=merged(own.forces, dead_force))
+
+
+def beside_a_slow_one(own: Stream, other: Stream) -> Stream:
+    slow = slice(None, None, 7)
+    later = ForceTrace(other.forces.stamp_ns[slow] + 300_000, other.forces.force[slow])
+    return own._replace(forces=merged(own.forces, later))
+
+
+def in_bursts(own: Stream, other: Stream) -> Stream:
+    """Each of two sensors sends twenty samples at a time."""
+    both = (own.forces, other.forces)
+    stamps = np.stack([trace.stamp_ns.reshape(-1, 20) for trace in both], axis=1)
+    forces = np.stack([trace.force.reshape(-1, 20) for trace in both], axis=1)
+    return own._replace(forces=ForceTrace(stamps.ravel(), forces.ravel()))
+
+
+def spike(value: float) -> Spoil:
+    def spoil(own: Stream, _: Stream) -> Stream:
+        own.forces.force[15_030] = value
+        return own
+
+    return spoil
+
+
+def every_half_second(own: Stream, _: Stream) -> Stream:
+    own.forces.force[30::500] = 500.0
+    return own
+
+
+def knocked(own: Stream, _: Stream) -> Stream:
+    own.forces.force[15_000:15_100] += 300.0
+    return own
+
+
+def clipped(own: Stream, _: Stream) -> Stream:
+    np.minimum(own.forces.force, 0.6 * own.forces.force.max(), out=own.forces.force)
+    return own
+
+
+def clipped_from_the_start(own: Stream, _: Stream) -> Stream:
+    """The recording begins while the force is at the end of the range."""
+    most = 0.6 * own.forces.force.max()
+    force = np.minimum(own.forces.force, most)
+    after = np.flatnonzero(own.pulses.intensity > 0.9) * SAMPLES_A_PULSE
+    begin = next(place + 40 for place in after.tolist() if force[place + 40] == most)
+    kept = own.pulses.onset_ns >= begin * MILLISECOND
+    return Stream(own.pulses[kept], ForceTrace(own.forces.stamp_ns[begin:], force[begin:]))
+
+
+def clipped_below(own: Stream, _: Stream) -> Stream:
+    """A sensor mounted the other way round, at the lower end of its range."""
+    np.minimum(own.forces.force, 0.6 * own.forces.force.max(), out=own.forces.force)
+    np.negative(own.forces.force, out=own.forces.force)
+    return own
+
+
+def frozen(own: Stream, _: Stream) -> Stream:
+    own.forces.force[10_000:18_000] = own.forces.force[10_000]
+    return own
+
+
+def dead(own: Stream, _: Stream) -> Stream:
+    own.forces.force[:] = 0.0
+    return own
+
+
+def two_drivers(own: Stream, other: Stream) -> Stream:
+    onset = other.pulses.onset_ns + 23 * MILLISECOND
+    both = PulseTrain.joined([own.pulses, forged(other, onset, 5000)])
+    return own._replace(pulses=both[np.argsort(both.onset_ns)])
+
+
+def forged(source: Stream, onset_ns: IntArray, sequence: int = 0) -> PulseTrain:
+    """Pulses like those of a session, at other times."""
+    train = source.pulses
+    return PulseTrain(onset_ns, train.intensity, train.sequence + sequence, train.width)
+
+
+def forged_far_ahead(own: Stream, other: Stream) -> Stream:
+    far = forged(other, other.pulses.onset_ns + 10**18)
+    before = np.tile(SAMPLES_A_PULSE * np.arange(len(own.pulses), dtype=np.int64), 2)
+    return Stream(PulseTrain.joined([own.pulses, far]), own.forces, before)
+
+
+def forged_now_and_then(own: Stream, other: Stream) -> Stream:
+    """Somebody else's pulses, one a second, with numbers of their own."""
+    onset = other.pulses.onset_ns + 23 * MILLISECOND
+    both = PulseTrain.joined([own.pulses, forged(other, onset, 10**6)[:: int(RATE_HZ)]])
+    return own._replace(pulses=both[np.argsort(both.onset_ns)])
+
+
+def pulses_lost(own: Stream, _: Stream) -> Stream:
+    kept = np.random.default_rng(5).uniform(size=len(own.pulses)) > 0.3
+    return own._replace(pulses=own.pulses[kept])
+
+
+def intensity_out_of_range(own: Stream, _: Stream) -> Stream:
+    own.pulses.intensity[::9] = 55.0
+    return own
+
+
+def gap(own: Stream, _: Stream) -> Stream:
+    """The sensor falls silent for five seconds; pulses go on."""
+    kept = np.ones(len(own.forces), dtype=np.bool_)
+    kept[10_000:15_000] = False
+    return own._replace(forces=ForceTrace(own.forces.stamp_ns[kept], own.forces.force[kept]))
+
+
+def doubled(own: Stream, _: Stream) -> Stream:
+    """Every sample comes twice."""
+    forces = own.forces
+    return own._replace(
+        forces=ForceTrace(np.repeat(forces.stamp_ns, 2), np.repeat(forces.force, 2))
+    )
+
+
+def late_samples(own: Stream, _: Stream) -> Stream:
+    """Blocks of ten samples change places."""
+    places = np.arange(len(own.forces)).reshape(-1, 2, 10)[:, ::-1].ravel()
+    return own._replace(forces=ForceTrace(own.forces.stamp_ns[places], own.forces.force[places]))
+
+
+def clock_set(by_ns: int) -> Spoil:
+    """Both clocks are set in the middle."""
+
+    def spoil(own: Stream, _: Stream) -> Stream:
+        middle = len(own.forces) // 2
+        before = SAMPLES_A_PULSE * np.arange(len(own.pulses), dtype=np.int64)
+        own.forces.stamp_ns[middle:] += by_ns
+        own.pulses.onset_ns[before >= middle] += by_ns
+        return own._replace(before=before)
+
+    return spoil
+
+
+def not_finite(own: Stream, _: Stream) -> Stream:
+    own.forces.force[10_000:14_000] = np.nan
+    return own
+
+
+KINDS: dict[str, Kind] = {
+    'two sensors with the same stamps': Kind(at_once, 'force_conflict'),
+    'two sensors in turn': Kind(in_between, 'force_alternating'),
+    'a dead sensor beside': Kind(beside_a_dead_one, 'force_alternating'),
+    'a slow sensor beside': Kind(beside_a_slow_one, 'force_spike'),
+    'two sensors in bursts': Kind(in_bursts, 'force_stamp_not_after_last'),
+    'a sample of 1e6 N': Kind(spike(1e6), 'force_out_of_bounds'),
+    'a sample of 1e300 N': Kind(spike(1e300), 'force_out_of_bounds'),
+    'a sample of -900 N': Kind(spike(-900.0), 'force_spike'),
+    'a spike every half second': Kind(every_half_second, 'force_spike'),
+    'a knock': Kind(knocked, 'force_unexplained'),
+    'a clipped sensor': Kind(clipped, 'force_clipped'),
+    'a sensor clipped at the start': Kind(clipped_from_the_start, 'force_clipped'),
+    'a sensor clipped below': Kind(clipped_below, 'force_clipped'),
+    'a frozen sensor': Kind(frozen, 'force_frozen'),
+    'a dead sensor': Kind(dead, 'force_constant'),
+    'every sample twice': Kind(doubled, 'force_duplicate'),
+    'samples out of order': Kind(late_samples, 'force_stamp_not_after_last'),
+    'no numbers': Kind(not_finite, 'force_not_finite'),
+    'a gap': Kind(gap, 'force_gap'),
+    'a clock set back': Kind(clock_set(-8 * SECOND), 'clock_jump'),
+    'a clock set ahead': Kind(clock_set(3600 * SECOND), 'force_gap'),
+    'two drivers': Kind(two_drivers, 'pulse_sequence_restart'),
+    'forged pulses': Kind(forged_now_and_then, 'pulse_sequence_restart'),
+    'pulses far ahead': Kind(forged_far_ahead, 'pulse_far_ahead'),
+    'pulses lost': Kind(pulses_lost, 'pulse_lost'),
+    'intensities beyond 1': Kind(intensity_out_of_range, 'pulse_intensity_invalid'),
+}
+"""What is done to a stream, by its name."""
