@@ -1,4 +1,4 @@
-"""Hostile streams into every estimator: wrong curves with an interval, and whether they are doubted.
+"""Hostile streams into every estimator: wrong curves with an interval, and whether one is told.
 
 Two publishers, spikes, sensors that are clipped, frozen or dead, gaps, clocks that are set, lost
 and forged pulses: the kinds of `test/hostile_streams.py`, each with several seeds.  An estimate is

@@ -14,6 +14,8 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
 BLOCK = 10_000
+# Faults wait for their samples and are searched in every tenth of a second.
+_BLOCK_OF_SEVERAL = 1000
 # Pulses more than 10 s ahead of the force count as far: shorter blocks do not cause that.
 _BLOCK_NS = nanoseconds(5.0)
 
@@ -92,9 +94,10 @@ def feed(
         samples_before_pulse = in_time(pulses, forces, gap_ns)
     order = np.argsort(samples_before_pulse, kind='stable')
     pulses, before = pulses[order], np.asarray(samples_before_pulse, dtype=np.int64)[order]
+    most = _BLOCK_OF_SEVERAL if len(foreign) else BLOCK
     start = 0
     while start < len(forces):
-        stop = _block_end(forces.stamp_ns, start)
+        stop = _block_end(forces.stamp_ns, start, most)
         # Pulses after the last sample belong to the last block.
         end = stop if stop < len(forces) else stop + 1
         first, last = np.searchsorted(before, (start, end)).tolist()
@@ -128,9 +131,9 @@ def in_time(pulses: PulseTrain, forces: ForceTrace, gap_ns: int) -> IntArray:
     return before
 
 
-def _block_end(stamp_ns: IntArray, start: int) -> int:
-    """Return the end of the block that begins with sample `start`."""
-    stamps = stamp_ns[start : start + BLOCK]
+def _block_end(stamp_ns: IntArray, start: int, most: int) -> int:
+    """Return the end of the block of at most so many samples that begins with sample `start`."""
+    stamps = stamp_ns[start : start + most]
     far = np.flatnonzero(np.abs(stamps - stamps[0]) > _BLOCK_NS)
     return start + (int(far[0]) if len(far) else len(stamps))
 
@@ -156,11 +159,12 @@ def add_in_order(
         Messages of other publishers meanwhile.
     """
     stamps, values = forces.stamp_ns, forces.force
-    if not len(foreign) and (
-        not len(pulses) or (len(stamps) and stream.takes_early(pulses, stamps, before))
-    ):
+    alone = not len(foreign) and not len(pulses)
+    at_once = len(stamps) and not len(foreign.onset_ns)
+    if alone or (at_once and stream.takes_early(pulses, forces, before)):
         # None of them is late, so their place among the samples makes no difference.
         stream.add_pulses(pulses)
+        stream.add_foreign_between(stamps, foreign.samples_before_sample)
         stream.add_forces(forces)
         return
     begin = 0

@@ -64,21 +64,20 @@ MEANING: Mapping[str, str] = {
     FORCE_CONSTANT: 'force samples that had not changed in any bit for three seconds',
     FORCE_UNEXPLAINED: 'force samples far from their prediction while it was good before: a '
     'disturbance, or the muscle has changed',
-    FORCE_PUBLISHERS: 'force samples of another publisher than the first; not learnt from (node '
-    'only)',
+    FORCE_PUBLISHERS: 'force samples of another publisher than the first; not learnt from',
     CLOCK_JUMP: 'jumps of the stamps back in time; pulses that still acted are forgotten',
     PULSE_INTENSITY_INVALID: 'pulses whose intensity was not within 0..1; treated as lost',
     PULSE_LOST: 'pulses missing in the sequence; learning stops while they could act',
     PULSE_LATE: 'pulses that came after their samples were used; treated as lost',
     PULSE_DUPLICATE: 'pulses that came twice; the second is dropped',
-    PULSE_TOO_CLOSE: 'pulses less than 0.2 ms after another, as no stimulator gives them; treated '
-    'as lost',
+    PULSE_TOO_CLOSE: 'pulses less than 0.2 ms after another, or beyond 10,000 within a second, as '
+    'no stimulator gives them; treated as lost',
     PULSE_FAR_AHEAD: 'pulses stamped more than 10 s after the force, which did not follow within '
-    '10 s, or more than could be kept; dropped',
+    '10 s, or beyond 100,000 of them within a second of the force; dropped',
     PULSE_SEQUENCE_RESTART: 'sequences that started anew, as after a restart of the driver; '
     'learning waits if it happens twice within 10 s, as with two drivers',
     PULSE_SEQUENCE_STUCK: 'pulses of a driver that does not count them; losses cannot show',
-    PULSE_PUBLISHERS: 'pulses of another publisher than the first, treated as lost (node only)',
+    PULSE_PUBLISHERS: 'pulses of another publisher than the first, treated as lost',
     SAMPLES_EXCLUDED: 'force samples that were predicted but not learnt from',
     MONITOR_FAILED: 'monitors that raised an exception and were taken out',
     PULSES_TOO_FREQUENT: 'pulses between two samples for which the horizon has no room, dropped',

@@ -15,6 +15,7 @@ from rpms_ros.identification import faults
 from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.identification.saved_state import expect
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
@@ -88,8 +89,7 @@ class ForceIntake(Restorable):
         if not len(forces):
             return
         finite = np.isfinite(forces.force)
-        with np.errstate(invalid='ignore'):
-            bad = ~(np.abs(forces.force) <= self._largest_force)
+        bad = ~self.believes(forces.force)
         start = 0
         for place in (*np.flatnonzero(bad).tolist(), len(bad)):
             if place > start:
@@ -98,6 +98,12 @@ class ForceIntake(Restorable):
                 name = faults.FORCE_OUT_OF_BOUNDS if finite[place] else faults.FORCE_NOT_FINITE
                 self._line.postpone(name)
             start = place + 1
+
+    def believes(self, force: FloatArray) -> BoolArray:
+        """Return which values (samples,) can be forces."""
+        with np.errstate(invalid='ignore'):
+            believed: BoolArray = np.abs(force) <= self._largest_force
+        return believed
 
     def take(self, until_ns: int) -> tuple[IntArray, FloatArray, int]:
         """Return all waiting samples (samples,), and how many have stamps up to `until_ns` [ns].

@@ -1,4 +1,4 @@
-"""Room for so many pulses in each second of stamps: what comes beyond it is refused and counted."""
+"""Room for so many pulses in each second of stamps: what comes beyond is refused and counted."""
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class PulseRoom(Restorable):
         return pulses[kept]
 
     def refused(self, until_ns: int) -> int:
-        """Return how many were refused in seconds that ended by `until_ns`, which are forgotten."""
+        """Return how many were refused in seconds over by `until_ns`, which are forgotten."""
         over = [one for one in self._taken if (one + 1) * NANOSECONDS_PER_SECOND <= until_ns]
         for one in over:
             del self._taken[one]

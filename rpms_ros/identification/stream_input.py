@@ -99,6 +99,21 @@ class StreamInput(RestorableWithSettings):
         for onset in near_ns.tolist():
             self.exclude(onset, onset + self._memory_ns)
 
+    def add_foreign_between(self, stamp_ns: IntArray, before: IntArray) -> None:
+        """Count samples of publishers that are not believed, among samples that are added next.
+
+        Parameters
+        ----------
+        stamp_ns : ndarray of int64 (samples,)
+            Stamps of those that are believed, of which every one goes on from the one before.
+        before : ndarray of int64 (others,)
+            How many of them come before each of the others.
+        """
+        places, counts = np.unique(before, return_counts=True)
+        for place, count in zip(places.tolist(), counts.tolist(), strict=True):
+            after_ns = int(stamp_ns[place - 1]) if place else self._intake.newest_ns
+            self._postponed.add(faults.FORCE_PUBLISHERS, after_ns, count)
+
     def hold(self) -> None:
         """Predict without learning, from the sample after the newest one on."""
         if self._held_ns is None:
@@ -112,13 +127,15 @@ class StreamInput(RestorableWithSettings):
         if held_ns is not None and newest_ns is not None:
             self.exclude(held_ns, newest_ns + self._memory_ns)
 
-    def takes_early(self, pulses: PulseTrain, stamp_ns: IntArray, before: IntArray) -> bool:
+    def takes_early(self, pulses: PulseTrain, forces: ForceTrace, before: IntArray) -> bool:
         """Return whether pulses may be added before samples that arrived before them.
 
-        They may if `stamp_ns` (samples,) have no gap or jump, and no pulse is late or far;
-        `before` (pulses,) is how many of the samples arrived before each pulse.
+        They may if the forces (samples,) can be forces and have no gap or jump, and no pulse is
+        late or far; `before` (pulses,) is how many of the samples arrived before each pulse.
         """
-        newest_ns = self._intake.newest_ns
+        newest_ns, stamp_ns = self._intake.newest_ns, forces.stamp_ns
+        if not self._intake.believes(forces.force).all():
+            return False
         if newest_ns is None and len(pulses):
             # There is room for so many before the first sample.
             return False

@@ -28,6 +28,8 @@ from rpms_ros.recording.records import Channel
 # Start and end time, size and checksum of the content, before the name of the compression.
 _CHUNK_HEAD = 28
 _LONGEST_HEAD = 4096
+# A schema or channel as objects, without its texts [bytes].
+_OBJECT = 1000
 _Schema = tuple[str, str, str]
 
 
@@ -158,14 +160,20 @@ class McapFile:
     def _add_schema(self, content: Content) -> None:
         number, name = content.number('H'), content.text()
         encoding, text = content.text(), content.text()
-        self._schemas[number] = (name, encoding, text)
+        found = (name, encoding, text)
+        if self._schemas.get(number) != found:
+            self._budget.hold(_OBJECT + len(name) + len(text))
+            self._schemas[number] = found
 
     def _add_channel(self, content: Content) -> None:
         number, schema = content.number('H'), content.number('H')
         topic, serialization = content.text(), content.text()
         name, encoding, text = self._schemas.get(schema, ('', '', ''))
         publisher = _publisher(content)
-        self.channels[number] = Channel(topic, name, text, encoding, serialization, publisher)
+        found = Channel(topic, name, text, encoding, serialization, publisher)
+        if self.channels.get(number) != found:
+            self._budget.hold(_OBJECT + len(topic) + len(publisher))
+            self.channels[number] = found
 
     def _check_end(self, frame: Frame, chunked: bool) -> None:
         """Compare what was read with the checksums and the count at the end of the file."""

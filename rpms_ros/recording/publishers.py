@@ -8,7 +8,7 @@ import numpy as np
 
 from rpms_ros.identification.arrival_order import NO_FOREIGN
 from rpms_ros.identification.arrival_order import Foreign
-from rpms_ros.identification.first_publisher import FirstPublisher
+from rpms_ros.identification.first_publisher import counting
 from rpms_ros.identification.stream_settings import StreamSettings
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import IntArray
@@ -26,19 +26,8 @@ def listened(
     """
     if values.publisher is None:
         return values, None
-    first = FirstPublisher(nanoseconds(StreamSettings().longest_gap))
-    identities = [
-        number.to_bytes(4, 'little') for number in range(int(values.publisher.max()) + 1)
-    ]
-    own = np.array(
-        [
-            first.counts(identities[number], stamp_ns)
-            for number, stamp_ns in zip(
-                values.publisher.tolist(), values.stamp_ns().tolist(), strict=True
-            )
-        ],
-        dtype=np.bool_,
-    )
+    silence_ns = nanoseconds(StreamSettings().longest_gap)
+    own = counting(values.publisher, values.stamp_ns(), silence_ns)
     count = int(np.count_nonzero(~own))
     if not count:
         return values, None

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import apsw
 
@@ -20,6 +21,8 @@ from rpms_ros.recording.sqlite_batches import batches
 
 MAGIC = b'SQLite format 3\0'
 JOURNALS = ('-journal', '-wal')
+# A topic as objects, without its texts [bytes].
+_ROW = 1000
 
 
 class SqliteFile:
@@ -34,8 +37,8 @@ class SqliteFile:
         The file.
     findings : Findings
         Where faults are noted.
-    _budget : Budget
-        Not needed: nothing in the file is packed.
+    budget : Budget
+        What reading may take.
 
     Attributes
     ----------
@@ -48,9 +51,10 @@ class SqliteFile:
         If the file is empty, no sqlite3 file, or not one of rosbag2.
     """
 
-    def __init__(self, path: Path, findings: Findings, _budget: Budget) -> None:
+    def __init__(self, path: Path, findings: Findings, budget: Budget) -> None:
         self._path = path
         self._findings = findings
+        self._budget = budget
         self.channels: dict[int, Channel] = {}
         with path.open('rb') as file:
             magic = file.read(len(MAGIC))
@@ -91,7 +95,7 @@ class SqliteFile:
                     # Lets SQLite open a file that is shorter than its header says.
                     connection.execute('PRAGMA writable_schema = ON')
                 _expect_tables(connection)
-                self.channels = _channels(connection)
+                self.channels = _channels(connection, self._budget)
                 if not cut_off and not _is_finished(connection):
                     self._findings.add(
                         'truncated_file', f'{self._path.name} has no end: its writer stopped'
@@ -154,18 +158,21 @@ def _is_finished(connection: apsw.Connection) -> bool:
     )
 
 
-def _channels(connection: apsw.Connection) -> dict[int, Channel]:
+def _channels(connection: apsw.Connection, budget: Budget) -> dict[int, Channel]:
     definitions: dict[str, tuple[str, str]] = {}
     tables = {name for (name,) in connection.execute('SELECT name FROM sqlite_master')}
     if 'message_definitions' in tables:
         query = 'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions'
         definitions = {
-            name: (text, encoding) for name, text, encoding in connection.execute(query)
+            name: (text, encoding) for name, text, encoding in _rows(connection, query, budget)
         }
     publishers: dict[int, str] = {}
     if 'publishers' in tables:
-        query = "SELECT topic_id, identity FROM publishers WHERE typeof(identity) = 'text'"
-        publishers = dict(connection.execute(query))
+        query = (
+            "SELECT topic_id, identity FROM publishers WHERE typeof(identity) = 'text' "
+            'AND topic_id IN (SELECT id FROM topics)'
+        )
+        publishers = dict(_rows(connection, query, budget))
     query = 'SELECT id, name, type, serialization_format FROM topics'
     return {
         number: Channel(
@@ -175,5 +182,12 @@ def _channels(connection: apsw.Connection) -> dict[int, Channel]:
             serialization,
             publishers.get(number, ''),
         )
-        for number, topic, kind, serialization in connection.execute(query)
+        for number, topic, kind, serialization in _rows(connection, query, budget)
     }
+
+
+def _rows(connection: apsw.Connection, query: str, budget: Budget) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of a query, each of which is kept; a row costs more than its texts."""
+    for row in connection.execute(query):
+        budget.hold(_ROW + sum(len(value) for value in row if isinstance(value, str | bytes)))
+        yield row

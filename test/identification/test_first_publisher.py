@@ -2,7 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whose messages count: the first publisher's, until it has been silent for long."""
 
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
 from rpms_ros.identification.first_publisher import FirstPublisher
+from rpms_ros.identification.first_publisher import counting
 
 SECOND = 1_000_000_000
 
@@ -37,3 +42,26 @@ def test_a_flood_of_publishers_is_not_remembered() -> None:
     for number in range(1000):
         assert not first.counts(str(number).encode(), number)
     assert len(first._others) < 100
+
+
+stamps = st.integers(0, 40).map(lambda tenths: tenths * SECOND // 10)
+anywhere = st.integers(-(2**63), 2**63 - 1)
+
+
+@given(st.lists(st.tuples(st.integers(0, 70), st.one_of(stamps, anywhere)), max_size=200))
+def test_many_messages_at_once_count_like_one_after_the_other(
+    messages: list[tuple[int, int]],
+) -> None:
+    first = FirstPublisher(SECOND)
+    one_by_one = [first.counts(number.to_bytes(4, 'little'), stamp) for number, stamp in messages]
+    numbers, stamp_ns = np.array(messages, dtype=np.int64).reshape(-1, 2).T
+    assert counting(numbers, stamp_ns, SECOND).tolist() == one_by_one
+
+
+def test_a_flood_of_publishers_is_told_apart_up_to_a_number() -> None:
+    messages = [(0, 0), *((number, 0) for number in range(1, 100)), (64, 2 * SECOND), (0, SECOND)]
+    messages += [*((number, 0) for number in range(1, 100)), (65, 2 * SECOND)]
+    first = FirstPublisher(SECOND)
+    one_by_one = [first.counts(number.to_bytes(4, 'little'), stamp) for number, stamp in messages]
+    numbers, stamp_ns = np.array(messages, dtype=np.int64).T
+    assert counting(numbers, stamp_ns, SECOND).tolist() == one_by_one

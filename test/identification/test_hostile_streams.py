@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streams that are not what they seem: a right curve, or an estimate that says it is in doubt.
 
-`bench/hostile_streams.py` does the same with more seeds and every estimator, beside the true curve.
+`bench/hostile_streams.py` does the same with more seeds and all estimators, beside the true curve.
 """
 
 from collections.abc import Callable

@@ -24,8 +24,10 @@ from rpms_ros.recording import read_facts
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
 from rpms_ros.recording.findings import Findings
+from rpms_ros.recording.mcap_records import CHANNEL
 from rpms_ros.recording.mcap_records import CHUNK
 from rpms_ros.recording.mcap_records import MAGIC
+from rpms_ros.recording.mcap_records import SCHEMA
 
 Session = tuple[PulseTrain, ForceTrace]
 BENCH = Path(__file__).parents[2] / 'bench' / 'hostile_recordings.py'
@@ -93,6 +95,45 @@ def test_more_messages_than_the_memory_takes_are_refused(session: Session, tmp_p
     with pytest.raises(RecordingError, match=r'read within 0.0001 GB .* got a chunk of'):
         read_recording(tmp_path / 'one_chunk', memory=100_000)
     assert len(read_recording(tmp_path / 'bag', memory=10_000_000).forces) == 2000
+
+
+def test_rows_that_are_no_messages_count_too(session: Session, tmp_path: Path) -> None:
+    import sqlite3
+
+    write_recording(tmp_path / 'bag', *session, storage='sqlite3')
+    file = tmp_path / 'bag' / 'bag_0.db3'
+    with sqlite3.connect(file) as connection:
+        connection.execute(
+            'WITH RECURSIVE n(id) AS (SELECT 100 UNION ALL SELECT id + 1 FROM n LIMIT 30000) '
+            'INSERT INTO publishers SELECT id, id FROM n'
+        )
+    connection.close()
+    # Of topics that are not there: not read at all.
+    assert len(read_recording(file, memory=2_000_000).forces) == 2000
+    with sqlite3.connect(file) as connection:
+        connection.execute(
+            "INSERT INTO topics SELECT topic_id, 'n' || topic_id, 't', 'cdr', '', '' "
+            'FROM publishers'
+        )
+    connection.close()
+    with pytest.raises(RecordingError, match=r'read within 0\.002 GB'):
+        read_facts(file, memory=2_000_000)
+
+
+@pytest.mark.parametrize('kind', [SCHEMA, CHANNEL])
+def test_so_do_schemas_and_channels(tmp_path: Path, kind: int) -> None:
+    path = tmp_path / 'bag.mcap'
+    text = struct.pack('<I', 5000) + 5000 * b'x'
+    records = []
+    for number in range(1, 1001):
+        body = struct.pack('<H', number) + text + 2 * struct.pack('<I', 0)
+        if kind == CHANNEL:
+            body = struct.pack('<HH', number, 0) + text + 2 * struct.pack('<I', 0)
+        records.append(struct.pack('<BQ', kind, len(body)) + body)
+    path.write_bytes(MAGIC + b''.join(records))
+    with pytest.raises(RecordingError, match=r'read within 0\.002 GB'):
+        read_facts(path, memory=2_000_000)
+    assert read_facts(path, memory=50_000_000).faults == {'truncated_file': 1}
 
 
 ALIASES = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + ''.join(
