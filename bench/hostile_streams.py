@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Hostile streams into every estimator: wrong curves with an interval, and whether one is told.
 
 Two publishers, spikes, sensors that are clipped, frozen or dead, gaps, clocks that are set, lost

@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Streams that are not what they seem, for the tests and `bench/hostile_streams.py`.
 
 Each kind spoils the session of one muscle, some with the help of another one's.

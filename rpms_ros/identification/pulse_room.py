@@ -1,3 +1,5 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Room for so many pulses in each second of stamps: what comes beyond is refused and counted."""
 
 import numpy as np
