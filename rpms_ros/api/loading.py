@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.api.session import Session
+from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
@@ -62,9 +63,10 @@ def load(
         Names of the columns or signals of a file; of the pulses also a list of trigger times.
         Guessed where they are not given; `Session.imported` has the guess.
     time_unit, force_unit : str, optional
-        ``s``, ``ms``, ``us`` or ``min``; ``N``, ``mN``, ``kN``, ``g``, ``kg`` or ``lbf``.
+        ``s``, ``ms``, ``us`` or ``min``; ``N``, ``mN``, ``kN``, ``g``, ``kg`` or ``lbf``;
+        ``Nm``, ``mNm``, ``kNm``, ``kgm`` or ``ft-lbf`` of a torque; all forces are in N m then.
     force_scale : float, optional
-        Newtons of one unit of the force signal, as for a force in V.
+        Newtons of one unit of the force signal, as for a force in V; newton metres with ``Nm``.
     sampling_rate : float, optional
         Rate of the samples of a file without times [Hz].
     threshold : float, optional
@@ -86,6 +88,7 @@ def load(
         -1 where the sensor shows the muscle's pull as negative, else 1.
     quantity : str
         What of a recorded wrench is read: ``force``, or ``torque``; then all forces are in N m.
+        Of a file its unit decides.
 
     Returns
     -------
@@ -142,7 +145,7 @@ def load(
     if is_foreign(place):
         if sign not in (1, -1):
             raise RecordingError(f'expected sign 1 or -1, got {sign}')
-        return _imported(place, _with_columns(options, columns), sign)
+        return _imported(place, _with_columns(options, columns), sign, quantity)
     given = ['columns'] if columns is not None else options.given()
     if given:
         raise RecordingError(
@@ -173,7 +176,7 @@ def _with_columns(options: ImportOptions, columns: tuple[str, str, str] | None) 
     )
 
 
-def _imported(place: Path, options: ImportOptions, sign: int) -> Session:
+def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> Session:
     try:
         found = import_file(place, options)
     except RecordingError as error:
@@ -182,11 +185,17 @@ def _imported(place: Path, options: ImportOptions, sign: int) -> Session:
             guess = '; '.join(f'{label} {what}' for label, what in error.decided)
             text += f' (so far: {guess})'
         raise RecordingError(text) from error
+    if quantity not in (FORCE, found.quantity):
+        raise RecordingError(
+            f'expected a {quantity}, got a {found.quantity} in {place}; force_unit= decides'
+        )
     forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force, found.forces.frame_id)
     storage = 'table' if place.suffix.lower() in _TABLES else 'file'
     return Session(
         name=place.stem,
-        recording=as_recording(found.pulses, forces, place, storage),
+        recording=replace(
+            as_recording(found.pulses, forces, place, storage), quantity=found.quantity
+        ),
         imported=tuple((label, _with_keywords(text)) for label, text in found.facts),
     )
 

@@ -153,6 +153,7 @@ class Session:
             storage=storage,
             compression=compression,
             custom={'source': self.name},
+            quantity=self.recording.quantity,
         )
 
     def between(self, start: float, end: float) -> 'Session':

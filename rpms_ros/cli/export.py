@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rpms_ros.axis import UNITS
 from rpms_ros.cli.import_file import add_signal_options
 from rpms_ros.cli.import_file import imported
 from rpms_ros.cli.import_file import signal_options
@@ -13,6 +14,7 @@ from rpms_ros.cli.options import INCOMPLETE
 from rpms_ros.cli.options import SUCCESS
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import read
 from rpms_ros.cli.options import warn
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 FORMATS = ('csv', 'mat', 'bids')
 _OF_RECORDINGS = {
     'pulses_topic': 'pulses', 'force_topic': 'force', 'axis': 'z', 'max_memory': None,
+    'quantity': 'force',
 }  # fmt: skip
 _DESCRIPTION = """\
 Writes force, pulses and recorded estimates for other programs: a folder of CSV files, a MATLAB
@@ -60,6 +63,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     text = 'which recording of the visit, from 1'
     add_option(group, '--run N', None, text, type=int, dest='run_number')
     add_reading_options(parser)
+    add_quantity_option(parser)
     add_signal_options(parser)
 
 
@@ -114,22 +118,27 @@ def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple
                 )
         found = imported(path, arguments)
         forces = ForceTrace(found.forces.stamp_ns, arguments.sign * found.forces.force)
-        return SessionExport(name, found.pulses, forces, anonymous=arguments.anonymous), []
+        unit = UNITS[found.quantity]
+        return SessionExport(name, found.pulses, forces, unit, anonymous=arguments.anonymous), []
     if given := signal_options(arguments).given():
         raise RecordingError(
             f'expected --{given[0].replace("_", "-")} with a file of a laboratory, got {path}'
         )
     recording = read(path, arguments)
     nodes = recorded_messages(path, memory=arguments.max_memory, held=held_bytes(recording))
-    unit = nodes.estimates[-1].unit if nodes.estimates else 'N'
     findings = [('warning', remark) for remark in recording.facts.remarks]
     if nodes.unreadable:
         findings.append(('warning', f'{nodes.unreadable} messages could not be decoded'))
+    if other := {one.unit for one in nodes.estimates} - {recording.unit}:
+        units = ', '.join(sorted(other))
+        findings.append(
+            ('warning', f'expected estimates in {recording.unit}, got {units} (--quantity?)')
+        )
     session = SessionExport(
         name,
         recording.pulses,
         recording.forces,
-        unit,
+        recording.unit,
         estimate_table(nodes.estimates) if nodes.estimates else None,
         session_hash(recording),
         recording.facts.custom,

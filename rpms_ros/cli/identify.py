@@ -25,6 +25,7 @@ from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
 from rpms_ros.printable import printable
 from rpms_ros.report.text import labelled
+from rpms_ros.report.text import with_interval
 
 if TYPE_CHECKING:
     from rpms_ros.identification import IdentifiedSession
@@ -190,7 +191,9 @@ def as_text(document: dict[str, Any]) -> str:
     rows.append(('prediction error', _output_error(document)))
     faults = (f'{name} {count}' for name, count in document['faults'].items())
     rows.append(('faults', ', '.join(faults) or 'none'))
-    rows.append(('verdict', f'{verdict["grade"]}: {"; ".join(verdict["reasons"])}'))
+    first, *others = verdict['reasons']
+    rows.append(('verdict', f'{verdict["grade"]}: {first}'))
+    rows += [('', reason) for reason in others]
     return labelled(rows)
 
 
@@ -215,8 +218,7 @@ def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
     if 'dynamics' in document:
         return rows + _dynamics(document['dynamics'], unit)
     for name, found in document.get('physiology', {}).items():
-        interval = f'{found["lower"]:.4g} to {found["upper"]:.4g}'
-        rows.append((name, f'{found["value"]:.4g}  ({interval})'))
+        rows.append((name, with_interval(found)))
     if document['curve'] and 'identifiability' in document:
         flags = document['identifiability'].items()
         rows.append(('in the data', ', '.join(f'{name} {flag}' for name, flag in flags)))
@@ -257,8 +259,7 @@ def _dynamics(found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
 
 
 def _milliseconds(found: dict[str, float]) -> str:
-    value, lower, upper = (1e3 * found[name] for name in ('value', 'lower', 'upper'))
-    return f'{value:.3g} ms ({lower:.3g} to {upper:.3g})'
+    return with_interval(found, 3, 1e3, ' ms')
 
 
 def _output_error(document: dict[str, Any]) -> str:

@@ -11,19 +11,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.axis import FORCE
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.errors import RecordingError
 from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
-    from rpms_ros.pulses import ForceTrace
-    from rpms_ros.pulses import PulseTrain
     from rpms_ros.recording.importing import Guess
     from rpms_ros.recording.importing import Imported
     from rpms_ros.recording.importing import ImportOptions
     from rpms_ros.recording.importing import SignalFile
 
+# Those of `rpms_ros.recording.importing`, which takes long to import.
+_SENSOR_UNITS = ('N', 'mN', 'kN', 'g', 'kg', 'lbf', 'Nm', 'mNm', 'kNm', 'kgm', 'ft-lbf')
 _DESCRIPTION = """\
 Makes a recording of a file with time, force and the stimulator's gate or trigger: tables of text
 (any separator, decimal commas, UTF-8, UTF-16 and Latin-1), text exported by LabChart and Spike2,
@@ -63,9 +64,9 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--pulse COL', None, 'column of the gate, or list of trigger times')
     units = ('s', 'ms', 'us', 'min')
     add_option(group, '--time-unit', None, 'unit of the time', choices=units)
-    newtons = ('N', 'mN', 'kN', 'g', 'kg', 'lbf')
-    add_option(group, '--force-unit', None, 'unit of the force', choices=newtons)
-    text = 'newtons of one unit of the force signal, as for a force in V'
+    text = 'unit of the force, or of the torque of a dynamometer'
+    add_option(group, '--force-unit', None, text, choices=_SENSOR_UNITS)
+    text = 'newtons of one unit of the force signal, as for a force in V; newton metres with Nm'
     add_option(group, '--force-scale N', None, text, type=float)
     text = 'rate of the samples of a table without times'
     add_option(group, '--sampling-rate HZ', None, text, type=float)
@@ -83,10 +84,12 @@ def run(arguments: argparse.Namespace) -> int:
     if os.path.lexists(arguments.out):
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
     found = imported(arguments.file, arguments)
-    _write(arguments, found.pulses, found.forces)
+    _write(arguments, found)
     stamps = found.forces.stamp_ns
     span = (stamps[-1] - stamps[0]) / 1e9 if len(stamps) else 0.0
     print(f'{arguments.out}: {len(found.pulses)} pulses, {len(stamps)} samples, {span:.3f} s')
+    if found.quantity != FORCE:
+        print(f'  a {found.quantity}: read it with --quantity {found.quantity}')
     if found.guessed and not _asked(arguments):
         print(labelled(found.facts), file=sys.stderr)
     return 0
@@ -158,13 +161,20 @@ def _shown(file: 'SignalFile', guess: 'Guess') -> str:
     return labelled([('file', ', '.join((file.kind, *file.facts))), *guess.reasons])
 
 
-def _write(arguments: argparse.Namespace, pulses: 'PulseTrain', forces: 'ForceTrace') -> None:
+def _write(arguments: argparse.Namespace, found: 'Imported') -> None:
     """Write the recording beside its place and move it there as a whole."""
     from rpms_ros.recording import write_recording
     from rpms_ros.recording.exporting import written_whole
 
     def write(made: Path) -> None:
         custom = {'source': arguments.file.name}
-        write_recording(made, pulses, forces, storage=arguments.storage, custom=custom)
+        write_recording(
+            made,
+            found.pulses,
+            found.forces,
+            storage=arguments.storage,
+            custom=custom,
+            quantity=found.quantity,
+        )
 
     written_whole(arguments.out, write)

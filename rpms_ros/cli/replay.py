@@ -14,6 +14,7 @@ from rpms_ros.cli.identify import add_estimator_options
 from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
@@ -55,6 +56,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(parser, '--parameters FILE', None, text, type=Path)
     parser.add_argument('--json', action='store_true', help='one JSON object on stdout')
     add_reading_options(parser)
+    add_quantity_option(parser)
     # a node has to be one that works on line
     add_estimator_options(parser, default='recursive')
 
@@ -69,6 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     settings = ReplaySettings(arguments.factor)
     parameters = identifier_parameters(arguments)
+    # what the file says goes before the option, as for the estimator
+    arguments.quantity = parameters['quantity']
     recording = read(arguments.bag, arguments)
     recorded = recorded_messages(
         arguments.bag, memory=arguments.max_memory, held=held_bytes(recording)
@@ -100,6 +104,7 @@ def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
         'preset': arguments.preset,
         'seed': arguments.seed,
         'repetition_rate': arguments.rate_hz,
+        'quantity': arguments.quantity,
     }
     if arguments.parameters is None:
         return parameters

@@ -44,7 +44,8 @@ def informed_physiology(estimate: Estimate) -> Iterator[int]:
     peak = float(estimate.response_force.max())
     if abs(values.get('twitch_peak_n', peak) - peak) > _PEAK_DIFFERENCE * abs(peak):
         return
-    width = 0.5 * (estimate.physiology_upper - estimate.physiology_lower) / quantile
+    # the lower end may have been cut off at 0
+    width = (estimate.physiology_upper - estimate.physiology) / quantile
     for index, name in enumerate(estimate.physiology_names):
         _, before = PRIOR.get(name, (0.0, abs(values[name])))
         if width[index] < LEAST_GAIN * before:

@@ -23,7 +23,8 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
-_LAWS = (None, RateRecruitment())
+LAWS = (None, RateRecruitment())
+"""What estimators make of the interval before a pulse; no estimate says which."""
 # Shorter intervals count as this [ns].
 _SHORTEST_NS = 1_000_000
 
@@ -104,10 +105,7 @@ def simulated_fit(
     estimate: the better of the two fits is returned.
     """
     return max(
-        (
-            _held(simulated_force(estimate, pulses, stamp_ns, law), stamp_ns, force)
-            for law in _LAWS
-        ),
+        (_held(simulated_force(estimate, pulses, stamp_ns, law), stamp_ns, force) for law in LAWS),
         key=lambda found: found.explained,
     )
 

@@ -19,6 +19,7 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import verdict_of_data
 from rpms_ros.identification import verdict_of_estimate
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
+from rpms_ros.identification.constancy import force_change
 from rpms_ros.identification.output_error import settled
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.simulated_fit import SimulatedFit
@@ -46,6 +47,8 @@ _SPAN_NS = 20 * NANOSECONDS_PER_SECOND
 _AFTER_NS = NANOSECONDS_PER_SECOND // 2
 # The estimate after this share of the session has to predict the rest.
 _LEARNT_SHARE = 0.8
+_FOLLOWER = '--estimator tracking'
+_HINT = f'; {_FOLLOWER} tells a muscle that changes, efforts and tremor apart'
 # With so many estimates there is one close to that time.
 _ESTIMATES = 8
 
@@ -119,8 +122,12 @@ def verdict_of(
     found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
     reasons += verdict_of_estimate.of_the_estimate(session.last, found, span, settings)
-    reasons += _of_the_fit(session, pulses, part, found, settings)
-    reasons += verdict_of_estimate.of_the_estimator(session, pulses, settings)
+    changed = list(_of_one_muscle(session, pulses, settings))
+    hint = '' if changed or session.last.rate_names else _HINT
+    reasons += changed
+    reasons += _of_the_fit(session, pulses, part, found, settings, hint)
+    explained = found.explained >= settings.good_explained
+    reasons += verdict_of_estimate.of_the_estimator(session, pulses, settings, explained)
     praise = (
         f'the identified muscle explains {100 * found.explained:.3g} % of the '
         f'{QUANTITIES[unit]}, its error is {found.error:.2g} {unit}, '
@@ -156,9 +163,41 @@ def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
     span_ns = _SPAN_NS // 2 if session.last.rate_names else _SPAN_NS
     if end - begin > 1.5 * span_ns:
         begin = end - span_ns
-    newer = np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
-    part: BoolArray = session.usable & newer & (stamps >= begin) & (stamps <= end)
+    part: BoolArray = _in_order(session) & (stamps >= begin) & (stamps <= end)
     return part
+
+
+def _in_order(session: IdentifiedSession) -> BoolArray:
+    """Return the usable samples (samples,) that are later than all before them."""
+    stamps = session.stamp_ns
+    newer = np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
+    part: BoolArray = session.usable & newer
+    return part
+
+
+def _of_one_muscle(
+    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings
+) -> Iterator[Reason]:
+    """Yield a reason if one estimate is made of a session in which the muscle changed."""
+    last = session.last
+    if len(session.estimates) > 1 or last.rate_names or not last.curve_known:
+        return
+    part = _in_order(session)
+    change = force_change(last, pulses, session.stamp_ns[part], session.force[part])
+    if change is None or abs(change.share) < settings.largest_change:
+        return
+    how = 'fell' if change.share < 0.0 else 'rose'
+    when = 'over the session'
+    if change.sudden_at_s is not None:
+        when = f'at about {change.sudden_at_s:.0f} s'
+    yield (
+        DOUBTFUL,
+        (
+            f'the muscle changed: the {QUANTITIES[last.unit]} that pulses cause '
+            f'{how} by {100 * abs(change.share):.0f} % {when}, '
+            f'and {last.estimator} takes the muscle for constant; {_FOLLOWER} follows it'
+        ),
+    )
 
 
 def _of_the_fit(
@@ -167,6 +206,7 @@ def _of_the_fit(
     part: BoolArray,
     found: SimulatedFit,
     settings: VerdictSettings,
+    hint: str,
 ) -> Iterator[Reason]:
     """Yield reasons from residual, held-out error and baseline."""
     force, stamps = session.force, session.stamp_ns
@@ -181,7 +221,7 @@ def _of_the_fit(
             (
                 f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
                 f'{100 * slow / span:.2g} % of the '
-                'range of the force, is no noise of the sensor'
+                f'range of the force, is no noise of the sensor{hint}'
             ),
         )
     seconds = float(np.ptp(stamps[part])) / NANOSECONDS_PER_SECOND

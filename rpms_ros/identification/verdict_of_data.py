@@ -39,7 +39,13 @@ def reasons(
         yield 'no', 'there is no pulse above intensity 0'
         return
     if not len(force) or np.ptp(force) == 0.0:
-        yield 'no', 'the force never changes: another topic or axis, or a dead sensor'
+        yield (
+            'no',
+            (
+                'the force never changes: another topic or axis, a dynamometer '
+                '(--quantity torque), or a dead sensor'
+            ),
+        )
         return
     yield from _of_time(pulses, forces)
     span = float(np.ptp(force))

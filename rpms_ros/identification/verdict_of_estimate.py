@@ -9,6 +9,7 @@ import numpy as np
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification.estimate import NOT_INFORMED
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.faults import FORCE_UNEXPLAINED
 from rpms_ros.identification.plausibility import meaning_of_doubt
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.simulated_fit import SimulatedFit
@@ -88,7 +89,7 @@ def _of_the_explanation(
 
 
 def of_the_estimator(
-    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings
+    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings, explained: bool
 ) -> Iterator[Reason]:
     """Yield reasons from doubts, parameters and intervals of the estimate.
 
@@ -100,9 +101,14 @@ def of_the_estimator(
         The recorded pulses.
     settings : VerdictSettings
         Thresholds.
+    explained : bool
+        Whether the estimate, as it stands, explains the force of the last seconds.
     """
     last, first = session.last, session.estimates[0]
     for name in last.doubts:
+        # One that follows changes and efforts names them; what counts is the muscle of the end.
+        if name == FORCE_UNEXPLAINED and last.rate_names and explained:
+            continue
         yield DOUBTFUL, f'{name}: {meaning_of_doubt(name)}'
     if not last.curve_known:
         return

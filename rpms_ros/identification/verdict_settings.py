@@ -39,6 +39,9 @@ class VerdictSettings:
         with the final one, or this share of the range of the force.
     largest_drift : float
         Change of the baseline over the time that is judged, as a share of the range of the force.
+    largest_change : float
+        Change of the force that pulses cause over a session that is explained by one muscle, as a
+        share of it.
     widest_interval : float
         Half the interval of the curve at the highest intensity that was used, as a share of it.
 
@@ -58,6 +61,7 @@ class VerdictSettings:
     held_out_times: float = 3.0
     largest_held_out: float = 0.05
     largest_drift: float = 0.1
+    largest_change: float = 0.05
     widest_interval: float = 0.2
 
     def __post_init__(self) -> None:

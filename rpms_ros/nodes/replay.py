@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,7 @@ def replay(
     recording : Recording
         The recording.
     parameters : dict, optional
-        Parameters of the identifier by name; axis and sign are ignored.
+        Parameters of the identifier by name; axis, sign and quantity are ignored.
     settings : ReplaySettings, optional
         Speed.
     progress : callable
@@ -90,7 +91,7 @@ def replay(
     NodeError
         If a parameter is not valid or the nodes do not find each other.
     """
-    chosen = {**(parameters or {}), 'axis': 'z', 'sign': 1}
+    chosen = {**(parameters or {}), 'axis': 'z', 'sign': 1, 'quantity': recording.quantity}
     expected = _expected(recording, _parameters(chosen))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     use_fast_discovery()
@@ -168,7 +169,7 @@ def _expected(recording: Recording, parameters: IdentifierParameters) -> list[Es
     arrival = recording.samples_before_pulse
     for _ in feed(stream, recording.pulses, recording.forces, arrival):
         estimates += stream.advance()
-    return estimates
+    return [replace(one, unit=recording.unit) for one in estimates]
 
 
 def _span(recording: Recording) -> float:

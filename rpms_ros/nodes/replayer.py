@@ -70,7 +70,7 @@ class Replayer(Node):
     Parameters
     ----------
     recording : Recording
-        The recording; its force is published along the z axis.
+        The recording; its force or torque is published along the z axis.
     settings : ReplaySettings, optional
         Speed.
     **options
@@ -87,7 +87,7 @@ class Replayer(Node):
         pulses, forces = recording.pulses, recording.forces
         self._is_pulse, self._index, self._due_ns = _order(recording)
         self._pulse_bytes = encode_pulses(pulses, _COIL)
-        self._force_bytes = encode_forces(forces, _AXIS)
+        self._force_bytes = encode_forces(forces, _AXIS, recording.quantity)
         self._force_stamp_ns = np.maximum.accumulate(forces.stamp_ns)
         # how many messages were sent up to each force sample
         self._sent_with_force = np.flatnonzero(~self._is_pulse) + 1

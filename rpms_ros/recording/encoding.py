@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -34,7 +35,7 @@ def encode_pulses(pulses: PulseTrain, frame_id: str) -> Records:
     return _encode(PULSE, pulses.onset_ns, frame_id, values)
 
 
-def encode_forces(forces: ForceTrace, axis: FloatArray) -> Records:
+def encode_forces(forces: ForceTrace, axis: FloatArray, quantity: str = FORCE) -> Records:
     """Return one geometry_msgs/WrenchStamped a sample, received at its stamp.
 
     Parameters
@@ -43,9 +44,11 @@ def encode_forces(forces: ForceTrace, axis: FloatArray) -> Records:
         Samples.
     axis : ndarray, shape (3,)
         Unit vector of the force in the frame of the sensor.
+    quantity : str
+        ``force``, or ``torque`` of a dynamometer, which is about the axis.
     """
     values = {
-        f'wrench.force.{name}': forces.force * share
+        f'wrench.{quantity}.{name}': forces.force * share
         for name, share in zip('xyz', axis.tolist(), strict=True)
         # Infinity times nothing is no number.
         if share

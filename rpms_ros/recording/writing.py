@@ -15,6 +15,8 @@ from typing import NoReturn
 import numpy as np
 from rosbags.interfaces import Qos
 
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
@@ -245,6 +247,7 @@ def write_recording(
     custom: Mapping[str, str] | None = None,
     key: bytes | None = None,
     further: Sequence['FurtherTopic'] = (),
+    quantity: str = FORCE,
 ) -> None:
     """Write pulses and forces as a recording.
 
@@ -262,18 +265,21 @@ def write_recording(
         As in `RecordingWriter`.
     axis : str or sequence of float
         Axis of the force in the frame of the sensor.
-
     further : sequence of FurtherTopic
         Messages of other topics, merged with them by their times.
+    quantity : str
+        ``force`` [N], or ``torque`` [N m], which readers are told to read too.
 
     Raises
     ------
     RecordingError
-        If the folder exists or the device refuses.
+        If the folder exists, the device refuses, or there is no such quantity.
     """
+    if quantity not in UNITS:
+        raise RecordingError(f'expected a quantity of {", ".join(UNITS)}, got {quantity}')
     encoded = {
         (PULSES_TOPIC, PULSE): encode_pulses(pulses, PULSE_FRAME),
-        (FORCE_TOPIC, WRENCH_STAMPED): encode_forces(forces, direction_of(axis)),
+        (FORCE_TOPIC, WRENCH_STAMPED): encode_forces(forces, direction_of(axis), quantity),
     }
     with RecordingWriter(path, storage, compression, custom, key) as writer:
         topics = {writer.add_topic(*topic): part for topic, part in encoded.items()}

@@ -6,6 +6,7 @@ import re
 import shutil
 import textwrap
 from collections.abc import Iterable
+from collections.abc import Mapping
 from collections.abc import Sequence
 
 from rpms_ros.printable import printable
@@ -13,6 +14,8 @@ from rpms_ros.printable import printable
 _WIDEST = 100
 # How far a word that does not fit beside its label is indented below it.
 _CLOSE = 4
+# Of the upper end of an interval.
+_NEAR = 0.1
 
 
 def width() -> int:
@@ -25,6 +28,18 @@ def labelled(rows: Iterable[tuple[str, str]]) -> str:
     rows = list(rows)
     column = max((len(label) for label, _ in rows), default=0)
     return '\n'.join(_wrapped(f'  {label:<{column}}  ', text) for label, text in rows)
+
+
+def with_interval(
+    found: Mapping[str, float], digits: int = 4, factor: float = 1.0, unit: str = ''
+) -> str:
+    """Return a value with its interval; what is near its bound of 0 is *at most* something."""
+    value, lower, upper = (
+        f'{factor * found[name]:.{digits}g}' for name in ('value', 'lower', 'upper')
+    )
+    if found['lower'] == 0.0 and found['value'] <= _NEAR * found['upper']:
+        return f'at most {upper}{unit}'
+    return f'{value}{unit} ({lower} to {upper})'
 
 
 def noted(rows: Iterable[tuple[str, str]]) -> str:

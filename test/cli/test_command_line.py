@@ -15,6 +15,7 @@ from rpms_ros.cli import options
 from rpms_ros.report.text import collapsed
 from rpms_ros.report.text import labelled
 from rpms_ros.report.text import noted
+from rpms_ros.report.text import with_interval
 
 Rpms = Callable[..., tuple[int, str, str]]
 NAMES = ['import' if name == 'import_file' else name for name in COMMANDS]
@@ -78,6 +79,14 @@ def test_an_identification_fits_into_a_terminal(
         _, out, _ = rpms('identify', short_session, '--estimator', 'horizon')
         lines = [line for line in out.splitlines() if str(short_session) not in line]
         assert max(map(len, lines)) <= min(columns, 100)
+
+
+def test_a_number_at_its_bound_is_at_most_something() -> None:
+    found = {'value': 0.0, 'lower': 0.0, 'upper': 6.4e-4}
+    assert with_interval(found, 3, 1e3, ' ms') == 'at most 0.64 ms'
+    found = {'value': 1e-4, 'lower': 0.0, 'upper': 6.4e-4}
+    assert with_interval(found, 3, 1e3, ' ms') == '0.1 ms (0 to 0.64)'
+    assert with_interval({'value': 3.0, 'lower': 2.9, 'upper': 3.1}) == '3 (2.9 to 3.1)'
 
 
 def test_a_long_text_goes_on_below_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:

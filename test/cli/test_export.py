@@ -352,11 +352,15 @@ def test_a_torque_is_named_as_one(rpms: Rpms, session: Path, tmp_path: Path) -> 
     recording = read_recording(session)
     further = [estimates_topic([replace(estimate(int(START)), unit='N m')])]
     path = tmp_path / 'torque'
-    write_recording(path, recording.pulses, recording.forces, further=further)
+    write_recording(path, recording.pulses, recording.forces, further=further, quantity='torque')
     for kind in FORMATS:
         place = tmp_path / f'{kind}.mat'
-        assert rpms('export', path, '--to', kind, '--out', place)[0] == 0
+        assert rpms('export', path, '--to', kind, '--out', place, '--quantity', 'torque')[0] == 0
         assert rpms('import', place, '--out', tmp_path / f'again-{kind}')[0] == 0
-        again = read_recording(tmp_path / f'again-{kind}')
+        again = read_recording(tmp_path / f'again-{kind}', quantity='torque')
         np.testing.assert_array_equal(again.forces.force, recording.forces.force)
     assert pd.read_csv(tmp_path / 'csv.mat' / 'force.csv').columns[1] == 'torque_Nm'
+    # the force of a recording whose estimates are of a torque
+    code, _, err = rpms('export', path, '--to', 'csv', '--out', tmp_path / 'force')
+    assert code == 1
+    assert 'expected estimates in N, got N m (--quantity?)' in err

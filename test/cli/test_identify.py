@@ -5,6 +5,7 @@
 import csv
 import json
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -94,6 +95,16 @@ def test_certainty_is_shown_in_the_table(rpms: Rpms, short_session: Path) -> Non
     assert code == 0
     for word in ('twitch_time_constant_s', ' to ', 'in the data', 'alpha_thr'):
         assert word in out
+
+
+def test_no_latency_is_below_zero(rpms: Rpms, as_json: AsJson, short_session: Path) -> None:
+    """The simulated muscle answers at once: the estimate lies at its bound."""
+    found = as_json('identify', short_session, '--json')['physiology']
+    assert all(one['lower'] >= 0.0 for one in found.values())
+    # a tenth of a sample
+    assert found['latency_s']['value'] < 1e-4
+    _, out, _ = rpms('identify', short_session)
+    assert re.search(r'latency_s +at most 0\.00\d+\n', out), out
 
 
 def test_curve_scales_with_the_rate_it_is_stated_for(as_json: AsJson, short_session: Path) -> None:

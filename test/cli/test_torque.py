@@ -101,6 +101,53 @@ def test_the_page_shows_newton_metres(recording: Path, tmp_path: Path) -> None:
     assert '"quantity": "torque"' in page
 
 
+@pytest.mark.parametrize('kind', ['csv', 'mat', 'bids'])
+def test_a_torque_is_exported_and_imported_as_one(
+    recording: Path, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / ('leg.mat' if kind == 'mat' else 'leg')
+    again = tmp_path / 'again'
+    assert main(['export', str(recording), '--to', kind, '--out', str(place), *OPTIONS]) == 0
+    assert main(['import', str(place), '--out', str(again)]) == 0
+    assert 'a torque: read it with --quantity torque' in capsys.readouterr().out
+    before = load(recording, force_topic='dynamometer', quantity='torque')
+    for after in (load(again, quantity='torque'), load(place)):
+        assert after.recording.unit == 'N m'
+        np.testing.assert_array_equal(after.force.force, before.force.force)
+    after.save(tmp_path / 'saved')
+    assert np.any(load(tmp_path / 'saved', quantity='torque').force.force)
+    # it is no force
+    assert not np.any(load(again).force.force)
+    with pytest.raises(RecordingError, match='expected a quantity of force, torque, got power'):
+        write_recording(tmp_path / 'x', before.pulses, before.force, quantity='power')
+    exported = main(['export', str(place), '--to', 'mat', '--out', str(tmp_path / 'b.mat')])
+    assert (exported, load(tmp_path / 'b.mat').recording.unit) == (0, 'N m')
+
+
+@pytest.mark.parametrize('unit', ['N m', 'N·m', 'mNm', 'ft-lbs'])
+def test_a_table_of_a_dynamometer_is_a_torque(tmp_path: Path, unit: str) -> None:
+    rows = [f'{0.002 * k:.3f},{k % 7},{5 * (k % 50 == 10)}' for k in range(500)]
+    table = tmp_path / 'leg.csv'
+    table.write_text('\n'.join([f'time [s],torque [{unit}],trigger [V]', *rows]))
+    session = load(table)
+    assert session.recording.unit == 'N m'
+    assert session.force.force.max() == pytest.approx(
+        6 * {'N m': 1.0, 'N·m': 1.0, 'mNm': 1e-3, 'ft-lbs': 1.3558179483314004}[unit]
+    )
+    assert load(table, force_unit='Nm', force_scale=2.0).force.force.max() == 12.0
+    with pytest.raises(
+        RecordingError, match=r'expected a torque, got a force in \S+; force_unit='
+    ):
+        load(table, quantity='torque', force_unit='N')
+
+
+def test_a_torque_is_replayed(recording: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    code = main(['replay', '--quiet', '--json', str(recording), *OPTIONS])
+    document = json.loads(capfd.readouterr().out)
+    assert (code, document['off_line']['exact']) == (0, True)
+    assert document['off_line']['compared'] > 50
+
+
 def test_analyze_shows_newton_metres(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import Estimate
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification import identify
+from rpms_ros.identification.constancy import force_change
 from rpms_ros.identification.simulated_fit import simulated_fit
 from rpms_ros.identification.simulated_fit import simulated_force
 from rpms_ros.identification.simulated_fit import white_noise
@@ -114,6 +116,93 @@ def test_a_wrong_force_is_not_good(
     verdict = judged(with_force(trial, change))
     assert verdict.grade == grade
     assert any(re.search(reason, text) for text in verdict.reasons), verdict.line
+
+
+def tiring(force: np.ndarray) -> np.ndarray:
+    return force * np.linspace(1.1, 0.9, len(force))
+
+
+def moved(force: np.ndarray) -> np.ndarray:
+    return force * np.where(np.arange(len(force)) < 12_000, 1.0, 0.8)
+
+
+def tensed(force: np.ndarray) -> np.ndarray:
+    """Half a second of effort every 6 s."""
+    time = np.arange(len(force)) / 1000
+    return force + 3.0 * (np.mod(time, 6.0) > 5.5)
+
+
+@pytest.mark.parametrize(
+    ('change', 'expected'),
+    [
+        # the middle of the first and the last piece lie a twelfth of the session further in
+        (tiring, r'the muscle changed: the force that pulses cause fell by 1[678] % over the ses'),
+        (moved, r'the muscle changed: .* fell by (19|20|21) % at about 1[123] s, and batch takes'),
+        (tensed, None),
+    ],
+)
+def test_one_muscle_for_a_muscle_that_changed_is_doubted(
+    trial: Trial, change: Callable[[np.ndarray], np.ndarray], expected: str | None
+) -> None:
+    verdict = judged(with_force(trial, change))
+    found = [text for text in verdict.reasons if 'the muscle changed' in text]
+    assert verdict.grade != 'good'
+    assert '--estimator tracking' in verdict.line
+    if expected is None:
+        assert not found
+    else:
+        (reason,) = found
+        assert re.search(expected, reason), reason
+        assert reason.endswith('takes the muscle for constant; --estimator tracking follows it')
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_a_muscle_that_stayed_the_same_is_not_said_to_have_changed(seed: int) -> None:
+    intensity = np.random.default_rng(seed).uniform(0.0, 1.0, 20 * SECONDS)
+    pulses, forces = simulated(intensity, seed=seed)
+    session = identify(estimator_by_name('batch'), pulses, forces)
+    # a change of 2 % is too small to lower a verdict, and is seen
+    for change, share in ((0.0, 0.0), (0.02, -0.02)):
+        force = forces.force * np.linspace(1.0 + change / 2, 1.0 - change / 2, len(forces))
+        found = force_change(session.last, pulses, forces.stamp_ns, force)
+        if not share:
+            assert found is None
+        else:
+            assert found is not None
+            assert found.sudden_at_s is None
+            # 13 pieces: the ends lie 0.77 s inside; factors scatter by 0.002
+            assert found.share == pytest.approx(share * 18.5 / 20, abs=0.004)
+
+
+def test_a_session_too_short_for_pieces_tells_no_change() -> None:
+    pulses, forces = simulated(np.random.default_rng(1).uniform(0.0, 1.0, 200), seconds=10)
+    session = identify(estimator_by_name('batch'), pulses, forces)
+    assert force_change(session.last, pulses, forces.stamp_ns, tiring(forces.force)) is None
+    dead = np.zeros(len(forces))
+    assert force_change(session.last, pulses, forces.stamp_ns, dead) is None
+
+
+def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial: Trial) -> None:
+    pulses, forces = trial
+    session = identify(estimator_by_name('batch'), pulses, forces)
+    doubtful = replace(session.last, doubts=('force_unexplained',))
+    follows = replace(
+        doubtful,
+        rate_names=('gain_percent_per_minute',),
+        rate=np.zeros(1),
+        rate_lower=np.zeros(1),
+        rate_upper=np.zeros(1),
+    )
+
+    def verdict(last: Estimate, force: np.ndarray) -> Verdict:
+        one = replace(session, estimates=[last], force=force)
+        return verdict_of(one, pulses, ForceTrace(forces.stamp_ns, force))
+
+    assert 'force_unexplained' in verdict(doubtful, forces.force).line
+    assert verdict(follows, forces.force).grade == 'good'
+    # it does not explain the last seconds either
+    other = tensed(forces.force)
+    assert 'force_unexplained' in verdict(follows, other + tensed(other)).line
 
 
 def test_time_in_milliseconds_is_not_good(trial: Trial) -> None:

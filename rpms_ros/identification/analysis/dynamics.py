@@ -9,6 +9,7 @@ law.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import t as student
@@ -84,7 +85,8 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
         model='history law' if model == 'law' else 'equal pulses',
         order=found.order,
         twitch_time_constant_s=constant,
-        latency_s=latency,
+        # no muscle answers before its pulse
+        latency_s=replace(latency, lower=max(latency.lower, 0.0)),
         fit_percent=found.mean_fit(model),
         fit_equal_percent=found.mean_fit('equal'),
         fit_gains_percent=found.mean_fit('gains'),

@@ -177,10 +177,11 @@ class EstimateBuilder:
         twitch = self._reader.read(rho[0] * fit.linear, covariance)
         if twitch is not None:
             width = sure.quantile * twitch.deviations
+            # No muscle answers before its pulse, and none of the others can be negative either.
             fields |= {
                 'physiology_names': PHYSIOLOGY_NAMES,
                 'physiology': twitch.values,
-                'physiology_lower': twitch.values - width,
+                'physiology_lower': np.maximum(twitch.values - width, 0.0),
                 'physiology_upper': twitch.values + width,
             }
         return fields

@@ -60,8 +60,8 @@ def is_export(path: Path) -> bool:
         return False
 
 
-def read_export(path: Path) -> tuple[PulseTrain, ForceTrace]:
-    """Return pulses and force of an export: a folder of CSV, a MATLAB file, or BIDS.
+def read_export(path: Path) -> tuple[PulseTrain, ForceTrace, str]:
+    """Return pulses, force and its unit of an export: a folder of CSV, a MATLAB file, or BIDS.
 
     Parameters
     ----------
@@ -92,13 +92,13 @@ def _origin(facts: Mapping[str, Any], path: Path) -> int:
     return int(facts['origin_ns'])
 
 
-def _of_tables(folder: Path) -> tuple[PulseTrain, ForceTrace]:
+def _of_tables(folder: Path) -> tuple[PulseTrain, ForceTrace, str]:
     origin = _origin(json.loads((folder / FACTS).read_text(encoding='utf-8')), folder / FACTS)
     with (folder / PULSES).open(encoding='utf-8', newline='') as file:
         pulses = _columns(csv.reader(file))
     with (folder / FORCE).open(encoding='utf-8', newline='') as file:
         force = _columns(csv.reader(file))
-    return _pulses(pulses, origin, folder), _force(force, origin)
+    return _pulses(pulses, origin, folder), *_force(force, origin)
 
 
 def _columns(rows: Any) -> dict[str, list[str]]:
@@ -122,10 +122,16 @@ def _pulses(columns: Columns, origin: int, path: Path) -> PulseTrain:
     )
 
 
-def _force(columns: Columns, origin: int) -> ForceTrace:
-    (name,) = (name for name in FORCE_COLUMNS.values() if name in columns)
+def _force(columns: Columns, origin: int) -> tuple[ForceTrace, str]:
+    unit, name = _measured(columns)
     values = np.array([_number(cell) for cell in columns[name]], dtype=np.float64)
-    return ForceTrace(_stamps(columns[TIME], origin), values)
+    return ForceTrace(_stamps(columns[TIME], origin), values), unit
+
+
+def _measured(columns: Mapping[str, object]) -> tuple[str, str]:
+    """Return unit and name of the column with what the sensor measured."""
+    ((unit, name),) = (one for one in FORCE_COLUMNS.items() if one[1] in columns)
+    return unit, name
 
 
 def _number(cell: str) -> float:
@@ -154,7 +160,7 @@ def _checked(pulses: PulseTrain, path: Path) -> PulseTrain:
     return pulses
 
 
-def _of_matlab(path: Path) -> tuple[PulseTrain, ForceTrace]:
+def _of_matlab(path: Path) -> tuple[PulseTrain, ForceTrace, str]:
     try:
         content = loadmat(str(path), simplify_cells=True)
     # scipy raises whatever the damage leads to
@@ -162,7 +168,7 @@ def _of_matlab(path: Path) -> tuple[PulseTrain, ForceTrace]:
         raise RecordingError(f'expected a MATLAB file at {path}, got {error}') from error
     _origin(content[MARK], path)
     force, pulses = content['force'], content['pulses']
-    (name,) = (name for name in FORCE_COLUMNS.values() if name in force)
+    unit, name = _measured(force)
 
     def column(table: Any, key: str, kind: type) -> Any:
         return np.atleast_1d(np.asarray(table[key], dtype=kind))
@@ -174,7 +180,7 @@ def _of_matlab(path: Path) -> tuple[PulseTrain, ForceTrace]:
         column(pulses, WIDTH, np.float64),
     )
     trace = ForceTrace(column(force, 'stamp_ns', np.int64), column(force, name, np.float64))
-    return _checked(train, path), trace
+    return _checked(train, path), trace, unit
 
 
 def _events(folder: Path) -> list[Path]:
@@ -182,7 +188,7 @@ def _events(folder: Path) -> list[Path]:
     return sorted(path for path in found if path.is_file())
 
 
-def _of_bids(folder: Path) -> tuple[PulseTrain, ForceTrace]:
+def _of_bids(folder: Path) -> tuple[PulseTrain, ForceTrace, str]:
     found = _events(folder)
     if len(found) != 1:
         names = ', '.join(str(path.relative_to(folder)) for path in found)
@@ -214,7 +220,7 @@ def _of_bids(folder: Path) -> tuple[PulseTrain, ForceTrace]:
             raise RecordingError(f'expected less than {_MOST_TEXT:.0e} characters in {file.name}')
     columns = list(zip(*(line.split('\t') for line in text.splitlines()), strict=True))
     force = dict(zip((TIME, quantity), columns, strict=True))
-    return _pulses(pulses, origin, events), _force(force, origin)
+    return _pulses(pulses, origin, events), *_force(force, origin)
 
 
 def _tab_separated(file: TextIO) -> Any:

@@ -15,7 +15,7 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording.csv_import import GateSettings
 from rpms_ros.recording.csv_import import gate_pulses
-from rpms_ros.recording.importing.guess import FORCE_UNITS
+from rpms_ros.recording.importing.guess import SENSOR_UNITS
 from rpms_ros.recording.importing.guess import TIME_UNITS
 from rpms_ros.recording.importing.guess import Guess
 from rpms_ros.recording.importing.signals import Signal
@@ -64,7 +64,7 @@ def converted(
     signals = {signal.name: signal for signal in file.signals}
     force = signals[guess.force]
     scale = choices.force_scale
-    newton = FORCE_UNITS[guess.force_unit] if scale is None else scale
+    newton = SENSOR_UNITS[guess.force_unit] if scale is None else scale
     stamp_ns = _stamps(file, force, guess, choices)
     trace = ForceTrace(stamp_ns, newton * force.values)
     events = {one.name: one.time for one in file.events}

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import TORQUE
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
@@ -23,11 +25,19 @@ FORCE_UNITS = {
     'lbf': 4.4482216152605,
 }
 """Newtons of each unit; grams are the weight of so much mass."""
+TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'kNm': 1e3, 'kgm': 9.80665, 'ft-lbf': 1.3558179483314004}
+"""Newton metres of each unit of a dynamometer's torque."""
+SENSOR_UNITS = FORCE_UNITS | TORQUE_UNITS
 _SYNONYMS = {
     'sec': 's', 'seconds': 's', 'second': 's', 'µs': 'us', 'μs': 'us', 'gf': 'g', 'kgf': 'kg',
+    'N m': 'Nm', 'N·m': 'Nm', 'N*m': 'Nm', 'N.m': 'Nm', 'N-m': 'Nm', 'mN m': 'mNm', 'kg m': 'kgm',
+    'ft lbf': 'ft-lbf', 'ft-lb': 'ft-lbf', 'ft-lbs': 'ft-lbf', 'ft lb': 'ft-lbf',
+    'lbf-ft': 'ft-lbf',
 }  # fmt: skip
 _TIME = re.compile(r'\b(t|time|zeit|temps|tiempo|timestamps?|seconds|sec)\b|time', re.IGNORECASE)
-_FORCE = re.compile(r'force|kraft|fuerza|load|^f[xyzgm]|\bf\b|\bfz\b|strain', re.IGNORECASE)
+_FORCE = re.compile(
+    r'force|kraft|fuerza|load|^f[xyzgm]|\bf\b|\bfz\b|strain|torque|moment', re.IGNORECASE
+)
 _PULSE = re.compile(r'stim|gate|trig|pulse|puls|sync|ttl|marker|digital', re.IGNORECASE)
 # Sample periods of force in a recording, from 100 kHz to 100 Hz [s].
 _SHORTEST, _LONGEST = 1e-5, 1.0000001e-2
@@ -67,7 +77,7 @@ class Guess:
     force, pulse : str
         Signals or, for the pulses, events.
     force_unit : str
-        One of `FORCE_UNITS`.
+        One of `FORCE_UNITS`, or of `TORQUE_UNITS` where a torque was measured.
     reasons : tuple of (str, str)
         What was guessed, and why.
     """
@@ -78,6 +88,11 @@ class Guess:
     force_unit: str
     pulse: str
     reasons: tuple[tuple[str, str], ...]
+
+    @property
+    def quantity(self) -> str:
+        """What the sensor measured: ``force`` or ``torque``."""
+        return TORQUE if self.force_unit in TORQUE_UNITS else FORCE
 
 
 def guessed(
@@ -103,7 +118,7 @@ def guessed(
     sampling_rate_hz : float, optional
         Rate of the samples of a table without times [Hz].
     force_scale : float, optional
-        Newtons of one unit of the force signal.
+        Newtons of one unit of the force signal; newton metres if `force_unit` is one of a torque.
 
     Raises
     ------
@@ -140,7 +155,7 @@ def _guessed(
     signals = {signal.name: signal for signal in file.signals}
     _check_given(file, time, force, pulse)
     _check_unit(units[0], 'time', TIME_UNITS)
-    _check_unit(units[1], 'force', FORCE_UNITS)
+    _check_unit(units[1], 'force', SENSOR_UNITS)
     own_times = all(signal.time is not None for signal in file.signals)
     if time is None and not own_times and not (sampling_rate_hz or file.sampling_rate_hz):
         time = _time(file)
@@ -211,7 +226,7 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
 
 
 def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
-    in_newtons = [one for one in signals if _SYNONYMS.get(one.unit, one.unit) in FORCE_UNITS]
+    in_newtons = [one for one in signals if _SYNONYMS.get(one.unit, one.unit) in SENSOR_UNITS]
     named = [one for one in signals if _FORCE.search(one.name)]
     both = [one for one in in_newtons if one in named]
     for chosen in (both, in_newtons, named, signals):
@@ -229,19 +244,20 @@ def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
 
 def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple[str, str]:
     if scale is not None:
-        return 'N', f'{scale:g} N a unit (--force-scale)'
+        whole = 'Nm' if given in TORQUE_UNITS else 'N'
+        return whole, f'{scale:g} {whole} a unit (--force-scale)'
     if given is not None:
         return given, 'as stated (--force-unit)'
     stated = _SYNONYMS.get(signal.unit, signal.unit)
-    if stated in FORCE_UNITS:
+    if stated in SENSOR_UNITS:
         return stated, 'as the file says'
     if stated in ('', '-', 'a.u.', 'au'):
         return 'N', 'not stated (--force-unit decides)'
     raise Ambiguous(
-        f'expected a force in {", ".join(FORCE_UNITS)}, got {signal.name!r} in {stated}: '
+        f'expected a force in {", ".join(SENSOR_UNITS)}, got {signal.name!r} in {stated}: '
         '--force-scale N-PER-UNIT or --force-unit decides',
         '--force-unit',
-        list(FORCE_UNITS),
+        list(SENSOR_UNITS),
     )
 
 

@@ -12,7 +12,9 @@ import numpy as np
 from rpms_ros.pulses import FloatArray
 
 _BRACKETS = re.compile(r'^.*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
-_ENDING = re.compile(r'^.*[_/ ]\s*(us|ms|s|mN|kN|N|mV|V|g|kg|gf|kgf|lbf)$')
+_ENDING = re.compile(
+    r'^.*[_/ ]\s*(us|ms|s|mN|kN|N|mV|V|g|kg|gf|kgf|lbf|Nm|mNm|kNm|kgm|ft-lbs?|ft-lbf)$'
+)
 
 
 @dataclass(frozen=True)

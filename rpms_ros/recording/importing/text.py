@@ -25,7 +25,8 @@ _MARKS = {
 _SEPARATORS = {'\t': 'tab', ';': 'semicolon', ',': 'comma', ' ': 'spaces'}
 _CLOCK = re.compile(r'^(?:(\S+)[T ])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*Z?$')
 _UNITS = re.compile(
-    r'^[\[(]?\s*(?:s|sec|seconds?|ms|us|µs|μs|min|N|mN|kN|V|mV|g|kg|gf|kgf|lbf|Nm|'
+    r'^[\[(]?\s*(?:s|sec|seconds?|ms|us|µs|μs|min|N|mN|kN|V|mV|g|kg|gf|kgf|lbf|'
+    r'm?k?N[ ·*.-]?m|kg ?m|ft[ -]lb[fs]?|'
     r'm|mm|%|1|-|a\.?u\.?|)\s*[\])]?$'
 )
 _LOOKED_AT = 200

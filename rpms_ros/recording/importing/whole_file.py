@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from dataclasses import fields
 from pathlib import Path
 
+from rpms_ros.axis import FORCE
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
@@ -33,7 +35,7 @@ class ImportOptions:
     time_unit, force_unit : str or None
         Units.
     force_scale : float or None
-        Newtons of one unit of the force signal.
+        Newtons of one unit of the force signal; newton metres with a unit of a torque.
     sampling_rate : float or None
         Rate of a table without times [Hz].
     threshold : float or None
@@ -75,12 +77,15 @@ class Imported:
         How it was read and what was guessed, for people.
     guessed : bool
         Whether anything was.
+    quantity : str
+        What was measured: ``force`` [N] or ``torque`` [N m].
     """
 
     pulses: PulseTrain
     forces: ForceTrace
     facts: tuple[tuple[str, str], ...]
     guessed: bool
+    quantity: str = FORCE
 
 
 def is_foreign(path: Path) -> bool:
@@ -134,8 +139,9 @@ def import_file(
                 f'expected no options for an export, in which everything is stated, got '
                 f'{", ".join(names)} with {path}'
             )
-        pulses, forces = read_export(path)
-        return Imported(pulses, forces, (('file', 'export of rpms'),), guessed=False)
+        pulses, forces, unit = read_export(path)
+        facts = (('file', 'export of rpms'),)
+        return Imported(pulses, forces, facts, guessed=False, quantity=QUANTITIES[unit])
     choices = ImportChoices(
         GateSettings(options.threshold, options.intensity),
         options.sampling_rate,
@@ -144,6 +150,6 @@ def import_file(
     file = read_signals(path, options.block, options.sheet)
     guess = decide(file, options)
     pulses, forces = converted(file, guess, choices)
-    facts = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons)
+    read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons)
     named = None not in (options.time, options.force, options.pulse)
-    return Imported(pulses, forces, facts, guessed=not named)
+    return Imported(pulses, forces, read, guessed=not named, quantity=guess.quantity)

@@ -39,6 +39,10 @@ _ADVICE = (
     ('converged', 'Identify again with --estimator batch, which uses all of the recording.'),
     ('a muscle only pulls', 'Identify again with --estimator batch, which uses all data.'),
     ('force_clipped', 'Use a larger range of the sensor, or lower intensities.'),
+    (
+        'the muscle changed',
+        'Identify again with --estimator tracking, which follows a muscle that changes.',
+    ),
     ('not white', 'Look at the force below: the patient may have tensed, or the coil moved.'),
     ('held out', 'Look at the time courses: what changed in the last part of the session?'),
     ('baseline drifts', 'Let the sensor warm up and zero it before the session.'),

@@ -19,6 +19,7 @@ from rpms_ros.report.session.traces import force_traces
 from rpms_ros.report.templates import image_url
 from rpms_ros.report.templates import page_template
 from rpms_ros.report.templates import shipped
+from rpms_ros.report.text import with_interval
 
 UNKNOWN = 'not known'
 # The year 2000: stamps before are those of a clock that began with the machine or the trial.
@@ -63,7 +64,7 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
     document : dict
         What the tables show, as `as_document` makes it; it is inside the page as JSON too.
     """
-    template = page_template(_HERE, number=number, percent=percent)
+    template = page_template(_HERE, number=number, percent=percent, with_interval=with_interval)
     return template.render(
         document,
         document=document,
