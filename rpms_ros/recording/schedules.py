@@ -35,7 +35,7 @@ class RecordedSchedule:
     accepted_ns: int = documented('stamp of its acceptance [ns]')
 
     def __str__(self) -> str:
-        who = f', asked for by {self.operator}' if self.operator else ''
+        who = f', started by {self.operator}' if self.operator else ''
         return (
             f'{self.name}, {self.pulses} pulses, {self.duration_s:g} s{who}, sha256 {self.sha256}'
         )

@@ -103,7 +103,7 @@ def _draw_example(axes: Axes, found: TwitchAnalysis) -> None:
     response = found.example
     index = int(np.argmax(found.fits.column(PEAK, found.choice.order)))
     lag, force = response.lag, np.where(response.usable, response.force, np.nan)
-    axes.plot(1e3 * lag, force, color=MEASURED, lw=2.5, label='measured, artifact left out')
+    axes.plot(1e3 * lag, force, color=MEASURED, lw=2.5, label='measured, without artifact')
     for place, order in enumerate(found.fits.orders):
         onset, constant, peak, base = found.fits.table[index, place, :4]
         axes.plot(

@@ -34,7 +34,7 @@ MEANING_OF_CHANGE = {
     'dynamics': 'the response to a pulse has another shape',
     'baseline': 'the force at rest jumped: the sensor or the posture, not the muscle',
 }
-_UNNAMED = 'the force no longer fits the muscle as it was known; what changed is not told'
+_UNNAMED = 'the force no longer fits the muscle before; the kind of the change is not determined'
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,8 +42,8 @@ def _what(course: Course) -> str:
 def _not_told(course: Course) -> str:
     name = course.estimates[-1].estimator
     return (
-        f'The estimator {name} takes the muscle for one that does not change; the estimator '
-        'tracking tells whether it did.'
+        f'The estimator {name} assumes a muscle that does not change; the estimator '
+        'tracking can find out.'
     )
 
 

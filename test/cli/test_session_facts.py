@@ -65,7 +65,7 @@ def announced(short_session: Path, tmp_path: Path) -> Path:
 def test_info_and_verify_show_name_and_hash(rpms: Rpms, announced: Path) -> None:
     code, out, err = rpms('info', announced)
     assert (code, err) == (0, '')
-    line = f'warm-up, 200 pulses, 10 s, asked for by ada, sha256 {HASH}'
+    line = f'warm-up, 200 pulses, 10 s, started by ada, sha256 {HASH}'
     assert f'accepted: {line}' in ' '.join(out.split())
     code, out, _ = rpms('verify', announced)
     assert code == 0

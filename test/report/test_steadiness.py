@@ -111,4 +111,4 @@ def test_an_estimator_that_takes_the_muscle_for_constant_does_not_tell(
     made_up: ModuleType,
 ) -> None:
     text = told(made_up, np.full(COUNT, 10.0), rate_names=(), rate=np.empty(0))
-    assert 'takes the muscle for one that does not change' in text
+    assert 'assumes a muscle that does not change' in text

@@ -70,7 +70,7 @@ def draw_course(axes: list[Axes], course: Course, truth: Truth = None) -> None:
         for change in course.changes:
             place.axvline(change.time_s, color=FAINT, ls=':', lw=1.4)
     top = axes[0]
-    top.set_title('What was known while the session went on')
+    top.set_title('Estimates during the session')
     for change in course.changes:
         top.annotate(
             change.kind,
@@ -150,7 +150,7 @@ def _draw_disturbance(place: Axes, course: Course, truth: Truth) -> None:
     force = course.force.value[course.force.known]
     span = _FORCE_SPAN * float(np.median(np.abs(force))) if len(force) else 0.0
     what = QUANTITIES[course.estimates[-1].unit]
-    line = _Line(f'{what} of something else, as effort', course.disturbance, true)
+    line = _Line(f'{what} not caused by the stimulation', course.disturbance, true)
     # a burst may be short: all of it is shown
     _draw_lines(place, course, [line], 0.0, span, 0.0)
     place.set_ylabel(f'{what} / {course.estimates[-1].unit}')

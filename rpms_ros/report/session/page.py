@@ -29,11 +29,11 @@ CAPTIONS = {
     'recruitment': 'Steady force over intensity with its band; the bars below show which '
     'intensities were used.',
     'response': 'Force after one pulse, from the pulse on.',
-    'parameters': 'What was known at each time, with 95 % bands; dotted lines are sudden changes, '
+    'parameters': 'Estimates over time, with 95 % bands; dotted lines are sudden changes, '
     'hatched spans are doubtful, dashed is the truth where the muscle was simulated.',
     'force': 'Measured and modelled force at the end of the stimulation, and their difference.',
-    'residuals': 'What is left of the force: within the dashed lines it is noise.',
-    'held_out': 'Force that was not learnt from, and what was foretold of it.',
+    'residuals': 'Correlations of the residual: within the dashed lines it is white noise.',
+    'held_out': 'Force that was not learnt from, and its prediction.',
     'schedule': 'The pulses that were delivered, and their energy.',
 }
 """One sentence a figure."""

@@ -202,8 +202,8 @@ def test_one_intensity_is_said_and_not_drawn(
 def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
     analysis: SessionAnalysis, page: str
 ) -> None:
-    assert 'states no intervals' in page
-    assert 'states no physiology' in page
+    assert 'has no intervals' in page
+    assert 'has no physiology' in page
     last = analysis.session.last
     size = len(last.nonlinear)
     richer = replace(
