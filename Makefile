@@ -73,6 +73,7 @@ lint: build
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 	tools/headers --check
+	tools/sizes --check
 
 format: build
 	$(BIN)/ruff check --fix .

@@ -81,15 +81,12 @@ class Totals:
         Largest rate between two neighbouring pulses [Hz]; 0 with fewer than two.
     highest_intensity : float
         Largest share of the maximum.
-    mean_square_intensity : float
-        Mean of the squared intensity over the pulses, which the coil's energy goes with.
     """
 
     pulses: int
     duration: float
     highest_rate_hz: float
     highest_intensity: float
-    mean_square_intensity: float
 
 
 @dataclass(frozen=True)
@@ -183,7 +180,6 @@ class Schedule:
             duration=plan.duration_ns / NANOSECONDS_PER_SECOND,
             highest_rate_hz=NANOSECONDS_PER_SECOND / float(gaps.min()) if len(gaps) else 0.0,
             highest_intensity=float(plan.intensity.max()) if some else 0.0,
-            mean_square_intensity=float(np.mean(plan.intensity**2)) if some else 0.0,
         )
 
     def pulses(self, start_ns: int = 0) -> PulseTrain:

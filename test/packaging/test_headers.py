@@ -2,26 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every source file says whose it is and under which licence; tools/headers writes it."""
 
-import importlib.util
-from importlib.machinery import SourceFileLoader
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-TOOL = Path(__file__).parents[2] / 'tools' / 'headers'
 NOTICE = '# Copyright 2026 rpms_ros contributors\n# SPDX-License-Identifier: Apache-2.0\n'
 CSS_NOTICE = NOTICE.replace('# ', '/* ').replace('\n', ' */\n')
 
 
 @pytest.fixture
-def headers() -> ModuleType:
-    loader = SourceFileLoader('headers', str(TOOL))
-    specification = importlib.util.spec_from_loader('headers', loader)
-    assert specification is not None
-    module = importlib.util.module_from_spec(specification)
-    loader.exec_module(module)
-    return module
+def headers(tool: Callable[[str], ModuleType]) -> ModuleType:
+    return tool('headers')
 
 
 def test_no_file_is_without(headers: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:

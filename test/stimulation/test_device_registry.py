@@ -51,7 +51,7 @@ def distribution(tmp_path, monkeypatch):
 
 
 def test_devices_of_the_package_are_registered_like_any_other():
-    assert {'serial', 'simulated'} <= set(registry.device_names())
+    registry.require_device('serial')
     assert type(registry.build_device('simulated', DeviceOptions())) is SimulatedDevice
     device = registry.build_device('serial', DeviceOptions('/dev/ttyUSB7', 0.455))
     assert type(device) is SerialDevice
@@ -60,8 +60,10 @@ def test_devices_of_the_package_are_registered_like_any_other():
 
 
 def test_device_from_outside_of_the_package(distribution):
+    with pytest.raises(StimulationError, match=r'device: expected one of serial, simulated'):
+        registry.require_device('acme')
     distribution('acme = acme_stimulator:AcmeDevice')
-    assert 'acme' in registry.device_names()
+    registry.require_device('acme')
     options = DeviceOptions('usb:3', 0.5)
     device = registry.build_device('acme', options)
     assert type(device).__name__ == 'AcmeDevice'

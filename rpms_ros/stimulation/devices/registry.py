@@ -41,11 +41,6 @@ class DeviceOptions:
 DeviceBuilder = Callable[[DeviceOptions], Device]
 
 
-def device_names() -> tuple[str, ...]:
-    """Return the names of all devices that are installed."""
-    return tuple(sorted(_registered()))
-
-
 def require_device(name: str) -> None:
     """Raise StimulationError unless a device of this name is installed, by one distribution."""
     registered = _registered()

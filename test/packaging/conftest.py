@@ -1,0 +1,26 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Scripts of the folder tools as modules; they have no ending."""
+
+import importlib.util
+from collections.abc import Callable
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture
+def tool() -> Callable[[str], ModuleType]:
+    """Load a fresh module from a script of tools/."""
+
+    def load(name: str) -> ModuleType:
+        loader = SourceFileLoader(name, str(Path(__file__).parents[2] / 'tools' / name))
+        specification = importlib.util.spec_from_loader(name, loader)
+        assert specification is not None
+        module = importlib.util.module_from_spec(specification)
+        loader.exec_module(module)
+        return module
+
+    return load
