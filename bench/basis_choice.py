@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Muscles whose latency, time constant and order the batch is not told.
+"""Error of the batch on muscles of unknown latency, time constant and order.
 
 `python bench/basis_choice.py [--seeds 5] [--seconds 30]`
 
@@ -39,7 +39,7 @@ def outcome(muscle, excitation, seed, seconds):
     found = estimator.estimate(int(what.stamp_ns[-1]), {})
     truth = what.curve[-1]
     error = 100.0 * np.abs(found.curve_force - truth).max() / truth.max()
-    # intensities below 5 % have no force to speak of
+    # intensities below 5 % give hardly any force
     held = (found.curve_lower <= truth)[5:] & (truth <= found.curve_upper)[5:]
     read = dict(zip(found.physiology_names, found.physiology, strict=True))
     return (

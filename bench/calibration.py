@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How often the 95 % intervals hold the truth: 200 noisy sessions of 15 s each.
+"""How often the 95 % intervals contain the truth: 200 noisy sessions of 15 s each.
 
 `python bench/calibration.py [sessions]`
 """

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How soon the curve is right, and stays right: 20 seeds each.
+"""Time until the error of the curve stays within 1 %: 20 seeds each.
 
 `python bench/convergence.py [seeds]`
 """

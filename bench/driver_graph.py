@@ -58,7 +58,7 @@ def graph(nodes, code=''):
 
 
 def start(name, parameters, code=''):
-    """Start a node as a process, by its module or by a program of one's own."""
+    """Start a node as a process, by its module or by a program text."""
     values = [f'{key}:={value}' for key, value in parameters.items()]
     arguments = [argument for value in values for argument in ('-p', value)]
     return subprocess.Popen(

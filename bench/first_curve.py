@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How long a stranger waits for a live curve in the browser after `rpms demo --live`.
+"""Time from `rpms demo --live` to the first curve in the browser.
 
 Once with nothing compiled, as after installation, and once more.  The target is two minutes.
 

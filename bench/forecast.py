@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How long the forecast of a long schedule takes: the executor's signs of life wait for it.
+"""Duration of the forecast of a long schedule, during which the executor gives no sign of life.
 
 Process time, the best of some, for each device specification of the package.
 """
@@ -25,7 +25,7 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     length_s = arguments.pulses / RATE_HZ
     schedule = Schedule((UniformRandom(RATE_HZ, length_s, low=0.0, high=1.0),))
-    # worked out once, whoever asks for it
+    # computed once, then cached
     count = len(schedule.plan)
     for name in profile_names():
         specification = load_device_specification(name)

@@ -93,7 +93,7 @@ def wait_for(predicate, timeout_s=20.0):
 
 def kill(*names):
     def act(trial):
-        # one after the other would leave the second a moment to act
+        # if killed one after the other, the second could still act
         pids = [trial.driver.pid if name == 'driver' else trial.guard for name in names]
         for pid in pids[: len(pids) - 1]:
             os.kill(pid, signal.SIGSTOP)
@@ -136,7 +136,7 @@ def measured(context, act):
         act(trial)
         after_hang = 0
         if fake.hang:
-            # the driver gives up; later the instrument goes on with what it has in its ears
+            # the driver gives up; later the instrument continues with its input queue
             trial.heard(5.0)
             time.sleep(0.05)
             given = len(fake.triggers)
@@ -146,7 +146,7 @@ def measured(context, act):
             after_hang = len(fake.triggers) - given
         else:
             wait_for(lambda: not fake.armed)
-            # longer than the bound by far: what has not come by then never comes
+            # much longer than the bound: later pulses are not expected
             time.sleep(0.2)
             silent = fake.triggers[-1][0] - began
         moment, by = fake.disarmed[-1]

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Cost of the horizon estimator at 1 kHz with a 20 s horizon, beside others who do a part.
+"""Cost of the horizon estimator at 1 kHz with a 20 s horizon, beside other libraries.
 
 `python bench/horizon.py [--hour]`; with --hour also the memory over a simulated hour.
 """

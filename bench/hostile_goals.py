@@ -21,7 +21,7 @@ def main() -> int:
     arguments = parser.parse_args()
     command = [sys.executable, '-m', 'pytest', '-q', '-s', '--timeout=0', TEST]
     environment = {**os.environ, 'RPMS_HOSTILE_GOALS': str(arguments.count)}
-    # the node says a line to each of them
+    # the node logs a line for each of them
     answer = subprocess.run(
         command,
         cwd=ROOT,

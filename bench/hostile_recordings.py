@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings that were mutated or had a bit flipped: what the commands make of them.
+"""Behaviour of the commands on mutated recordings and on recordings with a flipped bit.
 
 Mutations: bytes changed, cut out, doubled, cut off, of every file of small recordings in every
 storage, one of them packed as a whole, given to `rpms info`, `verify` and `identify`.  None may
@@ -120,7 +120,7 @@ def run(command: str, path: Path) -> tuple[int | str, str]:
 
 
 def try_mutations(paths: list[Path], count: int, seed: int) -> Counter[str]:
-    """Return how many mutations ended how; print what must not happen."""
+    """Return how many mutations ended how; print those that must not occur."""
     generator = random.Random(seed)
     ends: Counter[str] = Counter()
     for number in range(count):
@@ -151,7 +151,7 @@ def shown(output: str) -> tuple[dict[str, object], dict[str, object]]:
 
 
 def try_flips(paths: list[Path], count: int, seed: int) -> Counter[str]:
-    """Return how many flips ended how; print those that pass unnamed."""
+    """Return how many flips ended how; print those that are not reported."""
     generator = random.Random(seed)
     clean = {path: run('identify', path) for path in paths}
     ends: Counter[str] = Counter()
@@ -191,7 +191,7 @@ def main() -> int:
     os.environ.setdefault('OMP_NUM_THREADS', '1')
     with tempfile.TemporaryDirectory() as name:
         paths = simulated(Path(name))
-        # What is compiled once is in nobody's time.
+        # Compilation does not count.
         for path in paths:
             run('identify', path)
         mutations = try_mutations(paths, arguments.mutations, arguments.seed)

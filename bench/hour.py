@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`rpms identify` of one hour at 1 kHz, from start to result, as a process of its own.
 
-3.6 million WrenchStamped and 72,000 pulses from mcap that lies in the page cache.  The targets are
+3.6 million WrenchStamped and 72,000 pulses from mcap in the page cache.  The targets are
 15 s for the recursion, and 8 s and 1.5 GB for the batch.  Processor time stands beside the time
 on the clock, since other work on the machine lengthens that.
 
@@ -25,7 +25,7 @@ SECONDS_PER_HOUR = 3600.0
 
 @dataclass(frozen=True)
 class Cost:
-    """What one run took.
+    """Resources of one run.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ def simulate(path: Path, duration: float) -> None:
 
 
 def identify(path: Path, estimator: str) -> Cost:
-    """Run the command once, as its user would."""
+    """Run the command once."""
     options = ('--preset', 'paper_table_4') if estimator == 'recursive' else ()
     command = [sys.executable, '-m', 'rpms_ros.cli', 'identify', str(path), '--json']
     begun = time.perf_counter()
@@ -71,8 +71,8 @@ def identify(path: Path, estimator: str) -> Cost:
 
 
 def measure(path: Path, short: Path, estimator: str, repeat: int) -> bool:
-    """Print what the estimator takes; return whether the quickest run is within the targets."""
-    # What is compiled and cached once is in nobody's time.
+    """Print the resources of the estimator; return whether its best run meets the targets."""
+    # Compilation does not count.
     identify(short, estimator)
     costs = [identify(path, estimator) for _ in range(repeat)]
     for cost in costs:

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the live page costs at 1 kHz, and whether a recording made beside it lacks anything.
+"""Cost of the live page at 1 kHz, and losses of a recording made at the same time.
 
 A simulated session as `rpms demo --live` starts it.  Beside it runs a plain rclpy node that hears
 the same topics and does nothing, in the quickest executor.  The target is at most 5 % of a core
@@ -93,7 +93,7 @@ class Browser(threading.Thread):
 
 
 def never_reads(port: int) -> socket.socket:
-    """A connection whose frames nobody reads."""
+    """A connection that never reads its frames."""
     raw = socket.create_connection(('127.0.0.1', port))
     raw.sendall(
         b'GET /stream HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'

@@ -1,10 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How a muscle that changes is followed: `tracking`, with the oracle that is told of the change.
+"""Errors of `tracking` on a muscle that changes, beside an oracle that is told of the change.
 
 `python bench/living.py [--seeds 20] [--hours 1] [kinds ...]`
 
-Sessions of 90 s at 20 Hz with 0.5 % noise, latency 9 ms; nothing of that is told to the estimator.
+Sessions of 90 s at 20 Hz with 0.5 % noise, latency 9 ms, all unknown to the estimator.
 Errors are those of the recruitment curve against its maximum, from 15 s on; coverage is the share
 of the curve within its 95 % band.
 """
@@ -17,7 +17,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-# the matrices are small: a second thread of the linear algebra only waits, and counts as work
+# the matrices are small: a second thread of the linear algebra only waits, which counts as time
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
@@ -39,7 +39,7 @@ RIGHT = {'coil moved': 'thresholds', 'gain step': 'gain', 'slower': 'dynamics'}
 
 
 class Outcome:
-    """What an estimator made of a session, every half second."""
+    """Results of an estimator, every half second."""
 
     def __init__(self, estimator, recording, told=None):
         estimator.add_pulses(recording.onset_ns, recording.intensity)
@@ -104,7 +104,7 @@ def row(name, outcomes):
 
 
 def changing(kind, excitation, outcomes, seeds):
-    """Print when and as what a change was found, and the oracle beside it."""
+    """Print when a change was found and its kind, and the same of the oracle."""
     found = np.array([one.found_after for one in outcomes])
     named = [one.kinds[-1:] == (RIGHT[kind],) for one in outcomes]
     back = np.array([one.back_after for one in outcomes])
@@ -125,7 +125,7 @@ def changing(kind, excitation, outcomes, seeds):
 
 
 def rates(recordings, outcomes):
-    """Print how far the rate of change of the force is from the truth."""
+    """Print the error of the rate of change of the force."""
     away = []
     for recording, one in zip(recordings, outcomes, strict=True):
         force = np.log(recording.curve[:, -1])
@@ -143,7 +143,7 @@ def rates(recordings, outcomes):
 
 
 def unknown_dynamics(seeds):
-    """Print errors in muscles whose latency, time constant and order are not told."""
+    """Print errors in muscles of unknown latency, time constant and order."""
     for latency, constant, order in DYNAMICS:
         constant = SUBJECT.time_constant if constant is None else constant
         subject = replace(SUBJECT, latency=latency, time_constant=constant, order=order)

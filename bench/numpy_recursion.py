@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The modified recursive Levenberg-Marquardt algorithm in plain NumPy: to read, and to compare.
 
-Same equations as `rpms_ros.identification.recursion_kernel`, written as they stand, with NumPy's
-own linear algebra and neither compilation nor thrift.  It is the peer of the benchmark and the
+Same equations as `rpms_ros.identification.recursion_kernel`, written as in the paper, with NumPy's
+linear algebra, not compiled and not optimised.  It is compared in the benchmark and is the
 reference of the kernel's test.
 """
 

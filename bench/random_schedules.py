@@ -3,8 +3,8 @@
 """Random schedules, faults and interleavings of threads, in virtual time: 100,000 of them.
 
 Runs test/stimulation/test_controller_property.py with as many examples as asked for; exit code 1
-if a pulse breaks a limit of device or patient, follows a stop, a dead heart or its latest time, or
-is not told.
+if a pulse violates a limit of device or patient, comes after a stop, a missed heartbeat or its
+latest time, or is not reported.
 """
 
 import argparse

@@ -1,10 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder node as a process of its own at 5 kHz: what it loses, and what a kill leaves.
+"""The recorder node as a separate process at 5 kHz: losses, and losses after a kill.
 
 First WrenchStamped for 60 s at 5 kHz, and pulses at 20 Hz, after which the recording has to hold
 every one of them in order.  Then short recordings whose recorder is killed with SIGKILL at a
-random moment: every one has to open and to hold all that was published up to one second before
+random moment: every one has to open and to contain all messages up to one second before
 the kill.
 
 python bench/recorder.py [--duration 60] [--kills 20] [--rate 5000] [--seed 1]
@@ -41,25 +41,25 @@ from rpms_ros.pulses import Pulse
 from rpms_ros.recording import read_recording
 
 PATIENCE = 30.0
-# What a kill may cost [s].
+# Largest loss by a kill [s].
 MAY_BE_LOST = 1.0
 SHORTEST, LONGEST = 1.5, 4.0
 SAMPLES_PER_PULSE = 250
 _LEAST_PAUSE = 2e-4
-# Several flush periods without a byte: nothing more will come.
+# Several flush periods without a byte: nothing more is expected.
 _QUIET = 2.0
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What was published and what a recording holds of it.
+    """Published and recorded messages.
 
     Attributes
     ----------
     published, recorded : int
         Samples of force.
     in_order : bool
-        Whether what was recorded, pulses as well, is what came first, in order and without a hole.
+        Whether samples and pulses were recorded in order and without a gap up to the last one.
     lost_time : float
         From the first sample that is missing to the end of publishing [s].
     duration : float
@@ -205,7 +205,7 @@ def run_whole(folder: Path, rate: float, duration: float) -> bool:
 
 
 def run_kills(folder: Path, rate: float, kills: int, seed: int) -> bool:
-    """Kill recorders at random moments; print and judge what is left."""
+    """Kill recorders at random moments; print and judge the recordings."""
     generator = random.Random(seed)
     found = [
         record(folder / f'killed_{number}', rate, generator.uniform(SHORTEST, LONGEST), kill=True)

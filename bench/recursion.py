@@ -4,7 +4,7 @@
 
 In blocks of 1000 samples and as single samples through the Python call, beside the plain NumPy
 version of the same equations and beside padasip's RLS with 8 weights, which does a part only: the
-linear parameters, with regressors that somebody else has computed.  Process time, median of
+linear parameters, with given regressors.  Process time, median of
 repetitions.  Import time is that of a fresh interpreter with a warm cache.
 """
 

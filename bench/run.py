@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Run the benchmarks that stand beside this file, all or those named, and print their figures.
+"""Run the benchmarks of this folder, all or those named, and print their figures.
 
 `make bench` runs all of them; `make bench ARGS=recursion` one.
 """
@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 
 
 def is_benchmark(path: Path) -> bool:
-    """Whether the file runs by itself; the others are read by benchmarks."""
+    """Whether the file is a benchmark; the others are imported by benchmarks."""
     return path.name != 'run.py' and "if __name__ == '__main__':" in path.read_text('utf-8')
 
 

@@ -23,7 +23,7 @@ EXPERIMENTAL = ProjectionSettings(start=RecruitmentParameters(0.40, 0.90, 10.0))
 
 
 class Scenario(NamedTuple):
-    """A recording, and what lies behind it."""
+    """A recording and its true values."""
 
     subject: Subject
     onset_ns: np.ndarray
@@ -73,7 +73,7 @@ def table_4(seed, seconds, kind='random', noise=0.0):
 
 
 def experiment(seed, seconds):
-    """Return a recording as in the paper's experiments, with all that disturbs them."""
+    """Return a recording as in the paper's experiments, with their disturbances."""
     generator = np.random.default_rng(seed)
     count = int(seconds * RATE)
     jitter = generator.uniform(0.0, 0.7 * MILLISECOND, count)

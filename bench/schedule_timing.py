@@ -46,7 +46,7 @@ def main(argv=None):
         'realtime_priority': arguments.priority,
         'schedule': 'constant',
         'high': 0.3,
-        # twice the rate: what is measured is the clock, not the rate limit
+        # twice the rate: the lateness is measured, not the rate limit
         'maximum_rate': 2 * arguments.rate,
         'rate': arguments.rate,
         'duration': arguments.duration,

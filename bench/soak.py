@@ -75,7 +75,7 @@ class Graph:
     def remove(self, node):
         self._nodes.remove(node)
         self._executor.remove_node(node)
-        # What is in the executor's queue by now would be called on a node that is gone.
+        # Callbacks in the executor's queue would be called on a destroyed node.
         for _ in range(_LAST_EVENTS):
             self._executor.spin_once(timeout_sec=0.0)
         node.destroy_node()
@@ -156,7 +156,7 @@ def slope_mb(memory):
 
 
 def without_publishers(estimate):
-    """The estimate without the doubts that come of who is on the graph, which only a node sees."""
+    """The estimate without the doubts about publishers, which only a node can have."""
     return replace(
         estimate, doubts=tuple(name for name in estimate.doubts if name not in _NODE_ONLY)
     )
@@ -168,7 +168,7 @@ def check_recordings(paths, estimator):
     for path in paths:
         recording = read_recording(path)
         faults_of_recording = Counter(recording.facts.faults)
-        # A second sensor is told apart, and named.
+        # A second sensor is detected and reported.
         found['messages of others'] += faults_of_recording.pop('several_publishers', 0)
         found['faults of recordings'] += sum(faults_of_recording.values())
         found['pulses recorded'] += len(recording.pulses)
@@ -213,7 +213,7 @@ def soak(
 
 
 def failures(counts):
-    """Return what does not fit, in words."""
+    """Return what does not fit, as sentences."""
     same = [
         ('force sent', 'force heard', 'force recorded'),
         ('pulses sent', 'pulses heard', 'pulses recorded'),

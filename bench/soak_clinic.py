@@ -34,7 +34,7 @@ SCHEDULE = (
 )
 NAMESPACE = 'clinic'
 RATE = 100.0
-# A process that simulates an hour besides may be held up for longer than the defaults allow.
+# A process that also simulates an hour may stall for longer than the defaults allow.
 _PATIENT = {
     'executor_timeout': 10.0,
     'watch_timeout': 10.0,
@@ -105,7 +105,7 @@ class Clinic:
         return self.statuses[-1].state if self.statuses else None
 
     def poll(self):
-        """Do what the people in the room do next."""
+        """Do the next action of the operator."""
         now = time.monotonic()
         if now < self._next_key or self._state is None:
             return

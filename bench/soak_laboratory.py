@@ -61,7 +61,7 @@ class Counting:
 
 
 class CountingIdentifier(Identifier):
-    """An identifier that tells what came into its stream, and what came out."""
+    """An identifier that counts messages and estimates."""
 
     def __init__(self, **options):
         super().__init__(**options)
@@ -95,7 +95,7 @@ class CountingIdentifier(Identifier):
 
 
 class CountingPlant(PlantSimulator):
-    """A plant that tells how many pulses it heard."""
+    """A plant that counts received pulses."""
 
     def __init__(self, **options):
         self.heard = 0
@@ -107,7 +107,7 @@ class CountingPlant(PlantSimulator):
 
 
 class Link(Node):
-    """Hands on what the plant and the stimulator say, with the fault of the hour."""
+    """Relays messages of plant and stimulator, with the present fault."""
 
     def __init__(self, generator, **options):
         super().__init__('link', **options)
@@ -127,10 +127,10 @@ class Link(Node):
         self.create_subscription(WrenchStamped, 'force_true', self._on_force, qos.FORCE, raw=True)
 
     def speak(self):
-        """Begin to publish, anew if there was something before.
+        """Begin to publish, with a new publisher if there was one before.
 
         Subscriptions that were made in this process after a publisher had sent thousands of
-        messages did not hear it, in most runs of this bench; why was not found.
+        messages did not receive from it in most runs of this bench; the cause was not found.
         """
         for publisher in filter(None, (self._force, self._pulses)):
             self.destroy_publisher(publisher)
@@ -138,13 +138,13 @@ class Link(Node):
         self._pulses = self.create_publisher(PulseMessage, 'pulses', qos.PULSES)
 
     def give_anew(self):
-        """Begin to publish what the muscle gets, for the same reason."""
+        """Begin to publish the pulses of the muscle, with a new publisher for the same reason."""
         if self._given is not None:
             self.destroy_publisher(self._given)
         self._given = self.create_publisher(PulseMessage, 'pulses_given', qos.PULSES)
 
     def begin_step(self, fault):
-        """Let something go wrong until the next step."""
+        """Introduce a fault until the next step."""
         self.fault = fault
         if fault:
             self.injected[fault] += 1
@@ -198,7 +198,7 @@ class Link(Node):
 
 
 class SecondSensor(Node):
-    """Says something else about the force for a while."""
+    """Publishes another force for some time."""
 
     def __init__(self, **options):
         super().__init__('second_sensor', **options)

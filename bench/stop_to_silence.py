@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""From what stops a train to its last pulse: the real node with a simulated device, under load.
+"""Time from the cause of a stop to the last pulse: real node, simulated device, under load.
 
 A trial arms the driver as an operator, starts a train at 50 Hz, and at a random moment does one of
 
@@ -34,14 +34,14 @@ from driver_graph import start
 RATE_HZ = 50.0
 MARGIN_S = 0.020
 SCHEDULE = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.3}]'
-# longer than the bound by far: what has not come by then never comes
+# much longer than the bound: later pulses are not expected
 SILENCE_S = 0.3
 BLOCKED_S = 0.6
 CAUSES = ('button', 'cancel', 'enable', 'client', 'signal', 'stopped', 'blocked')
 # after these the driver is started again
 ENDS_DRIVER = ('signal',)
 PARAMETERS = {'maximum_rate': RATE_HZ, 'lateness_limit': 0.01}
-# a driver whose executor is held up by a service that sleeps
+# a driver whose executor is blocked by a service that sleeps
 BLOCKING = f"""
 import sys, time
 from rpms_ros.nodes import stimulator_driver
@@ -223,7 +223,7 @@ class Trials:
         if cause == 'client' or cause in ENDS_DRIVER:
             self.close_client()
         if self.client is not None:
-            # the word that ends a trial whose cause was not the client's
+            # ends a trial whose cause was not the client
             if cause not in ('cancel', 'enable'):
                 self.tell('over')
             self.wait(lambda: b'ended' in (self.client.stdout.read(1000) or b''))

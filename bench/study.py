@@ -39,7 +39,7 @@ def main() -> int:
             for seed in range(arguments.count):
                 options = ['--duration', str(arguments.seconds), '--seed', str(seed), '--quiet']
                 rpms(['simulate', '--out', str(sessions / f'{seed:04}'), *options])
-            # What is compiled and cached once is in nobody's time.
+            # Compilation does not count.
             study(sessions / '0000', Path(folder, 'warm'), 1)
             spans = {jobs: study(sessions, Path(folder, str(jobs)), jobs) for jobs in (1, 2)}
         tables = {Path(folder, str(jobs), 'results.csv').read_bytes() for jobs in spans}

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Trains of a rat at 100 Hz: equal pulses, pulses weighed by those before, the history law.
+"""Trains of a rat at 100 Hz: equal pulses, pulses weighted by those before, the history law.
 
 The law is learned on the trains of 4 and 7 pulses; all have a latency, T_a, gain and baseline of
 their own.  Needs the recordings of RPMS_RECORDINGS.

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A patient who comes back: how soon the curve is right, from the last session and without it.
+"""Time until the curve of a returning patient is right, with the last session and without it.
 
 Pulses of random intensity at 20 Hz, 0.5 % noise, people drawn at random.  Last session: 20 s.
 Today the threshold and saturation have moved by up to 0.01, the gain by up to 9 %, so that the

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Starts from all over the place: which share ends at the right minimum.
+"""Share of fits from random starts that end at the right minimum.
 
 `python bench/wide_starts.py [draws]`
 """

@@ -158,7 +158,7 @@ def without_force(
     response: FloatArray,
     moments: FloatArray,
 ) -> None:
-    """Write the sums of a block with the force ``values^T e(tau)`` taken off the samples."""
+    """Write the sums of a block without the force ``values^T e(tau)`` in its samples."""
     response[:] = blocks.response[here]
     moments[:] = blocks.moments[here]
     for row in range(len(values)):

@@ -66,7 +66,7 @@ from rpms_ros.pulses import nanoseconds
 
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
-# What has changed is looked for so often, and for so long, until it is clear.
+# Period and duration of the attempts to determine the kind of a change.
 _NAMING_NS = NANOSECONDS_PER_SECOND // 4
 _NAMED_WITHIN_NS = 5 * NANOSECONDS_PER_SECOND
 
@@ -312,9 +312,10 @@ class ExactRecursion(RestorableWithSettings):
             self._learner.learn(memory)
 
     def _name_change(self, changed: bool, rate: float, end_ns: int) -> None:
-        """Find out what has changed; go on from there, and from what holds if that is known.
+        """Determine the kind of a change, and continue with the part of the memory still valid.
 
-        As long as it is not, more samples may tell.  `rate` is how many come a second [Hz].
+        If the kind is not clear, it is tried again with more samples.  `rate` is the sampling
+        rate [Hz].
         """
         settings, learner = self.settings, self._learner
         found = self._since.explain(self._memory, learner.prior, self._bounds)

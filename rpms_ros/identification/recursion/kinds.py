@@ -1,13 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What has changed: the samples since a change, explained in the ways in which a muscle changes.
+"""Kind of a sudden change, by fits to the samples since.
 
-When the errors begin to grow, what is known then is kept, and what comes since is summed apart.
-Once the change is certain, these sums are explained in several ways, each by a prior around the
-muscle as it was known: its gain has changed, its thresholds (the coil has moved), its dynamics, or
-the baseline has jumped.  What an explanation frees it pays for in evidence, the probability of the
-samples with its unknowns integrated out (Laplace's approximation).  The priors are those of
-`rpms_ros.identification.tracking.changes`.
+When the errors begin to grow, the state is stored, and later samples are summed separately.  Once
+the change is certain, several explanations are fitted to these sums, each with a prior around the
+muscle before: a change of the gain, of the thresholds (the coil has moved), of the dynamics, or a
+jump of the baseline.  They are compared by their evidence, the probability of the samples with the
+unknowns integrated out (Laplace's approximation); a wider prior lowers it.  The priors are
+those of `rpms_ros.identification.tracking.changes`.
 """
 
 from dataclasses import dataclass
@@ -35,12 +35,11 @@ from rpms_ros.pulses import FloatArray
 UNKNOWN = 'unknown'
 _STEPS = 8
 _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
-# Standard deviation of a jump of the baseline, as a share of the force; otherwise it stays where
-# it was but for a few thousandths.
+# Standard deviation of the baseline's change with and without a jump, as a share of the force.
 _JUMP, _STAYS = 0.5, 5e-3
-# How much likelier than every other an explanation has to be [nat].
+# Least difference of the evidence to every other explanation [nat].
 _DECISION = 5.0
-# An explanation that leaves more than so many times the noise explains nothing.
+# An explanation with a mean square residual above so many times that of the noise is rejected.
 _UNEXPLAINED = 4.0
 
 
@@ -54,9 +53,10 @@ class Explained:
         `gain`, `thresholds`, `dynamics`, `baseline`; `unknown` if none explains the samples, or
         more than one does.
     theta, linear : ndarray (4,), (functions,)
-        The muscle since, as the likeliest one says; as it was if none explains the samples.
+        The muscle after the change by the most likely explanation; the muscle before if none
+        explains the samples.
     level : float
-        The baseline since [N].
+        The baseline after the change [N].
     """
 
     kind: str
@@ -67,7 +67,7 @@ class Explained:
 
 @dataclass(frozen=True)
 class _Trial:
-    """One explanation: its point, what it leaves, and what it was known to be before.
+    """One explanation: its parameters, its residuals and its prior.
 
     Attributes
     ----------
@@ -76,9 +76,9 @@ class _Trial:
     squares : float
         Sum of the squared residuals [N^2].
     away : float
-        Squared distance from what was known, in standard deviations.
+        Squared distance from the mean of the prior, in standard deviations.
     matrix, information : ndarray (unknowns, unknowns)
-        Of the samples [N^2], and of what was known.
+        Gauss-Newton matrix of the samples [N^2], and inverse covariance of the prior.
     """
 
     point: FloatArray
@@ -88,7 +88,7 @@ class _Trial:
     information: FloatArray
 
     def evidence(self, variance: float) -> float:
-        """Return the logarithm of the evidence, but for a constant, at a variance [nat]."""
+        """Return the logarithm of the evidence for a variance [N^2], without a constant [nat]."""
         scale = np.sqrt(np.diag(self.information))
         known = self.information / np.outer(scale, scale)
         both = known + self.matrix / (variance * np.outer(scale, scale))
@@ -99,20 +99,20 @@ class _Trial:
 def explain(
     recent: Memory, before: Fit, covariance: FloatArray, knowledge: Knowledge, variance: float
 ) -> Explained:
-    """Return what has changed.
+    """Return the kind of a change and the muscle after it.
 
     Parameters
     ----------
     recent : Memory
-        Sums over the samples since.
+        Sums over the samples since the change.
     before : Fit
         The muscle before.
     covariance : ndarray (4 + functions, 4 + functions)
-        Of theta and w then, alpha as logarithms.
+        Covariance of theta and w before, alpha as logarithms.
     knowledge : Knowledge
         Bounds.
     variance : float
-        Of the residuals then, times the factor by which neighbours are alike [N^2].
+        Variance of the residuals before, times the factor of their correlation [N^2].
     """
     samples = max(float(recent.samples[0]), 1.0)
     power = float(recent.energy[0]) / samples + LEAST_ENERGY
@@ -141,7 +141,7 @@ def _tried(
     knowledge: Knowledge,
     variance: float,
 ) -> _Trial:
-    """Fit the samples around what was known, whose `information` is (unknowns, unknowns)."""
+    """Fit the samples with a prior around `before`, of `information` (unknowns, unknowns)."""
     fit = empty_fit(before.theta, len(before.linear), 1)
     known = np.concatenate((coordinates(before.theta), before.linear, before.levels))
     point = known.copy()
@@ -169,12 +169,12 @@ def _tried(
 
 
 def freed(kind: str, theta: FloatArray, linear: FloatArray, force: float) -> FloatArray:
-    """Return what a change leaves unknown of a muscle, as directions of the sums.
+    """Return the directions of the sums in which a change makes a muscle unknown.
 
     Parameters
     ----------
     kind : str
-        Kind of the change, none of `unknown`.
+        Kind of the change, not `unknown`.
     theta, linear : ndarray (4,), (functions,)
         The muscle before.
     force : float
@@ -183,8 +183,8 @@ def freed(kind: str, theta: FloatArray, linear: FloatArray, force: float) -> Flo
     Returns
     -------
     ndarray (directions, knots * functions + 1)
-        Each as large as it may be wrong: the gain, the recruitment at every knot, every
-        coefficient of the response, the baseline by the size of the force.
+        One standard deviation each: the gain, the recruitment at every knot, every coefficient of
+        the response, or the baseline by the size of the force.
     """
     values = np.empty((1 + PARAMETERS, KNOTS))
     recruitment_at_knots(theta, values)

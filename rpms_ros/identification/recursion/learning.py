@@ -55,7 +55,7 @@ class Learner(Restorable):
         expect(all(one == other for one, other in shapes), 'Learner', 'arrays of one model')
 
     def restart(self, found: Explained) -> None:
-        """Go on from the muscle found after a change, and raise the damping again."""
+        """Continue from the muscle found after a change, and raise the damping again."""
         self.fit.theta[:] = found.theta
         self.fit.linear[:] = found.linear
         self.fit.levels[:] = found.level

@@ -81,16 +81,16 @@ def sums_of(memory: Memory) -> Sums:
 
 
 def without(sums: Sums, directions: FloatArray, variance: float) -> Sums:
-    """Return what sums say where the muscle may since have moved along directions.
+    """Return sums without the information about changes of the muscle along directions.
 
     Parameters
     ----------
     sums : Sums
-        Of a muscle that has changed.
+        Sums from before a change.
     directions : ndarray (directions, knots * functions + 1)
-        Each as large as it may have moved, one standard deviation.
+        Possible changes, one standard deviation each.
     variance : float
-        Of the residuals [N^2].
+        Variance of the residuals [N^2].
     """
     lower = np.tril(sums.gram, -1)
     applied = directions @ (lower + lower.T + np.diag(np.diag(sums.gram)))

@@ -27,10 +27,9 @@ class ExactRecursionSettings:
     memory_time : float
         Time constant with which samples are forgotten, in time during which pulses act [s].
     memory_after_change : float
-        Weight of the memory after a change of the muscle of which it is not known what has
-        changed, in seconds of samples [s].
+        Weight of the memory after a change of unknown kind, in seconds of samples [s].
     memory_kept : float
-        The same where it is known what has changed: weight of what still holds [s].
+        The same after a change of known kind, for the part that is still valid [s].
     drift : float
         Standard deviation of the random walk of the baseline in a second, relative to that of
         the noise of a sample.

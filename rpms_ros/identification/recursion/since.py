@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What came since a change may have begun, and what was known until then."""
+"""Sums of the samples since a change may have begun, and the state before it."""
 
 import math
 from typing import NamedTuple
@@ -31,16 +31,16 @@ from rpms_ros.identification.saved_state import expect
 from rpms_ros.identification.tracking.knowledge import Knowledge
 from rpms_ros.pulses import FloatArray
 
-# Of other dynamics the force of earlier pulses takes on a part, and a block may hold samples of
-# before: so long samples tell nothing [ns].
+# Samples are not used for so long: the force of earlier pulses partly has the new dynamics, and a
+# block may contain samples from before the change [ns].
 _SETTLING_NS = 400_000_000
 
-# Of intervals, which are not asked for.
+# Level of intervals, which are not used.
 _ANY_LEVEL = 0.95
 
 
 class Until(NamedTuple):
-    """What was known when a change may have begun: sums, parameters, spread of the residuals."""
+    """State when a change may have begun: sums, parameters, spread of the residuals."""
 
     sums: Sums
     fit: Fit
@@ -53,11 +53,11 @@ class SinceChange(Restorable):
     Parameters
     ----------
     memory : Memory
-        Whose sums they are.
+        The memory of the recursion.
     fit : Fit
-        Of one baseline.
+        Its parameters.
     spread : ndarray (lengths,)
-        Of the residuals [N^2].
+        Spread of its residuals [N^2].
     """
 
     _until: Until

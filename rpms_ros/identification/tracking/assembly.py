@@ -7,11 +7,11 @@ The force of interval j, whose middle lies ``a_j`` seconds before now, is
 .. math:: f_j = (1 + \gamma_j) \left( Z e^{\delta_j D} w
           + a_j (\sigma_1 \psi_1 + \sigma_2 \psi_2) \right) + B b
 
-with theta and w as they are *now*, gamma the relative change of the force since and delta that of
-the logarithm of the time constant (piecewise linear in a, nothing at a = 0), sigma the change of
-u_thr and u_sat a second, and b a piecewise linear disturbance.  D is the derivative of the
-Laguerre functions by the logarithm of their time constant, so ``e^(delta D)`` stretches a response
-in time,
+with the *present* theta and w, gamma the relative change of the force and delta the change of
+the logarithm of the time constant against now (piecewise linear in a, 0 at a = 0), sigma the
+change of u_thr and u_sat per second, and b a piecewise linear disturbance.  D is the derivative of
+the Laguerre functions by the logarithm of their time constant, so ``e^(delta D)`` stretches a
+response in time,
 
 .. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right).
 
@@ -38,7 +38,7 @@ _NO_SLOWING = 1e-5
 
 
 class Point(NamedTuple):
-    """Where the equations are linearised: the muscle now and how it has changed.
+    """Point of linearisation: the present muscle and its slow change.
 
     Attributes
     ----------
@@ -47,8 +47,8 @@ class Point(NamedTuple):
     linear : ndarray (functions,)
         w now.
     gain, slowing : ndarray (knots,)
-        Relative force and logarithm of the relative time constant at the knots of the past,
-        against now.
+        Relative change of the force and change of the logarithm of the time constant at the
+        knots, against now.
     slope : ndarray (2,)
         Change of u_thr and u_sat with the age [1/s].
     """
@@ -61,16 +61,16 @@ class Point(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """Sums of a window, unscaled.
+    """Normal equations of a window, not scaled by the variance.
 
     Attributes
     ----------
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
-        Of x, symmetric; the right-hand side is that of the residual at the point with b = 0.
+        Part of x, symmetric; the right-hand side is that of the residual at the point with b = 0.
     coupling : ndarray (knots, unknowns + 1)
-        Of each knot of the disturbance with x, and its right-hand side.
+        Part of each knot of the disturbance with x, and its right-hand side.
     band : ndarray (knots, 3)
-        Of each knot with itself and the next two.
+        Part of each knot with itself and the next two.
     energy : ndarray (1,)
         Sum of the squared residuals at the point with b = 0 [N^2].
     """
@@ -94,7 +94,7 @@ def unknowns_of(point: Point) -> int:
 
 @numba.njit(cache=True)
 def slowed(linear: FloatArray) -> FloatArray:
-    """Return D w (functions,), cut off at the number of functions."""
+    """Return D w (functions,), truncated to the number of functions."""
     count = len(linear)
     result = np.zeros(count)
     for index in range(count):
@@ -152,7 +152,7 @@ def _at_age(knots: FloatArray, position: float) -> float:
 
 @numba.njit(cache=True)
 def at_ages(knots: FloatArray, position: FloatArray) -> FloatArray:
-    """Return what is piecewise linear in the age at positions (n,), in knots."""
+    """Return `_at_age` at positions (n,), in knots."""
     values = np.empty(len(position))
     for index in range(len(position)):
         values[index] = _at_age(knots, position[index])
@@ -250,14 +250,14 @@ def _add_past(
 def assemble(
     intervals: Intervals, point: Point, now: float, spacing: float, equations: Equations
 ) -> None:
-    """Fill equations that are zero.
+    """Write the equations of a window; they have to be zero before.
 
     Parameters
     ----------
     intervals : Intervals
         At the point's theta and w.
     point : Point
-        Where to linearise.
+        Point of linearisation.
     now : float
         Where the last interval ends, in intervals from the first one's beginning.
     spacing : float
@@ -286,7 +286,7 @@ def assemble(
             gram, right = _stretched_columns(gram, right, delay, len(point.linear))
         force[0] = age * point.slope[0]
         force[1] = age * point.slope[1]
-        # what is left of the samples at the point, by the interval's columns
+        # right-hand side of the residual at the point, by the columns of the interval
         rest = right - gain * (gram @ force)
         equations.energy[0] += intervals.energy[index]
         for column in range(local):
@@ -336,7 +336,7 @@ class Reduced(NamedTuple):
 
 @numba.njit(cache=True)
 def _add_stiffness(stiffness: FloatArray, unknowns: int, factor: FloatArray) -> float:
-    """Add what is known of second differences; return the sum of its logarithms."""
+    """Add the prior of the second differences; return the sum of its logarithms."""
     ahead, pivot = unknowns + 1, unknowns + 3
     logarithm = 0.0
     for middle in range(1, len(factor) - 1):
@@ -353,7 +353,7 @@ def _add_stiffness(stiffness: FloatArray, unknowns: int, factor: FloatArray) -> 
 
 @numba.njit(cache=True)
 def _pass_on(factor: FloatArray, knot: int, unknowns: int) -> None:
-    """Take a knot out of the rows of the next two."""
+    """Eliminate a knot from the rows of the next two."""
     ahead, pivot = unknowns + 1, unknowns + 3
     inverse = 1.0 / factor[knot, pivot]
     for step in range(1, min(3, len(factor) - knot)):
@@ -389,7 +389,7 @@ def _eliminate(
         factor[knot, right] += level[knot] * about[knot]
         cost += level[knot] * about[knot] * about[knot]
     logarithm = _add_stiffness(stiffness, unknowns, factor)
-    # two directions, offset and slope, are as uncertain as `level` says whatever the stiffness
+    # two directions, offset and slope, have the prior of `level` alone
     for knot in range(min(knots, 2)):
         logarithm += np.log(level[knot])
     reduced.right[:] = scale * equations.right

@@ -1,11 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Latency and time constant of the basis, chosen by the samples.
+"""Choice of latency and time constant of the basis by the samples.
 
-Laguerre functions of any time constant can describe any twitch, but seven of them only one that
-is not far from their own, and none that begins before their latency.  So the basis is compared
-with others by the likelihood of the newest seconds, on a coarse grid while little is known and
-with its neighbours later on.
+Infinitely many Laguerre functions describe any twitch, but seven only one whose time constant is
+similar and which does not begin before their latency.  So the basis is compared with others by the
+likelihood of the newest seconds, at first on a coarse grid and later with its neighbours.
 """
 
 from dataclasses import replace
@@ -33,13 +32,13 @@ _RATIO = 1.25
 _SHIFT = 2.5e-3
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
-# Another basis has to be this much better [nat]: nothing is gained by going to and fro.
+# Difference of the log-likelihood from which another basis is taken [nat], so that it is stable.
 _DECISION = 15.0
 _STEPS = 6
 
 
 def grid(functions: int) -> list[LaguerreBasis]:
-    """Return bases over all that people have."""
+    """Return the grid of bases over the range of people."""
     return [
         LaguerreBasis(functions, time_constant, latency)
         for time_constant in TIME_CONSTANTS
@@ -98,7 +97,7 @@ def likelihood(
     assert len(trial.covariance) == joint + SLOPES
     if not explained(problem, trial, alone, window, _STEPS):
         return -np.inf
-    # Not the evidence: it would prefer a basis whose functions the samples leave open.
+    # Not the evidence: it would prefer a basis whose functions the samples do not determine.
     samples = float(blocks.moments[problem.first : size, COUNT].sum())
     return -0.5 * trial.misfit * samples
 

@@ -1,11 +1,10 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Watches the prediction errors for sudden changes of the muscle, and names them.
+"""Detects sudden changes of the muscle by the prediction errors, and determines their kind.
 
-Suspicion, deliberation, decision: errors that are larger than the noise make a step look for a
-change; from then on nothing is learnt until half a second more has come, because a change that is
-a few pulses old looks like several kinds; then the best explanation decides.  Its name is held
-against the others for some seconds more.
+If errors are larger than the noise, a step searches for a change.  If there may be one, nothing is
+learnt for half a second more, because a change a few pulses ago can be explained by several kinds.
+Then the best explanation is taken.  Its kind is compared with the others for some seconds more.
 """
 
 from collections import deque
@@ -33,18 +32,18 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 
 _DELIBERATION_NS = 500_000_000
 _NAMING_NS = 4 * NANOSECONDS_PER_SECOND
-# Before a muscle has been seen for so long it is not known well enough to have changed.
+# Changes are found only after the muscle was observed for so long.
 _LEAST_KNOWN_NS = 5 * NANOSECONDS_PER_SECOND
 _LEAST_SNAPSHOTS = 8
 _CANDIDATES = 8
-# So many of the newest have to fail.
+# So many of the newest snapshots have to fail to explain the samples.
 _NEWEST = 2
-# A first look takes every second of them.
+# The first search uses every second snapshot.
 _FIRST_LOOK = 2
 _SUSPICIOUS = 1.5
 _LEAST_SAMPLES = 50.0
 _IN_VAIN = 8
-# Another name has to be this much better [nat].
+# Difference of the evidence from which the kind is corrected [nat].
 _RENAMED = 3.0
 _REMEMBERED = 10
 
@@ -57,7 +56,7 @@ class Alert(NamedTuple):
     error, force : float
         Mean squares over the last second [N^2].
     samples : float
-        How many samples these are of.
+        Number of these samples.
     """
 
     error: float
@@ -72,11 +71,11 @@ class FoundChange:
     Attributes
     ----------
     stamp_ns, found_ns : int
-        When it was, and when it was found [ns].
+        Time of the change, and when it was found [ns].
     kind : str
         `gain`, `thresholds` or `dynamics`.
     odds : float
-        Logarithm of the odds against everything else.
+        Logarithm of the odds against all other explanations.
     """
 
     stamp_ns: int
@@ -86,7 +85,7 @@ class FoundChange:
 
 
 class ChangeWatch(Restorable):
-    """Looks for changes after snapshots of what was known."""
+    """Searches for changes after snapshots of the fit."""
 
     found: list[FoundChange]
     count: int
@@ -105,11 +104,11 @@ class ChangeWatch(Restorable):
 
     @property
     def deliberating(self) -> bool:
-        """Whether it is not clear yet what the newest samples mean."""
+        """Whether a possible change is not decided yet."""
         return self._alarm_ns is not None
 
     def remember(self, snapshot: Snapshot) -> None:
-        """Keep a snapshot of what is known."""
+        """Keep a snapshot of the fit."""
         self._snapshots.append(snapshot)
 
     def forget(self) -> None:
@@ -121,7 +120,7 @@ class ChangeWatch(Restorable):
     def look(
         self, problem: Problem, window: Window, fit: WindowFit, prior: Knowledge, alert: Alert
     ) -> Explanation | None:
-        """Return the change from which the window has to begin anew, if there is one now."""
+        """Return the change after which the window has to begin, if there is one now."""
         now_ns = window.now_ns
         if self._named is not None:
             return self._renamed(problem, window, prior, alert)
@@ -146,7 +145,7 @@ class ChangeWatch(Restorable):
         return best
 
     def _suspicious(self, fit: WindowFit, alert: Alert) -> bool:
-        """Whether to look for a change: seldom while looking has been in vain."""
+        """Return whether to search for a change: rarely after many searches without a result."""
         large = (
             len(self._snapshots) >= _LEAST_SNAPSHOTS
             and alert.samples >= _LEAST_SAMPLES
@@ -187,7 +186,7 @@ class ChangeWatch(Restorable):
     def _renamed(
         self, problem: Problem, window: Window, prior: Knowledge, alert: Alert
     ) -> Explanation | None:
-        """Return the change under another name, if that has become likelier."""
+        """Return the change with another kind, if that has become more likely."""
         named = self._named
         assert named is not None
         if window.now_ns - named.before.stamp_ns > _NAMING_NS:
@@ -213,7 +212,7 @@ def first_block_after(problem: Problem, stamp_ns: int) -> int:
 
 
 def origin_of(before: Snapshot) -> Origin:
-    """Return the muscle of a snapshot as it acts until a change right after it."""
+    """Return the muscle of a snapshot, which acts until a change right after it."""
     return Origin(before.stamp_ns + 1, before.point.theta, before.point.linear)
 
 

@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""Sudden changes of the muscle: when, and of what.
+r"""Sudden changes of the muscle: their time and kind.
 
-At every step a snapshot is kept of what is known.  When the prediction errors grow, samples after
-each snapshot of the last seconds are explained in several ways, each a prior around the snapshot:
+At every step a snapshot of the fit is kept.  When the prediction errors grow, several explanations
+are fitted to the samples after each snapshot of the last seconds, with priors around it:
 
 * nothing changed, but the patient or the sensor did something (a livelier disturbance);
 * the *gain* changed: w is known but for a factor;
@@ -13,7 +13,7 @@ each snapshot of the last seconds are explained in several ways, each a prior ar
 * the *baseline* jumped.
 
 The evidence of each explanation is the probability of the samples under it, its free parameters
-integrated out, so an explanation that could have explained anything is worth less.  A change is
+integrated out, so an explanation with a wider prior has less evidence.  A change is
 declared where the best explanation beats "nothing changed" by `DECISION`: under it, odds of
 ``e^DECISION`` come up at most once in as many tests (Ville's inequality).
 """
@@ -52,7 +52,7 @@ _SHAPE = 0.1
 _RESTLESS, _GOES_ON = 0.002, 1.5
 # Of a jump of the baseline, as a share of the force.
 _JUMP = 0.5
-# Mean square of what is left, against the noise, of samples that are explained.
+# Largest mean square residual, relative to the noise, of samples that are explained.
 _EXPLAINED = 1.25
 NOTHING, GAIN, THRESHOLDS, DYNAMICS, BASELINE = (
     'nothing',
@@ -66,7 +66,7 @@ MUSCLE = (GAIN, THRESHOLDS, DYNAMICS)
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What was known at a time.
+    """The fit at a time.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Snapshot:
 
 
 def snapshot(fit: WindowFit, stamp_ns: int) -> Snapshot:
-    """Return what a fit knows at a time [ns]."""
+    """Return the snapshot of a fit at a time [ns]."""
     joint = PARAMETERS + len(fit.point.linear)
     return Snapshot(
         stamp_ns=stamp_ns,
@@ -188,10 +188,10 @@ def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) ->
 
 
 def _start(before: Snapshot, window: Window, kind: str, force: float) -> StartLevels:
-    """Return where the disturbance goes on after a snapshot."""
+    """Return the prior of the disturbance after a snapshot."""
     ahead = window.first_ns // window.length_ns - before.number
     slope = before.levels[1] - before.levels[0]
-    # a level is carried on; a slope only as far as it may be believed
+    # the level continues; the slope only for a limited time
     reach = min(max(float(ahead), 0.0), 2.0)
     levels = before.levels[1] + slope * np.array([reach - 1.0, reach])
     deviation = (
@@ -238,7 +238,7 @@ def explain(
 
 
 def quiet(one: Explanation, disturbance: int) -> bool:
-    """Return whether samples are explained without a livelier disturbance than before."""
+    """Return whether samples are explained without a stronger disturbance than before."""
     return one.fit.misfit < _EXPLAINED and one.fit.scales.disturbance <= disturbance
 
 
@@ -252,8 +252,8 @@ def judged(
 ) -> Mapping[str, Explanation]:
     """Return the explanations of a window by kind, each with its odds against no change.
 
-    While it is `doubted` that the muscle has changed, none of its changes is tried where the
-    patient or the sensor explains the samples.
+    While it is `doubted` that the muscle has changed, no change of the muscle is tried if a
+    disturbance or the baseline explains the samples.
     """
     now = before.fit.scales.disturbance
     lively = len(LIVELINESS) - 2

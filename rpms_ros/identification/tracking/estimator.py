@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """On-line estimator of a muscle that changes: exact fits of a window, widths by evidence.
 
-Samples of the last minute are kept in blocks of one pulse each.  Four times a second the muscle
-as it is now, its slow change and the disturbance are fitted to all of them together; how fast the
-muscle changes and how lively the disturbance is follow from the evidence (`window_fit`).  A
-sudden change is found by its prediction errors, and the window begins anew with what still holds
-(`changes`).  Latency and time constant of the basis are chosen by the samples (`basis_choice`).
+Samples of the last minute are kept in blocks of one pulse each.  Four times a second the present
+muscle, its slow change and the disturbance are fitted to all of them together; the priors of the
+speed of change and of the disturbance are chosen by the evidence (`window_fit`).  A sudden change
+is found by its prediction errors, and the window restarts with the part of the muscle that did not
+change (`changes`).  Latency and time constant of the basis are chosen by the samples
+(`basis_choice`).
 Steps are triggered by stamps alone, so the answer does not depend on how the data are cut.
 """
 
@@ -66,12 +67,12 @@ from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
-# There is room for pulses at this rate over the window [Hz]; at a higher one it is shorter.
+# Pulses up to this rate fit into the window [Hz]; at a higher one it is shorter.
 _HIGHEST_RATE = 120.0
 _SPARE_BLOCKS = 128
 _BLOCKS_OF_PAUSES = 4
 INTERVAL_NS = 125_000_000
-# Between two knots of the slow change, in intervals.
+# Distance of two knots of the slow change, in intervals.
 _KNOT_INTERVALS = 40
 _KNOT_S = _KNOT_INTERVALS * INTERVAL_NS / NANOSECONDS_PER_SECOND
 # The window ends where the muscle was so different that what it was then says little of now, and
@@ -90,7 +91,7 @@ _YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
 # When the basis is compared with others, since a response shows; later with this period [s].
 _CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
 _CHOICE_PERIOD_S = 32.0
-# So many times with all that people have, then with its neighbours.
+# So many times with the whole grid, then with its neighbours.
 _GRIDS = 2
 _CHOICE_NS = 8 * NANOSECONDS_PER_SECOND
 
@@ -201,19 +202,19 @@ class TrackingEstimator(ProjectionEstimator):
         return super().predict(stamp_ns) + self._tremor.force(stamp_ns)
 
     def forget_pulses(self) -> None:
-        """Drop the pulses that still act; what is known of the muscle is kept."""
+        """Drop the pulses that still act; the knowledge of the muscle is kept."""
         super().forget_pulses()
         self._begin_anew()
         self._tremor.forget()
         self._last_ns = None
 
     def start_from(self, known: KnownMuscle) -> None:
-        """Take what is known of the muscle, and its basis, as a prior before any data.
+        """Use the result of an earlier session, and its basis, as prior.
 
         Raises
         ------
         IdentificationError
-            If there were data.
+            If there have been data.
         """
         if self._last_ns is not None or self._pulses:
             raise IdentificationError('expected a fresh estimator to start from what is known')
@@ -235,7 +236,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._from_before = True
 
     def tell_change(self, kind: str) -> None:
-        """Take note that the muscle has changed after the newest sample.
+        """Tell the estimator that the muscle has changed after the newest sample.
 
         Parameters
         ----------
@@ -245,7 +246,7 @@ class TrackingEstimator(ProjectionEstimator):
         Raises
         ------
         IdentificationError
-            If there is no such kind, or nothing is known that could have changed.
+            If there is no such kind, or the muscle is not known yet.
         """
         if kind not in MUSCLE:
             raise IdentificationError(f'expected a change of {", ".join(MUSCLE)}, got {kind!r}')
@@ -325,10 +326,10 @@ class TrackingEstimator(ProjectionEstimator):
             )
             self._change_basis(self._basis)
         else:
-            # nothing is known that would be lost
+            # the muscle is not known yet, so nothing is lost
             self._watch.forget()
             self._problem = self._problem._replace(first=size)
-        # the widths that were found are those of the tremor
+        # the scales found so far are those of the tremor
         fit.point = point_at(theta, linear, 0)
         fit.scales, fit.variance = Scales(), 0.0
         fit.levels = np.full(2, float(np.median(fit.levels)))
@@ -370,7 +371,7 @@ class TrackingEstimator(ProjectionEstimator):
             fit.first = other.first
 
     def _look_for_change(self, window: Window) -> None:
-        """Let the window begin anew where the muscle has changed."""
+        """Search for a change of the muscle; restart the window after it."""
         if not self._find:
             return
         intake = self._intake
@@ -385,11 +386,11 @@ class TrackingEstimator(ProjectionEstimator):
             self._begin_after(change)
 
     def _begin_after(self, change: Explanation) -> None:
-        """Let the window begin after a change."""
+        """Restart the window after a change."""
         self._window = replace(change.fit)
         self._knowledge = change.knowledge
         self._origin = origin_of(change.before)
-        # The force of pulses before takes on new dynamics too: it has to die away first.
+        # The force of earlier pulses gets the new dynamics too: it has to decay first.
         settling = _SETTLING_NS if change.kind == DYNAMICS else 0
         first = first_block_after(self._problem, change.before.stamp_ns + settling)
         first = min(first, int(self._problem.blocks.size[0]) - 2)
@@ -400,12 +401,12 @@ class TrackingEstimator(ProjectionEstimator):
         return int(self._problem.blocks.size[0]) - self._problem.first >= 2
 
     def _span(self) -> Window:
-        """Return the window as it is."""
+        """Return the present window."""
         assert self._last_ns is not None
         blocks = self._problem.blocks
         begin = (int(blocks.head[0]) + self._problem.first) % len(blocks.start_ns)
         first_ns = int(blocks.start_ns[begin])
-        # a response that is not known cannot be said to change
+        # without a known response there is no slow change
         known = self._begun_ns is not None
         knots = int((self._last_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5) * known
         return Window(
@@ -413,7 +414,7 @@ class TrackingEstimator(ProjectionEstimator):
         )
 
     def _disturbance(self, stamp_ns: IntArray) -> FloatArray:
-        """Return the disturbance (samples,) [N] that a prediction holds."""
+        """Return the disturbance (samples,) [N] in the prediction."""
         baseline, levels = self._problem.baseline, self._fit.levels
         position = (stamp_ns - baseline.origin_ns) / baseline.spacing_ns
         share = np.clip(position, within_knots(-np.inf, baseline), within_knots(np.inf, baseline))
@@ -421,7 +422,7 @@ class TrackingEstimator(ProjectionEstimator):
         return disturbance
 
     def _predict_by_window(self) -> None:
-        """Let the intake predict by the window's fit."""
+        """Use the fit of the window for the predictions of the intake."""
         window, fit = self._window, self._fit
         fit.theta[:] = window.point.theta
         fit.linear[:] = window.point.linear
@@ -433,7 +434,7 @@ class TrackingEstimator(ProjectionEstimator):
         recompute_state(self._problem, self._intake, fit)
 
     def _slide(self) -> None:
-        """Let blocks go that lie before the window; keep what leads the state up to it."""
+        """Drop blocks before the window, except those that advance its first state."""
         assert self._last_ns is not None
         blocks = self._problem.blocks
         capacity = len(blocks.start_ns)
@@ -455,7 +456,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._raw.drop(int(start_ns[first]) - round(self.memory * NANOSECONDS_PER_SECOND))
 
     def _length_ns(self) -> int:
-        """Return how far back the window may reach: a muscle that changes fast has a short one."""
+        """Return the length of the window [ns], shorter for a muscle that changes fast."""
         point = self._window.point
         large = (np.abs(point.gain) > _LARGEST_GAIN) | (np.abs(point.slowing) > _LARGEST_SLOWING)
         longest = self.settings.horizon
@@ -463,7 +464,7 @@ class TrackingEstimator(ProjectionEstimator):
         return round(min(max(seconds, _SHORTEST_S), longest) * NANOSECONDS_PER_SECOND)
 
     def _make_room(self, first_ns: int, last_ns: int) -> None:
-        """Let there be room for the blocks up to `last_ns`.
+        """Make room for the blocks up to `last_ns`.
 
         Pulses that began long before the first sample, in an outage of the force, no longer act.
         """
@@ -482,7 +483,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._begin_anew()
 
     def _begin_anew(self) -> None:
-        """Begin with an empty window and what is known of the muscle."""
+        """Begin with an empty window and the knowledge of the muscle."""
         if self._window.variance > 0.0:
             self._knowledge = informed(self._prior, self._window)
         self._problem.blocks.size[0] = 0
@@ -547,7 +548,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._use(basis)
 
     def _use(self, basis: LaguerreBasis) -> None:
-        """Take a basis for what follows."""
+        """Use a basis from now on."""
         self._basis = basis
         self._rate = 2.0 / basis.time_constant
         self._delay_line.latency(basis.latency)

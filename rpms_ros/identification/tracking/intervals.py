@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""What the blocks of a window say at a parameter set, condensed into intervals of equal length.
+r"""The blocks of a window, linearised and condensed into intervals of equal length.
 
-Within an interval of a fraction of a second nothing of the muscle changes, so gain, time constant
-and disturbance may differ from one interval to the next while each interval keeps one small
+Within an interval of a fraction of a second the muscle is constant, so gain, time constant
+and disturbance may differ from one interval to the next, and each interval needs one small
 matrix: ``G = L^T L`` and ``r = L^T y`` with the columns
 
 .. math:: L = [\psi_1 .. \psi_4,\; z_1 .. z_n,\; h_0,\; h_1]
@@ -73,14 +73,14 @@ def empty_intervals(count: int, functions: int, first: int) -> Intervals:
 
 
 class Origin(NamedTuple):
-    """Where a sudden change lies: pulses of before act as they did before.
+    """A sudden change: earlier pulses act as before.
 
     Attributes
     ----------
     stamp_ns : int
-        When [ns]; before every pulse if nothing has changed.
+        Time of the change [ns]; before every pulse if there was none.
     theta, linear : ndarray (4,), (functions,)
-        The muscle until then.
+        The muscle before it.
     """
 
     stamp_ns: int
@@ -106,13 +106,13 @@ def condensed(
     Parameters
     ----------
     problem : Problem
-        Blocks; those before `first` only lead the state up to it.
+        Blocks; those before `first` only advance the state.
     theta, linear : ndarray (4,), (functions,)
-        Where the derivatives are taken.
+        Point of linearisation.
     first_ns, length_ns : int
         Beginning of the first block and length of an interval [ns].
     origin : Origin
-        The force of pulses before it is taken off the samples.
+        The force of pulses before it is subtracted from the samples.
     """
     blocks = problem.blocks
     newest = (int(blocks.head[0]) + int(blocks.size[0]) - 1) % len(blocks.start_ns)
@@ -132,7 +132,7 @@ def _condense(
     change: Origin,
     intervals: Intervals,
 ) -> None:
-    """Fill intervals that are zero."""
+    """Write intervals; they have to be zero before."""
     blocks, work = problem.blocks, problem.work
     functions = len(linear)
     work.state[:] = 0.0

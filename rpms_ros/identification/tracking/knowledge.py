@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is known besides the samples of a window: physiology, bounds, what was learnt before."""
+"""Prior of a window: physiology, bounds, and the result of earlier samples."""
 
 from dataclasses import dataclass
 from dataclasses import replace
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from rpms_ros.identification.tracking.window_fit import Scales
     from rpms_ros.identification.tracking.window_fit import WindowFit
 
-# Confidence with which what is known from before is called wrong.
+# Confidence level at which an earlier result is rejected.
 _CONTRADICTED = 0.999
-# Share of the response that another basis, or a rest, may have lost.
+# Error of the response by a conversion of the basis or a rest, as a share of it.
 _LOST = 0.01
-# Change of a slow change's slope from knot to knot, and what is left of its increments to chance,
-# as shares of the slope.
+# Standard deviations of the change of the slope from knot to knot, and of the increments besides,
+# relative to the slope.
 _SLOPE_WALK, _SLOPE_NOISE = 0.15, 0.02
 # Added to the diagonal of a matrix whose rows are scaled to 1.
 ROUNDING = 1e-9
@@ -45,7 +45,7 @@ class Knowledge:
     separation : float
         u_sat is at least this far above u_thr.
     information, reference : ndarray (4 + functions, 4 + functions), (4 + functions,)
-        What was learnt before the window about [theta, w]: inverse covariance and mean.
+        Result of samples before the window: inverse covariance and mean of [theta, w].
     """
 
     mean: FloatArray
@@ -58,7 +58,7 @@ class Knowledge:
 
     @cached_property
     def _logarithm(self) -> float:
-        """Log-determinant of what is known of [theta, w], 0 if only the physiology is."""
+        """Log-determinant of the prior of [theta, w], 0 if it is the physiology alone."""
         if not self.information.any():
             return 0.0
         matrix = self.information.copy()
@@ -133,7 +133,7 @@ class Knowledge:
             theta[1] = theta[0] + self.separation
 
     def contradicted(self, fit: 'WindowFit') -> bool:
-        """Return whether a fit that does not know of `reference` says that it is wrong."""
+        """Return whether a fit without this prior contradicts `reference`."""
         joint = len(self.reference)
         away = np.concatenate((coordinates(fit.point.theta), fit.point.linear)) - self.reference
         together = scaled_inverse(self.information) + fit.covariance[:joint, :joint]
@@ -141,9 +141,9 @@ class Knowledge:
         return distance > float(chi2.ppf(_CONTRADICTED, joint))
 
     def converted(self, matrix: FloatArray, size: float) -> 'Knowledge':
-        """Return what is known in other coordinates [theta, w], `matrix` times these.
+        """Return the prior in other coordinates of [theta, w], `matrix` times these.
 
-        `size` is the length of w, of which a share may be lost on the way.
+        `size` is the norm of w; a share of it is added as the error of the conversion.
         """
         if not self.information.any():
             return self
@@ -157,7 +157,7 @@ class Knowledge:
 
 
 def knowledge_of(settings: ProjectionSettings) -> Knowledge:
-    """Return what is known before any sample."""
+    """Return the prior before any sample."""
     prior = settings.as_prior()
     joint = PARAMETERS + settings.basis.functions
     return Knowledge(
@@ -172,7 +172,7 @@ def knowledge_of(settings: ProjectionSettings) -> Knowledge:
 
 
 def informed(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
-    """Return what is known after a fit whose samples are given up, a little widened."""
+    """Return the result of a fit as prior for later samples, slightly widened."""
     point = fit.point
     joint = PARAMETERS + len(point.linear)
     covariance = fit.covariance[:joint, :joint].copy()
@@ -184,9 +184,9 @@ def informed(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
 
 @cache
 def walk_information(knots: int) -> FloatArray:
-    """Return what is known of a slow change at knots (knots, knots), from nothing at no age.
+    """Return the inverse covariance of a slow change at knots (knots, knots), which is 0 now.
 
-    Its increments are alike: the first has deviation 1, and the slope walks on from there.
+    The first increment has standard deviation 1; the slope is a random walk from there.
     """
     place = np.arange(1.0, knots + 1.0)
     increments = (

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Samples and pulses of the window as they came, from which blocks of another basis are made."""
+"""Samples and pulses of the window, from which blocks of another basis are made."""
 
 from itertools import pairwise
 
@@ -26,9 +26,10 @@ from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
-# Samples beyond this rate are thinned out: a basis is chosen as well from fewer [ns].
+# Least distance of samples that are kept: more are not needed to choose a basis [ns].
 _LEAST_DISTANCE_NS = 900_000
-# A tremor is taken off pieces of a second with so many samples, beside a slow force.
+# A tremor is subtracted in pieces of a second with at least so many samples, fitted together with
+# a polynomial of so many terms.
 _LEAST_IN_PIECE, _SLOW = 30, 4
 
 
@@ -134,16 +135,16 @@ class RawSamples(Restorable):
         prior: Prior,
         hertz: float,
     ) -> None:
-        """Take a tremor of a frequency [Hz] off all samples, piece by piece.
+        """Subtract a tremor of a frequency [Hz] from all samples, piece by piece.
 
         Parameters
         ----------
         basis : LaguerreBasis
             Functions behind a latency.
         theta, linear : ndarray (4,), (functions,)
-            The muscle, whose force is not the tremor's.
+            The muscle, whose force is subtracted before the fit.
         prior : Prior
-            Of no consequence.
+            Prior of the problem; without effect.
         hertz : float
             Frequency of the tremor.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What an estimate says beyond the muscle now: rates, changes, disturbance, reasons."""
+"""Rates, changes, disturbance and reasons of an estimate of `tracking`."""
 
 import math
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ def described_fit(
     area: FloatArray,
     tremor: Tremor,
 ) -> Estimate:
-    """Return the estimate with what the window's fit knows besides.
+    """Return the estimate with rates, changes, disturbance and reasons added.
 
     Parameters
     ----------
@@ -77,12 +77,12 @@ def described_fit(
 
 
 def _rest_level(levels: FloatArray) -> float:
-    """Return the level of the disturbance at rest [N]: what the sensor shows without effort."""
+    """Return the level of the disturbance without effort [N]."""
     return float(np.median(levels)) if len(levels) else 0.0
 
 
 def _level_deviation(fit: WindowFit, now: float) -> float:
-    """Return the deviation of the newest level at a time in intervals [N]: it moves on."""
+    """Return the standard deviation of the newest level at a time in intervals [N]."""
     behind = max(now - (fit.first + len(fit.levels) - 1), 0.0) + 1.0
     slope = abs(float(fit.levels[-1] - fit.levels[-2])) if len(fit.levels) > 1 else 0.0
     return math.hypot(fit.level_deviation, slope * min(behind, 4.0))
@@ -99,7 +99,7 @@ def _rates(
     # a slower twitch of the same height has a larger area, and so a larger steady force
     steady = float(area @ fit.point.linear)
     by_slowing = float(area @ slowed(fit.point.linear)) / steady if steady else 0.0
-    # the past against now: a force that was larger falls
+    # the parameters are past minus present: a force that was larger has fallen
     scale = 100.0 * _MINUTE / knot_s
     matrix = np.zeros((len(RATE_NAMES), len(fit.covariance)))
     matrix[0, base], matrix[0, base + knots] = -scale, -scale * by_slowing
@@ -115,7 +115,7 @@ def _rates(
 def _reasons(
     estimate: Estimate, fit: WindowFit, deliberating: bool, tremor: Tremor
 ) -> tuple[str, ...]:
-    """Return why intervals are wide or samples are not learnt from, in plain words."""
+    """Return why intervals are wide or samples are not learnt from, as sentences."""
     found = []
     if deliberating:
         found.append('the newest samples do not fit the muscle; looking for what has changed')

@@ -8,15 +8,15 @@ from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.settings import ProjectionSettings
 
 LONGEST_BASIS = LaguerreBasis(7, 90e-3, 30e-3)
-"""The slowest twitch and the longest latency that are looked for."""
+"""Slowest twitch and longest latency of the bases that are tried."""
 
 
 @dataclass(frozen=True)
 class TrackingSettings(ProjectionSettings):
     """Model and numerics of the tracking estimator.
 
-    `basis` and `start` are where it begins; `horizon` is the longest window.  `knot_spacing`,
-    `steps` and `forgetting` belong to the batch and the horizon.
+    `basis` and `start` are the first ones; `horizon` is the longest window.  `knot_spacing`,
+    `steps` and `forgetting` are not used.
 
     Attributes
     ----------

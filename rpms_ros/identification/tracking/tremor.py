@@ -1,13 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A tremor beside the muscle: found in the prediction errors, and taken off the samples to come.
+"""Tremor: found in the prediction errors, and subtracted from the samples.
 
-A tremor is a narrow line between 3 and 13 Hz, where a disturbance of straight pieces is too slow
-and a twitch has much of its power.  So it is a part of its own: force and errors of the last
-seconds are kept in bins, the quieter one's spectrum is searched for a line that stands far above
-its surroundings, and a sinusoid whose amplitude and phase follow the newest of them is subtracted
-before the muscle learns from a sample.  Harmonics of the pulses' rate are left alone: there the
-muscle itself has its lines.
+A tremor is a narrow line between 3 and 13 Hz, where the piecewise linear disturbance is too slow
+and a twitch has much of its power.  So it is modelled separately: force and errors of the last
+seconds are kept in bins, the spectrum of the smaller one is searched for a line far above its
+surroundings, and a sinusoid with amplitude and phase of the newest bins is subtracted before the
+estimator learns from a sample.  Harmonics of the repetition rate are excluded: they are lines of
+the muscle itself.
 """
 
 import numpy as np
@@ -18,10 +18,10 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 _BIN_NS = 10_000_000
-# What is searched for a line, and what its amplitude is fitted to.
+# Bins that are searched for a line, and to which its amplitude is fitted.
 _SEARCHED, _FITTED = 400, 150
 _LOWEST, _HIGHEST, _RESOLUTION = 3.0, 13.0, 0.25
-# A line is there from this ratio to the median of the spectrum on, and until below the other.
+# Ratio to the median of the spectrum above which a line appears, and below which it ends.
 _APPEARS, _GOES = 25.0, 8.0
 # The line's least share of the power between the lowest and the highest frequency.
 _LEAST_SHARE, _KEPT_SHARE = 0.7, 0.3
@@ -37,9 +37,9 @@ class Tremor(Restorable):
     Attributes
     ----------
     frequency : float
-        [Hz], 0 while there is none.
+        Frequency [Hz], 0 without a tremor.
     muscle_known : bool
-        Whether it shows better in the errors than in the force itself.
+        Whether the errors are smaller than the force itself.
     """
 
     frequency: float
@@ -56,7 +56,7 @@ class Tremor(Restorable):
         self.forget()
 
     def forget(self) -> None:
-        """Forget everything: the time line is another one."""
+        """Forget everything: the clock has jumped."""
         self.frequency = 0.0
         self.muscle_known = False
         self._cosine = self._sine = 0.0
@@ -81,7 +81,7 @@ class Tremor(Restorable):
     def add(
         self, stamp_ns: IntArray, force: FloatArray, muscle: FloatArray, usable: BoolArray
     ) -> None:
-        """Add ascending samples (samples,) [N], and what was expected of the muscle alone."""
+        """Add ascending samples (samples,) [N], and the predicted force of the muscle [N]."""
         bins = stamp_ns[usable] // _BIN_NS
         if not len(bins):
             return
@@ -98,7 +98,7 @@ class Tremor(Restorable):
         np.add.at(self._count, place, 1.0)
 
     def follow(self, rates_hz: FloatArray) -> bool:
-        """Look for a line, or follow it; return whether it has just appeared.
+        """Search for a line, or follow it; return whether it has just appeared.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class Tremor(Restorable):
         return bool(self.frequency and not was)
 
     def _turn(self, newest: int) -> None:
-        """Count the phase from another bin on."""
+        """Change the reference of the phase to another bin."""
         if self.frequency:
             ahead = 2.0 * np.pi * self.frequency * 1e-9 * _BIN_NS * (newest - self._newest)
             cosine, sine = np.cos(ahead), np.sin(ahead)
@@ -136,7 +136,7 @@ class Tremor(Restorable):
     def _fit(self, error: FloatArray, filled: BoolArray) -> None:
         """Fit amplitude and phase to the newest errors (bins,)."""
         time = seconds(_BIN_NS * np.arange(1 - len(error), 1) + _BIN_NS // 2)
-        # a mean over a bin is smaller than what it is the mean of
+        # the mean over a bin has a smaller amplitude
         shrunk = np.sinc(1e-9 * _BIN_NS * self.frequency)
         columns = np.hstack((shrunk * waves(self.frequency, time), polynomials(time, 4)))
         found = np.linalg.lstsq(columns[filled], error[filled], rcond=None)[0]

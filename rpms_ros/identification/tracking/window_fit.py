@@ -1,11 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The fit of a window: muscle now, its slow change and the disturbance, with widths by evidence.
+"""The fit of a window: present muscle, its slow change and the disturbance.
 
-How fast the muscle may change and how lively the disturbance is are not settings.  Each has a
-scale on a coarse grid; at every step the neighbours of the present value are held against it by
-the evidence, which is the probability of the samples with everything else integrated out
-(Laplace's approximation, exact but for theta).
+The standard deviations of the slow change and of the disturbance are not settings.  Each has a
+scale on a coarse grid; at every step the present value is compared with its neighbours by the
+evidence, the probability of the samples with everything else integrated out (Laplace's
+approximation, exact except for theta).
 """
 
 import math
@@ -47,25 +47,26 @@ DRIFTS: FloatArray = np.concatenate(([1e-7], 10.0 ** np.arange(-5.5, -2.4, 0.5))
 # The model's error is at least this share of the force's mean square, for so many samples.
 _MODEL_ERROR = 1e-4
 _MODEL_ERROR_SAMPLES = 200.0
-# Standard deviation of a knot's level, as a multiple of the force: nothing is known of it.
+# Standard deviation of the level of a knot, as a multiple of the force: practically no prior.
 _LEVEL = 30.0
 _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
 _LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
 _MOST_TOGETHER = 3.0
-# Standard deviations by which w differs from nothing where a response shows.
+# Standard deviations by which w has to differ from zero to count as known.
 _SHOWN = 8.0
 # Scales whose evidence is this much smaller do not count [nat].
 _LIKELY = 4.0
-# Degrees of freedom of the bends of the disturbance: mostly small, some of them large.
+# Degrees of freedom of the Student distribution of the second differences of the disturbance:
+# mostly small, some of them large.
 _FREEDOM = 1.0
-# What is taken for a bend that was never found, against its deviation: the newest samples show it.
+# Second difference, relative to its deviation, that is assumed where none was estimated yet.
 _UNKNOWN_BEND = 5.0
 
 
 @dataclass(frozen=True)
 class StartLevels:
-    """What is known of the first two knots of the disturbance: mean and deviation [N]."""
+    """Prior of the first two knots of the disturbance: mean and standard deviation [N]."""
 
     levels: FloatArray
     deviation: FloatArray
@@ -73,7 +74,7 @@ class StartLevels:
 
 @dataclass(frozen=True)
 class Window:
-    """Which samples a fit is of.
+    """Samples of a fit.
 
     Attributes
     ----------
@@ -86,9 +87,9 @@ class Window:
     knots : int
         Number of them.
     origin : Origin
-        Where the window begins if the muscle has changed there.
+        The change of the muscle at which the window begins, if there was one.
     start : StartLevels or None
-        What is known of the disturbance at the beginning.
+        Prior of the disturbance at the beginning.
     """
 
     first_ns: int
@@ -102,7 +103,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Scales:
-    """Places on the grids `LIVELINESS`, `CHANGES` and `DRIFTS`."""
+    """Indices in the grids `LIVELINESS`, `CHANGES` and `DRIFTS`."""
 
     disturbance: int = 2
     gain: int = 0
@@ -112,18 +113,18 @@ class Scales:
 
 @dataclass
 class WindowFit:
-    """Where the fit of a window stands.
+    """State of the fit of a window.
 
     Attributes
     ----------
     point : Point
-        The muscle now, and how it has changed.
+        The present muscle and its slow change.
     scales : Scales
-        Widths that the evidence prefers.
+        Scales with the largest evidence.
     variance : float
-        Of the residuals [N^2].
+        Variance of the residuals [N^2].
     together : float
-        Factor by which neighbouring residuals tell less than independent ones.
+        Factor on the variance by the correlation of neighbouring residuals.
     levels : ndarray (knots,)
         Disturbance at the ends of the intervals [N], the newest last.
     first : int
@@ -157,25 +158,25 @@ class WindowFit:
 
     @property
     def weighed(self) -> float:
-        """Variance by which samples are weighed [N^2].
+        """Variance that weights the samples [N^2].
 
-        Where neighbouring residuals are alike because a scale is too small, that must not make
-        the samples too light to say so: there is a limit.
+        The factor of correlation is limited: if residuals are correlated because a scale is too
+        small, the samples must keep enough weight to show it.
         """
         return self.variance * min(self.together, _MOST_TOGETHER)
 
     @property
     def shows_response(self) -> bool:
-        """Whether the response is known to differ from nothing."""
+        """Whether the response differs significantly from zero."""
         part = slice(PARAMETERS, PARAMETERS + len(self.point.linear))
         uncertain = float(np.sum(np.diag(self.covariance)[part]))
         size = float(self.point.linear @ self.point.linear)
         return self.variance > 0.0 and uncertain > 0.0 and size > _SHOWN**2 * uncertain
 
     def uncertainty(self, deviation: FloatArray, confidence: float) -> Uncertainty | None:
-        """Return how sure theta and w are, None before the first fit.
+        """Return the uncertainty of theta and w, None before the first fit.
 
-        No parameter is less sure than its prior `deviation` (4,), alpha as logarithms.
+        No standard deviation exceeds that of the prior, `deviation` (4,), alpha as logarithms.
         """
         if self.variance <= 0.0 or not self.covariance.any():
             return None
@@ -190,7 +191,7 @@ class WindowFit:
 
 
 def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
-    """Return a fit that has seen nothing."""
+    """Return a fit without data."""
     point = point_at(theta, np.zeros(functions), 0)
     unknowns = PARAMETERS + functions + SLOPES
     return WindowFit(
@@ -221,7 +222,7 @@ def _resized(values: FloatArray, count: int) -> FloatArray:
 
 
 class _Linearised:
-    """A window at a point, with what it costs and what the priors say there."""
+    """A window linearised at a point, with its priors."""
 
     def __init__(
         self,
@@ -243,10 +244,10 @@ class _Linearised:
         self.power = float(intervals.energy.sum()) / max(self.samples, 1.0)
 
     def reduced(self, variance: float, disturbance: int) -> Reduced:
-        """Eliminate the disturbance at a liveliness.
+        """Eliminate the disturbance with the scale `LIVELINESS[disturbance]`.
 
-        Its bends have a Student distribution: each is a normal one whose precision is the most
-        likely one for the bend that was found last, which bounds the evidence from below.
+        Its second differences have a Student distribution, replaced by normal ones with the most
+        likely precision for the last values, which is a lower bound of the evidence.
         """
         force = math.sqrt(self.power) + 1e-9
         deviation = LIVELINESS[disturbance] * force
@@ -264,11 +265,11 @@ class _Linearised:
         return reduced
 
     def prior(self, scales: Scales) -> tuple[FloatArray, FloatArray, float, float]:
-        """Return information, gradient, cost and log-determinant of what is known before."""
+        """Return information, gradient, cost and log-determinant of the prior."""
         information, gradient, cost, logarithm = self.knowledge.about(
             self.point, scales, CHANGES, DRIFTS
         )
-        # too weak to be seen, but w is solvable where nothing has been stimulated
+        # too weak to change estimates noticeably, but w is solvable without stimulation
         linear = self.point.linear
         ridge = _RIDGE / (self.power + LEAST_ENERGY)
         place = np.arange(PARAMETERS, PARAMETERS + len(linear))
@@ -279,7 +280,7 @@ class _Linearised:
 
 @dataclass(frozen=True)
 class _Solution:
-    """A step of x from a point at given scales, and what speaks for it."""
+    """A step of x from a point at given scales, with its evidence."""
 
     step: FloatArray
     hessian: FloatArray
@@ -313,9 +314,9 @@ def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | 
 def _best_scales(
     at: _Linearised, variance: float, scales: Scales
 ) -> tuple[Scales, _Solution, list[_Solution]]:
-    """Return the neighbour of the scales, in each, that the evidence prefers.
+    """Return the scales with the largest evidence among the neighbours of the present ones.
 
-    With its solution, and all that were tried.
+    With the solution, and all solutions tried.
     """
     best = scales
     reduced = at.reduced(variance, scales.disturbance)
@@ -345,10 +346,10 @@ def _best_scales(
 
 
 def _averaged(solution: _Solution, tried: list[_Solution]) -> FloatArray:
-    """Return the covariance of x about a solution, over the scales that may be the right ones.
+    """Return the covariance of x about a solution, averaged over the likely scales.
 
-    The evidence of one pair of scales is seldom much larger than that of the next, and the
-    intervals of the best one alone would be too narrow where it is not the right one.
+    The evidence of neighbouring scales often differs little, and intervals with the best one
+    alone would be too narrow.
     """
     likely = [one for one in tried if one.evidence > solution.evidence - _LIKELY]
     weight = np.exp([one.evidence - solution.evidence for one in likely])
@@ -384,7 +385,7 @@ def improved(
 def explained(
     problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
 ) -> bool:
-    """Take so many steps at the scales and the variance as they are; return whether it worked."""
+    """Take so many steps with the present scales and variance; return whether they succeeded."""
     for _ in range(steps):
         at = _linearised(problem, fit, knowledge, window)
         if at.samples == 0.0:
@@ -412,7 +413,7 @@ def _linearised(
 
 
 def _move(fit: WindowFit, at: _Linearised, solution: _Solution, covariance: FloatArray) -> None:
-    """Go where a solution leads, no further than the model is linear."""
+    """Take the step of a solution, limited to the range in which the model is nearly linear."""
     step = at.knowledge.bounded(at.point, solution.step, solution.hessian)
     joint, knots = PARAMETERS + len(at.point.linear), len(at.point.gain)
     slowing = step[joint + knots : joint + 2 * knots] / _LARGEST_SLOWING_STEP
@@ -430,7 +431,7 @@ def _move(fit: WindowFit, at: _Linearised, solution: _Solution, covariance: Floa
 
 
 def _bends(fit: WindowFit, first: int, knots: int) -> FloatArray:
-    """Return the second differences of the disturbance (knots,) as found last, else NaN."""
+    """Return the last second differences of the disturbance (knots,), NaN where unknown."""
     known = np.full(len(fit.levels), np.nan)
     known[1:-1] = np.diff(fit.levels, 2)
     bends = np.full(knots, np.nan)
@@ -457,7 +458,7 @@ def moved(point: Point, step: FloatArray) -> Point:
 
 
 def _restate_noise(fit: WindowFit, at: _Linearised, solution: _Solution, window: Window) -> None:
-    """Find the variance of the residuals, and how much neighbouring ones are alike."""
+    """Update the variance of the residuals and the factor of their correlation."""
     intervals, point = at.intervals, at.point
     now, spacing = window.now_ns / window.length_ns - int(intervals.first[0]), window.spacing
     functions = len(point.linear)
