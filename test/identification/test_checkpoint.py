@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A session that is cut, saved and gone on with gives the estimates of an unbroken one."""
+"""A session that is saved and continued gives the estimates of an uninterrupted one."""
 
 import dataclasses
 import hashlib

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whose messages count: the first publisher's, until it has been silent for long."""
+"""Only the first publisher's messages are used, until it has been silent for long."""
 
 import numpy as np
 from hypothesis import given

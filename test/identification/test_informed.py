@@ -53,14 +53,14 @@ def test_a_prior_is_no_measurement() -> None:
     assert narrowed(estimate([*CENTRES, 3.0], [*SPREADS, 0.1], 3.0)) == ['twitch_peak_n']
 
 
-def test_what_was_narrowed_is() -> None:
+def test_what_the_data_determine_is() -> None:
     half = [0.5 * spread for spread in SPREADS]
     assert narrowed(estimate([*CENTRES, 3.0], [*half, 0.1], 3.0)) == list(PHYSIOLOGY_NAMES)
     one = estimate([*CENTRES, 3.0], [half[0], SPREADS[1], half[2], 3.0], 3.0)
     assert narrowed(one) == ['twitch_time_constant_s', 'order']
 
 
-def test_a_twitch_of_another_height_than_the_response_describes_nothing() -> None:
+def test_a_twitch_of_another_height_than_the_response_is_not_informed() -> None:
     half = [0.5 * spread for spread in SPREADS]
     assert narrowed(estimate([*CENTRES, 2e-4], [*half, 1e-5], 3.3)) == []
 

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The Laguerre basis: orthonormal, moved exactly, and holding the twitch."""
+"""The Laguerre basis: orthonormal, with an exact transition, able to represent the twitch."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Samples are held against the prediction: a few that jump are outliers, what lasts is not."""
+"""Samples compared with the prediction: a few that jump are outliers, a lasting change is not."""
 
 import numpy as np
 import pytest

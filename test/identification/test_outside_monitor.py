@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A monitor from another package: one module and one entry point, nothing here is touched."""
+"""A monitor from another package: one module and one entry point."""
 
 import sys
 from pathlib import Path

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""An estimate that no muscle can have says so."""
+"""An impossible estimate has doubts."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def slow_sinusoid(noise: float, seed: int, latency: float = 0.0) -> tuple[PulseT
     return pulses, ForceTrace(stamps, muscle.force(stamps) + noises)
 
 
-def test_a_muscle_that_answers_before_the_functions_begin_is_in_doubt() -> None:
+def test_a_muscle_that_answers_before_the_functions_begin_is_doubtful() -> None:
     # Under a slow sinusoid at one rate the response is hardly seen: what the functions miss of
     # it turns it upside down, while the curve stays right.
     last = identify(ExactRecursion(), *slow_sinusoid(0.02, 1)).last

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Force and pulses brought together: laws of the cut and of the order, and every fault."""
+"""Alignment of force and pulses: blocks, order of arrival, and every fault."""
 
 import math
 from itertools import pairwise
@@ -344,7 +344,7 @@ def test_what_is_held_is_predicted_and_not_learnt_from(record, step: int) -> Non
     assert np.isfinite(run.column(2)).all()
 
 
-def test_a_jump_of_the_clock_does_not_let_go_of_what_is_held(record) -> None:
+def test_a_jump_of_the_clock_does_not_end_a_hold(record) -> None:
     first_pulses, first = record(uniform(20), START_NS)
     later_pulses, later = record(uniform(40, 8), START_NS - 3600 * SECOND, sequence=20)
     run = Run()

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Pulses weighed by those before them: the force of the history law, pulse by pulse."""
+"""Pulses weighted by those before them: the force of the history law, pulse by pulse."""
 
 import json
 import os

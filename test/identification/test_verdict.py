@@ -249,7 +249,7 @@ def test_a_stronger_muscle_can_be_expected(trial: Trial) -> None:
         VerdictSettings(expected_force=0.0)
 
 
-def test_the_gravest_reason_decides_and_comes_first() -> None:
+def test_the_most_serious_reason_decides_and_comes_first() -> None:
     verdict = of_reasons([('doubtful', 'a'), ('no', 'b'), ('doubtful', 'c')], 'well')
     assert verdict == Verdict(grade='no', reasons=('b', 'a', 'c'))
     assert of_reasons([], 'well') == Verdict(grade='good', reasons=('well',))
@@ -264,7 +264,7 @@ def test_the_estimates_that_are_needed_are_among_those_of_any_finer_grid() -> No
         assert duration <= 8 * period_of_estimates(duration) or duration == 0.0
 
 
-def test_the_stated_force_is_the_force_of_the_muscle_that_is_stated(trial: Trial) -> None:
+def test_the_simulated_force_is_that_of_the_estimated_muscle(trial: Trial) -> None:
     pulses, forces = trial
     last = identify(estimator_by_name('batch'), pulses, forces).last
     stated = simulated_force(last, pulses, forces.stamp_ns)

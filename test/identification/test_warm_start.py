@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A returning patient: what the last session told is a prior that gives way where it is wrong."""
+"""A returning patient: the last session is a prior, which is reduced where it is wrong."""
 
 import json
 from dataclasses import replace
@@ -76,7 +76,7 @@ def test_ten_pulses_are_enough_for_a_returning_patient(saved) -> None:
     assert warm[5] < 0.1 * cold[5]
 
 
-def test_a_wrong_prior_gives_way(saved) -> None:
+def test_a_wrong_prior_costs_a_second_at_most(saved) -> None:
     shape = IntensityRecruitment(0.62, 0.9, 5.0, 8.0).normalised()
     stranger = Subject(28e-3, 9e-3, recruitment=shape, maximum_force=31.0)
     wrong, _ = errors(stranger, 4.0, 3, saved)

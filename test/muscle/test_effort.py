@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Force beside the stimulated one, and faults of the sensor."""
+"""Force that the stimulation does not cause, and faults of the sensor."""
 
 from itertools import pairwise
 

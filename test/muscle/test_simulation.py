@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated session: samples of the muscle and its surroundings, and what was true."""
+"""A simulated session: samples of the muscle and its surroundings, and the true state."""
 
 import numpy as np
 import pytest

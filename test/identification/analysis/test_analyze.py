@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The whole analysis, where the truth is known; and what it says when something is wrong."""
+"""The whole analysis with known truth, and its findings for faulty recordings."""
 
 from dataclasses import replace
 
@@ -224,7 +224,7 @@ def test_clocks_that_differ_are_put_right():
     assert found.twitches.shared.latency == pytest.approx(SUBJECT.latency, abs=0.5e-3)
 
 
-def test_modulated_trains_are_sent_elsewhere():
+def test_modulated_trains_are_left_to_identification():
     random = np.random.default_rng(0).uniform(0, 1, 60)
     pulses = PulseTrain.regular(random, 20.0, start_ns=1_000_000_000)
     assert sentence(analyze(pulses, force_of(pulses)), 'use `rpms identify` for them')

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings that tell little or nothing: finite numbers, honest flags, no exception."""
+"""Recordings with little or no information: finite numbers, right flags, no exception."""
 
 import dataclasses
 
@@ -57,12 +57,12 @@ def test_single_pulse(kind, record):
 
 
 @BOTH
-def test_saturated_force_is_not_believed(kind, record):
+def test_saturated_force_has_wide_intervals(kind, record):
     take = record(8.0, noise=0.002)
     free = outcome(kind, take)
     np.clip(take.force, None, 0.4 * take.force.max(), out=take.force)
     estimate = outcome(kind, take)
-    # The sensor's limit looks like an early saturation; residuals that hang together widen it.
+    # The sensor's limit looks like an early saturation; correlated residuals widen the intervals.
     half = np.max(estimate.curve_upper - estimate.curve_force) / estimate.curve_force.max()
     assert half > 3 * np.max(free.curve_upper - free.curve_force) / free.curve_force.max()
 
@@ -91,7 +91,7 @@ def test_step_of_the_baseline(kind, record):
     take = record(10.0, noise=0.005)
     take.force[5_000:] += 0.2 * take.force.max()
     estimate = outcome(kind, take)
-    # No baseline of the model follows a step: nothing may pass for settled, and it shows.
+    # No baseline of the model follows a step: nothing may be flagged as converged.
     assert not (estimate.nonlinear_identifiability == CONVERGED).any()
     assert (estimate.curve_upper - estimate.curve_force).max() > 0.05 * take.curve.max()
 

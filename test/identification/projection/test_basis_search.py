@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The batch finds latency and time constant of muscles that nobody has told it of."""
+"""The batch finds the latency and time constant of muscles that it does not know."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from rpms_ros.identification.projection.sample_record import SampleRecord
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 
-# Order, T_a and latency: the corners of what people have, fast with electrodes, slow when tired.
+# Order, T_a and latency: corners of the range of people, fast with electrodes, slow when tired.
 MUSCLES = ((2, 8e-3, 5e-3), (4, 90e-3, 30e-3), (3, 70e-3, 9e-3), (3, 10e-3, 24e-3))
 
 
@@ -62,14 +62,14 @@ def test_the_curve_is_right_whatever_the_dynamics(
     # the aim for people; 0.5 % noise over 20 s alone leaves about 0.05 %
     assert curve_error(found, what) < 0.005
     physiology = dict(zip(found.physiology_names, found.physiology, strict=True))
-    # latency, order and T_a trade for one another where a slow sinusoid hardly shows the twitch
+    # latency, order and T_a compensate each other where a slow sinusoid hardly excites the twitch
     place = found.physiology_names.index('latency_s')
     width = found.physiology_upper[place] - found.physiology_lower[place]
     assert physiology['latency_s'] == pytest.approx(latency, abs=3e-3 + width)
     assert physiology['twitch_time_constant_s'] == pytest.approx(time_constant, rel=0.1)
 
 
-def test_a_preset_of_the_paper_is_obeyed(living_sessions) -> None:
+def test_a_preset_of_the_paper_sets_the_basis(living_sessions) -> None:
     what = recording(living_sessions, *MUSCLES[3], 'random')
     told = fed(batch('paper_table_4'), what)
     assert told.settings.basis == LaguerreBasis(7, 38e-3, 0.0)
@@ -104,7 +104,7 @@ def replace_times(what, by_ns: int):
     return what._replace(onset_ns=what.onset_ns + by_ns, stamp_ns=what.stamp_ns + by_ns)
 
 
-def test_the_middle_of_the_lattice_is_the_start_and_no_latency_is_below_zero() -> None:
+def test_the_middle_of_the_grid_is_the_start_and_no_latency_is_below_zero() -> None:
     start = LaguerreBasis(7, 38e-3, 8e-3)
     assert basis_at(start, (0, 0)) == start
     assert basis_at(start, (0, -32)).latency == 0.0

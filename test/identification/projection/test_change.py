@@ -1,16 +1,16 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The horizon follows a muscle that changes, and what it remembers is a cost it can trust.
+"""The horizon follows a muscle that changes, and its arrival cost is right.
 
 Mutants that make a test of this file fail, each tried by hand:
 
 * forgetting turned off;
-* the gradient of the remembered cost set to zero (nothing added to `information_vector`);
-* its decay left out (only the information is forgotten);
+* the gradient of the arrival cost set to zero (nothing added to `information_vector`);
+* its decay omitted (only the information is forgotten);
 * memory and horizon never compared;
 * no other start tried after a contradiction;
-* the remembered cost not moved to the parameters as they stand (`_recentre` left out);
-* the horizon's part of the statistic left out;
+* the arrival cost not expanded at the present parameters (`_recentre` omitted);
+* the horizon's part of the statistic omitted;
 * no process noise along the difference;
 * nothing forgotten after a contradiction.
 """
@@ -93,7 +93,7 @@ def test_another_start_ends_a_local_minimum(seed, record):
 
 @pytest.fixture(name='absorbed')
 def absorbed_fixture(record):
-    """Three seconds, condensed and absorbed at parameters beside the optimum."""
+    """Three seconds, condensed and marginalized at parameters beside the optimum."""
     take = record(3.0, noise=0.01, seed=5)
     settings = replace(SETTINGS, by_rate=None, step_period=100.0, baseline=False)
     estimator = HorizonEstimator(settings)
@@ -116,7 +116,7 @@ def squares(take, theta, linear):
     return float(np.sum((take.force - force) ** 2))
 
 
-def test_the_remembered_cost_has_the_slope_of_the_samples(absorbed):
+def test_the_arrival_cost_has_the_slope_of_the_samples(absorbed):
     take, estimator = absorbed
     fit, prior = estimator._fit, estimator._problem.prior
     found = []
@@ -155,7 +155,7 @@ def test_forgetting_moves_no_optimum(absorbed):
     assert (np.linalg.eigvalsh(prior.information) < 0.9 * sizes).all()
 
 
-def test_what_is_remembered_weighs_little_beside_a_full_horizon(record):
+def test_the_arrival_cost_is_small_beside_a_full_horizon(record):
     take = record(60.0, noise=0.01)
     estimator = HorizonEstimator(SETTINGS)
     take.feed(estimator)

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Batch and horizon: right, block-proof, replayable, calm in silence."""
+"""Batch and horizon: right curve, independent of blocks, replayable, stable at rest."""
 
 import numpy as np
 import pytest
@@ -110,7 +110,7 @@ def test_silence_neither_forgets_nor_winds_up(record):
     estimator = HorizonEstimator(SETTINGS)
     take.feed(estimator)
     estimate = estimator.estimate(int(take.stamp_ns[-1]), {})
-    # The horizon of 20 s holds no pulse any more: what is known was handed on.
+    # The horizon of 20 s holds no pulse any more: the arrival cost has the information.
     assert take.curve_error(estimate) < 0.01
     width = (estimate.curve_upper - estimate.curve_force).max() / take.curve.max()
     assert width < 0.05

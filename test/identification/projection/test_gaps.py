@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Outages, gaps and jumps: what the horizon held is kept, and no prediction runs away."""
+"""Outages, gaps and jumps: the information of the horizon is kept, and no prediction diverges."""
 
 from dataclasses import replace
 

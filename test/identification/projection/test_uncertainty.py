@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Intervals hold the truth as often as they say, flags follow their rules."""
+"""Intervals contain the truth as often as stated, flags follow their rules."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_intervals_shrink_with_the_root_of_the_time(record):
     assert 1.5 < widths[0] / widths[1] < 3.0
 
 
-def test_excitation_flags_follow_their_rules():
+def test_identifiability_flags_follow_their_rules():
     prior = np.full(4, 0.2)
     deviation = np.array([0.19, 0.1, 0.001, 0.001])
     flags = [NOT_INFORMED, INFORMED, CONVERGED, CONVERGED]

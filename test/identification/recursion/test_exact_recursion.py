@@ -159,7 +159,7 @@ def test_one_intensity_gives_no_curve(session) -> None:
     assert not estimator.estimate(0, {}).curve_known
 
 
-def test_nothing_known_is_said_to_be_so() -> None:
+def test_without_data_nothing_is_informed() -> None:
     estimator = ExactRecursion()
     estimate = estimator.estimate(0, {})
     assert not estimate.curve_known

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a change of the muscle was of, as the recursion for people names it."""
+"""The kind of a change, as determined by the recursion for people."""
 
 from itertools import pairwise
 

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is remembered, against sums over all samples at once."""
+"""The sums of the memory, against sums over all samples at once."""
 
 import numpy as np
 
@@ -112,7 +112,7 @@ def test_the_cost_is_that_of_the_samples() -> None:
     np.testing.assert_allclose(fit.squares[0], residual @ residual, rtol=1e-6)
 
 
-def test_a_baseline_that_walks_far_is_forgotten() -> None:
+def test_a_baseline_that_drifts_far_is_forgotten() -> None:
     memory, _ = filled(np.random.default_rng(4))
     before = memory.energy[0] - memory.cross[-1] ** 2 / memory.gram[-1, -1]
     let_baseline_drift(memory, 1e12)

@@ -149,7 +149,7 @@ def test_a_tremor_is_not_the_muscle(living_sessions, excitation):
 
 
 def test_a_muscle_that_tires_under_a_sinusoid_has_not_changed_suddenly(living_sessions):
-    """A muscle that was seen for half a period is known less than it seems."""
+    """A muscle observed for half a period is known less than its covariance says."""
     session = living_sessions.session('fatigue', 'sinusoid', 1, 20.0)
     _, estimates = run(session)
     assert estimates[-1].changes == 0

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A tremor beside the muscle is found, followed, and taken off."""
+"""A tremor is found, followed and subtracted."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def noise(count, deviation=0.05):
 
 
 @pytest.mark.parametrize('hertz', [4.1, 6.0, 8.0, 11.37])
-def test_a_tremor_is_found_and_foretold(hertz):
+def test_a_tremor_is_found_and_predicted(hertz):
     stamp_ns = samples(8.0)
     tremor = Tremor()
     assert followed(tremor, stamp_ns, wave(stamp_ns, hertz) + noise(len(stamp_ns))) == 1
