@@ -5,58 +5,37 @@
 ros2 launch rpms_ros simulation.launch.py namespace:=left_leg schedule:=uniform_random record:=true
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument
-from launch.actions import OpaqueFunction
-from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from launch import LaunchContext
 from launch import LaunchDescription
+from rpms_ros.nodes.launching import AS_THE_FILES_SAY
+from rpms_ros.nodes.launching import Given
+from rpms_ros.nodes.launching import configured
+from rpms_ros.nodes.launching import described
 
-PACKAGE = 'rpms_ros'
-Given = Callable[[str], str]
 ARGUMENTS = (
     ('namespace', '', 'Namespace of every node.'),
-    ('estimator', '', 'Algorithm of the identifier. Empty: as the files say.'),
-    ('subject', '', 'Preset of the muscle. Empty: as the files say.'),
+    ('estimator', '', f'Algorithm of the identifier. {AS_THE_FILES_SAY}'),
+    ('subject', '', f'Preset of the muscle. {AS_THE_FILES_SAY}'),
     ('scenario', '', 'What happens in the session: a name or a YAML file.'),
-    ('quantity', '', 'What the sensor measures: force or torque. Empty: as the files say.'),
+    ('quantity', '', f'What the sensor measures: force or torque. {AS_THE_FILES_SAY}'),
     (
         'schedule',
         '',
         'YAML file or name of a kind, run once everybody listens. Empty: a goal is waited for.',
     ),
-    ('parameters', '', 'YAML of parameters that replace those of config/.'),
-    ('live', 'false', 'Serve the live page as well, at http://127.0.0.1:8765/.'),
-    ('record', 'false', 'Record as well.'),
-    ('path', '', 'Folder of the recording; empty makes a name.'),
 )
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return what is started, and the arguments that `--show-args` lists."""
-    arguments = [
-        DeclareLaunchArgument(
-            name,
-            default_value=default,
-            description=doc,
-            choices=['true', 'false'] if name in ('live', 'record') else None,
-        )
-        for name, default, doc in ARGUMENTS
-    ]
-    return LaunchDescription([*arguments, OpaqueFunction(function=nodes)])
+    return described(ARGUMENTS, nodes)
 
 
-def nodes(context: LaunchContext) -> list[Node]:
+def nodes(given: Given) -> list[Node]:
     """Return the nodes as the arguments say."""
-
-    def given(name: str) -> str:
-        return str(LaunchConfiguration(name).perform(context))
-
     record = given('record') == 'true'
     # the force goes to identifier and recorder, the pulses to the plant too
     listeners = 2 if record else 1
@@ -77,7 +56,7 @@ def nodes(context: LaunchContext) -> list[Node]:
     if given('live') == 'true':
         # nobody waits for a page: it only looks
         chosen['live_page'] = some(given, quantity='quantity')
-    return [node(name, given, parameters) for name, parameters in chosen.items()]
+    return [configured(name, given, parameters) for name, parameters in chosen.items()]
 
 
 def some(given: Given, **names: str) -> dict[str, object]:
@@ -91,17 +70,3 @@ def schedule(asked: str) -> dict[str, object]:
         return {}
     is_file = Path(asked).suffix in ('.yaml', '.yml')
     return {'autostart': True, 'schedule_file' if is_file else 'schedule': asked}
-
-
-def node(name: str, given: Given, chosen: dict[str, object]) -> Node:
-    """Return one node: its file of config/, then the file of the user, then what was chosen."""
-    default = Path(get_package_share_directory(PACKAGE)) / 'config' / f'{name}.yaml'
-    files = [str(default), *filter(None, [given('parameters')])]
-    return Node(
-        package=PACKAGE,
-        executable=name,
-        name=name,
-        namespace=given('namespace'),
-        parameters=[*files, *([chosen] if chosen else [])],
-        output='screen',
-    )

@@ -67,6 +67,8 @@ class LaunchDescription:
 MODULES: dict[str, tuple[Any, ...]] = {
     'launch': (LaunchContext, LaunchDescription),
     'launch.actions': (DeclareLaunchArgument, OpaqueFunction),
+    'launch.launch_context': (LaunchContext,),
+    'launch.launch_description': (LaunchDescription,),
     'launch.substitutions': (LaunchConfiguration,),
     'launch_ros': (),
     'launch_ros.actions': (Node,),
