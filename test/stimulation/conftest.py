@@ -11,6 +11,7 @@ from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import HEARTBEAT
@@ -201,3 +202,19 @@ def brought_to(state, driver):
         driver.controller.start(constant(0.5, 0.5, 20.0))
     assert driver.controller.state is state
     return driver
+
+
+@pytest.fixture
+def fake(instrument):
+    """An instrument on a pseudo-terminal, whose own watchdog comes last."""
+    return instrument(watchdog_s=20.0)
+
+
+@pytest.fixture
+def device(fake):
+    """The serial device on it, open."""
+    # a machine under load may hold up the instrument, the guard or the test
+    real = SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0)
+    real.open()
+    yield real
+    real.close()

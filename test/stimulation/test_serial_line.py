@@ -20,19 +20,6 @@ WIDTH = 100e-6
 PATIENT = {'timeout_s': 5.0, 'beat_limit_s': 20.0}
 
 
-@pytest.fixture
-def fake(instrument):
-    return instrument(watchdog_s=20.0)
-
-
-@pytest.fixture
-def device(fake):
-    real = SerialDevice(fake.port, **PATIENT)
-    real.open()
-    yield real
-    real.close()
-
-
 def armed(device, intensity=0.5):
     device.arm()
     device.prepare(intensity)
