@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The analysis of a muscle as one JSON object: SI units, rates in Hz, no number is null."""
+"""The analysis of a muscle as one JSON object: SI units, rates in Hz; missing numbers are null."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ _MODELS = ('equal', 'gains', 'law')
 
 
 def analysis_document(analysis: MuscleAnalysis) -> Document:
-    """Return everything that was found, the traces apart."""
+    """Return all results without the traces."""
     clocks = analysis.artifacts
     document: Document = plain(
         {

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a muscle analysis, after Figs. 5 to 10 of the paper.
 
-Lines differ in dashes and points in shape, so that nothing is lost in black and white.
+Lines differ in dashes and points in shape, so that they are distinguished in black and white.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ MOST_TRAINS = 24
 
 
 def draw_analysis(folder: Path, analysis: MuscleAnalysis, title: str = '') -> tuple[Path, ...]:
-    """Write a figure of everything that was found; return the files.
+    """Write a figure for each kind of result; return the files.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def draw_twitches(found: TwitchAnalysis, title: str = '') -> Figure:
 
 
 def _draw_example(axes: Axes, found: TwitchAnalysis) -> None:
-    """Draw the strongest twitch with what each order makes of it."""
+    """Draw the strongest twitch with the fit of each order."""
     response = found.example
     index = int(np.argmax(found.fits.column(PEAK, found.choice.order)))
     lag, force = response.lag, np.where(response.usable, response.force, np.nan)
@@ -128,7 +128,7 @@ def _draw_latency(axes: Axes, table: LatencyTable, index: int) -> None:
         return
     percent = np.array([100 * np.nan_to_num(row.intensity, nan=1.0) for row in table.rows])
     axes.errorbar(
-        # side by side, so that neither hides the other
+        # side by side, so that both are visible
         percent + (index - 0.5) * 1.2,
         [1e3 * row.mean for row in table.rows],
         [1e3 * np.nan_to_num(row.spread) for row in table.rows],
@@ -142,9 +142,9 @@ def _draw_latency(axes: Axes, table: LatencyTable, index: int) -> None:
 
 
 def draw_trains(found: SummationAnalysis, title: str = '') -> Figure:
-    """Return trains with their explanations, and the gains of their pulses (Figs. 6 to 8).
+    """Return trains with their models, and the gains of their pulses (Figs. 6 to 8).
 
-    Every train has a panel; of more than `MOST_TRAINS` so many are chosen evenly over numbers of
+    Every train has a panel; of more than `MOST_TRAINS`, so many are chosen evenly over numbers of
     pulses and rates, and the title says so.
     """
     picked = _picked(found)
@@ -165,7 +165,7 @@ def draw_trains(found: SummationAnalysis, title: str = '') -> Figure:
 
 
 def _draw_gains(axes: Axes, found: SummationAnalysis) -> None:
-    """Draw the gains of all trains, one kind of line for trains of equal pulses and rate."""
+    """Draw the gains of all trains, with one kind of line for each number of pulses and rate."""
     kinds: dict[str, list[TrainAnalysis]] = {}
     for train in found.trains:
         kinds.setdefault(_name(train), []).append(train)

@@ -22,7 +22,7 @@ NOTHING = '-'
 
 
 def analysis_text(analyses: Sequence[MuscleAnalysis], names: Sequence[str]) -> str:
-    """Return all that was found in one recording, or the main results of several.
+    """Return all results of one recording, or the main results of several.
 
     Several are shown as one table for each kind of stimulation, with a row for each recording.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the estimates say of the muscle over time: force, parameters, changes, flags, effort."""
+"""Estimates over time: force, parameters, changes, flags, effort."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.schema import documented
 
 MOST_SHOWN = 300
-"""Of more estimates, evenly spaced ones are drawn: a page has no more pixels."""
-# Until then an estimator still learns; of a shorter session the first fifth [s].
+"""Most estimates that are drawn, evenly spaced: a page has no more pixels."""
+# Time for an estimator to settle; the first fifth of a shorter session [s].
 _SETTLING = 10.0
 _LEVEL_95 = 0.95
 # Warnings no further apart are one span [s].
 _BREAK = 1.0
-# What changed, in the words of a person who was there.
+# Meaning of each kind of change.
 MEANING_OF_CHANGE = {
     'gain': 'the force of all intensities changed alike: the muscle, or the angle of the joint',
     'thresholds': 'other intensities are needed than before: the coil probably moved',
@@ -43,7 +43,7 @@ class Change:
 
     time_s: float = documented('after the first force sample [s]')
     kind: str = documented('gain, thresholds, dynamics, baseline or unknown')
-    reason: str = documented('what that means, in words')
+    reason: str = documented('what that means, as a sentence')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ class Path:
 
 @dataclass(frozen=True)
 class Course:
-    """What a session's estimates say, one value an estimate.
+    """Quantities of a session over time, one value for each estimate.
 
     Attributes
     ----------
@@ -139,11 +139,11 @@ class Course:
         )
 
     def parameter(self, name: str) -> Path:
-        """Return a parameter of the recruitment curve; unknown where the data say nothing."""
+        """Return a parameter of the recruitment curve; unknown where it is not informed."""
         return _path(_parameter(one, name) for one in self.estimates)
 
     def physiology(self, name: str) -> Path:
-        """Return a number that is read off the response, where the data have narrowed it."""
+        """Return a number of the physiology, unknown where it is not informed."""
         return _path(_physiology(one, name) for one in self.estimates)
 
     @cached_property
@@ -163,7 +163,7 @@ class Course:
 
     @cached_property
     def follows(self) -> bool:
-        """Whether the estimator follows a muscle that changes."""
+        """Whether the estimator follows slow changes of the muscle."""
         return any(one.rate_names for one in self.estimates)
 
     @cached_property
@@ -193,7 +193,7 @@ class Course:
 
 
 def course_of(session: IdentifiedSession) -> Course:
-    """Return what the estimates of a session say over time."""
+    """Return the quantities of a session over time."""
     start = int(session.stamp_ns[0])
     end = float(session.stamp_ns.max() - start) / NANOSECONDS_PER_SECOND
     return Course(session.estimates, start, end)
@@ -222,7 +222,7 @@ def _physiology(one: Estimate, name: str) -> tuple[float, float, float] | None:
 
 
 def _warnings(before: Estimate, one: Estimate) -> list[str]:
-    """Return what the estimator says, and the faults that were counted since the one before."""
+    """Return the reasons of the estimator, and the faults counted since the last estimate."""
     new = (name for name, count in one.faults.items() if count > before.faults.get(name, 0))
     return [*one.reasons, *(f'{name}: {MEANING.get(name, "of a monitor")}' for name in new)]
 

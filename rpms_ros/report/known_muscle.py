@@ -1,8 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is true of a simulated muscle over a session, to draw beside what was identified.
+"""True state of a simulated muscle over a session, to draw beside the estimates.
 
-It comes from the topic of `rpms_msgs/MuscleTruth` in a recording, from the subject in the notes of
+It comes from messages `rpms_msgs/MuscleTruth` in a recording, from the subject in the notes of
 one, or from the simulation itself.  It is never part of a result.
 """
 
@@ -37,7 +37,7 @@ _NOTE = 'subject'
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """How far the identified curve was from the true one; shares of the true maximum."""
+    """Errors of the identified curve, as shares of the true maximum."""
 
     error_at_the_end: float = documented('worst error of the curve of the last estimate')
     worst_error: float = documented('worst error of any estimate after `since_s`')
@@ -52,7 +52,7 @@ class Judgement:
 
     @property
     def sentence(self) -> str:
-        """The judgement in words."""
+        """The errors as a sentence."""
         text = (
             f'The muscle was simulated: the identified curve is at most '
             f'{100 * self.error_at_the_end:.2g} % of its maximum from the true one at the end'
@@ -159,7 +159,7 @@ class KnownMuscle:
         return float(np.mean((lower <= true) & (true <= upper)))
 
     def judged(self, course: Course) -> Judgement | None:
-        """Return how far a session's curves were from the true ones, None if nothing tells."""
+        """Return the errors of a session's curves, None if the true ones are not known."""
         since = min(SETTLED_S, 0.5 * course.end_s)
         late = [one for one in course.estimates if one.stamp_ns >= course.start_ns + 1e9 * since]
         errors = np.array([self.error(one) for one in late])
@@ -185,7 +185,7 @@ class KnownMuscle:
 def known_muscle(
     truths: Sequence[Truth], notes: Mapping[str, str], rate_hz: float
 ) -> KnownMuscle | None:
-    """Return the muscle of a simulated recording, None if nothing tells it.
+    """Return the muscle of a simulated recording, None if it is not known.
 
     Parameters
     ----------
@@ -200,16 +200,16 @@ def known_muscle(
     found = of_truths(truths, subject)
     if found is None and subject is not None:
         found = of_subject(subject, rate_hz)
-    # what a recording says of a muscle need not be one
+    # the notes of a recording need not describe a possible muscle
     if found is None or not np.isfinite(found.curve).all() or not (found.curve.max(1) > 0).all():
         return None
     return found
 
 
 def of_truths(truths: Sequence[Truth], subject: Subject | None = None) -> KnownMuscle | None:
-    """Return the muscle that messages of a simulation tell, None if there are none.
+    """Return the muscle from messages of a simulation, None if there are none.
 
-    Of a simulator that has started anew only what is stamped later than all before counts.
+    After a restart of the simulator only messages stamped later than all before are used.
     """
     kept: list[Truth] = []
     for one in truths:
@@ -263,7 +263,7 @@ def _noted_subject(notes: Mapping[str, str]) -> Subject | None:
 
 
 def _between(stamp_ns: IntArray, values: FloatArray, wanted: IntArray | int) -> FloatArray:
-    # relative to the first: nanoseconds since 1970 have no room in a double
+    # relative to the first: a double does not resolve nanoseconds since 1970
     found: FloatArray = np.interp(
         (np.asarray(wanted) - stamp_ns[0]).astype(np.float64),
         (stamp_ns - stamp_ns[0]).astype(np.float64),

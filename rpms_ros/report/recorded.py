@@ -78,7 +78,7 @@ class RecordedMessages:
     unreadable : int
         Messages that could not be decoded.
     truths : list of Truth
-        What a simulator said of its muscle.
+        True states published by a simulator.
     """
 
     estimates: list[Estimate]
@@ -101,7 +101,7 @@ def recorded_messages(
     path : Path or str
         Folder or file.
     progress : callable, optional
-        Is told how many messages were read.
+        Called with the number of messages read.
     memory : int, optional
         What reading may take, as of `read_recording` [bytes].
     held : int
@@ -147,7 +147,7 @@ def recorded_messages(
 def true_muscle(
     recording: 'Recording', rate_hz: float, memory: int | None = None
 ) -> KnownMuscle | None:
-    """Return the muscle of a simulated recording, None if nothing in it tells one.
+    """Return the muscle of a simulated recording, None if it has none.
 
     Parameters
     ----------
@@ -193,13 +193,13 @@ def _decoded(
 
 
 class _Totals:
-    """What the statuses of a driver come to, taken one by one: an hour of them is not kept."""
+    """Totals of the statuses of a driver, updated one by one instead of keeping all of them."""
 
     def __init__(self) -> None:
         self.found: DriverTotals | None = None
 
     def take(self, status: Any) -> None:
-        """Take the next status; an exception of `_NOT_THERE` if it is none."""
+        """Add the next status; raise an exception of `_NOT_THERE` if it is none."""
         before = self.found
         counts = [int(count) for count in status.fault_counts]
         hottest = float(status.coil_temperature)

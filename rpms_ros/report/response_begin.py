@@ -1,18 +1,18 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the response to one pulse begins, as far as a fitted one can tell.
+"""From which time on a fitted response to one pulse is determined by the data.
 
-Smooth functions that are fitted to a force cannot be zero until the muscle answers and rise then:
-before that they swing to either side of zero, and data in which pulses follow one another closely
-hardly contradict them.  What lies before the last change of sign ahead of the peak is therefore no
-force that was seen.
+Smooth functions cannot be zero until the muscle responds and then rise:
+before that they oscillate around zero, and data in which pulses follow one another closely
+hardly contradict them.  So the response before its last change of sign ahead of the peak is not
+determined.
 """
 
 import numpy as np
 
 from rpms_ros.pulses import FloatArray
 
-# A swing that is smaller than this share of the peak is not seen in a figure.
+# Smaller oscillations, as a share of the peak, are not visible in a figure.
 _SEEN = 2e-3
 
 

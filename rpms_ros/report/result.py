@@ -77,12 +77,10 @@ class Stated:
 
 @dataclass(frozen=True, kw_only=True)
 class IdentificationResult:
-    """What a recording says about the muscle; what cannot be known is null."""
+    """Result of a recording; what cannot be determined is null."""
 
     session_hash: str = documented('hash of pulses and force: the same data, the same hash')
-    schedules: list[RecordedSchedule] = documented(
-        'what a driver was about to run, as far as the recording has it'
-    )
+    schedules: list[RecordedSchedule] = documented('schedules that a driver accepted, as recorded')
     estimator: str = documented('name of the algorithm')
     unit: str = documented('of every force: N, or N m where the sensor measured a torque')
     samples: int = documented('force samples that were processed')
@@ -102,7 +100,7 @@ class IdentificationResult:
         'standard deviation of each parameter that the data determine', default=None
     )
     physiology: dict[str, Stated] | None = documented(
-        'numbers read off the response that the data have narrowed; the unit stands in the name',
+        'informed numbers of the twitch; the unit is part of the name',
         default=None,
     )
     dynamics: TrainDynamics | None = documented(
@@ -110,7 +108,7 @@ class IdentificationResult:
         default=None,
     )
     steadiness: str | None = documented(
-        'whether the muscle stayed the same, in words; of an estimator that follows changes',
+        'whether the muscle stayed the same, as a sentence; for an estimator that follows changes',
         default=None,
     )
     changes: list[Change] | None = documented('sudden changes that were found', default=None)
@@ -123,8 +121,8 @@ class IdentificationResult:
         'root mean square of measured minus predicted force, after settling [N]'
     )
     output_error_of_range: float = documented('the same as share of the range of the force')
-    faults: dict[str, int] = documented('what was wrong with the data, and how often')
-    notes: list[str] = documented('what to beware of')
+    faults: dict[str, int] = documented('faults of the data, and how often each')
+    notes: list[str] = documented('warnings')
     verdict: Verdict = documented('whether the result may be used, and why')
 
 
@@ -138,14 +136,14 @@ def result_of(
     Parameters
     ----------
     recording, session : Recording, IdentifiedSession
-        What was recorded, and what was made of it.
+        The recording and its identification.
     settings : VerdictSettings, optional
         Thresholds of the verdict.
 
     Raises
     ------
     ReportError
-        If the response to a pulse is not finite: the estimator could do nothing with the data.
+        If the response to a pulse is not finite.
     """
     last, stamps = session.last, recording.forces.stamp_ns
     dynamics = None if last.curve_known else _dynamics(recording)
@@ -210,7 +208,7 @@ def impulse_response(pulses: PulseTrain, estimate: Estimate) -> FloatArray:
     """Return the response to one pulse (times,) [N].
 
     At full intensity; where the recruitment is not known, at the intensity of the pulses, since
-    the response to any other would be made up.
+    the response to any other is not determined.
     """
     if estimate.curve_known:
         return estimate.response_force
@@ -221,7 +219,7 @@ def impulse_response(pulses: PulseTrain, estimate: Estimate) -> FloatArray:
 
 
 def _physiology(estimate: Estimate) -> dict[str, Stated]:
-    """Return what the data have narrowed, by name."""
+    """Return the informed numbers, by name."""
     columns = (estimate.physiology, estimate.physiology_lower, estimate.physiology_upper)
     rows = np.stack(columns, axis=1)
     return {
@@ -231,7 +229,7 @@ def _physiology(estimate: Estimate) -> dict[str, Stated]:
 
 
 def _rates(estimate: Estimate) -> dict[str, Stated]:
-    """Return what changes slowly, a minute, by name."""
+    """Return slow changes per minute, by name."""
     rows = np.stack((estimate.rate, estimate.rate_lower, estimate.rate_upper), axis=1)
     return {
         name: Stated(*row) for name, row in zip(estimate.rate_names, rows.tolist(), strict=True)
@@ -239,7 +237,7 @@ def _rates(estimate: Estimate) -> dict[str, Stated]:
 
 
 def _deviations(variance: FloatArray, informed: BoolArray) -> list[float]:
-    """Return standard deviations, not a number where the data say nothing."""
+    """Return standard deviations, NaN where a parameter is not informed."""
     if not len(variance):
         return []
     deviations: list[float] = np.where(informed, np.sqrt(variance), np.nan).tolist()

@@ -11,20 +11,20 @@ from rpms_ros.report.course import Change
 from rpms_ros.report.course import Course
 from rpms_ros.report.course import Path
 
-# Half an interval wider than this share of the value does not tell whether it has changed.
+# With half an interval wider than this share a value is not compared.
 _NARROW = 0.05
-# A change that is smaller than this share is not worth a word, however sure it is.
+# Smaller changes are not mentioned, however certain.
 _WORTH = 0.02
-# Larger bounds are not called the same.
+# With larger bounds the muscle is not called the same.
 _SAME = 0.1
-# After a sudden change the muscle is learnt anew [s].
+# Time to settle after a sudden change [s].
 _AFTER = 5.0
 _MUSCLE = ('gain', 'thresholds', 'dynamics', 'unknown')
 _TIME_CONSTANT = 'twitch_time_constant_s'
 
 
 def steadiness(course: Course) -> str:
-    """Return whether the muscle stayed the same, as far as the estimates tell."""
+    """Return sentences on whether the muscle stayed the same."""
     sudden = [_told(change, course) for change in course.changes]
     if not course.follows and not sudden:
         return _not_told(course)
@@ -70,7 +70,7 @@ def _spans(course: Course) -> list[tuple[float, float]]:
 
 
 def _slow(course: Course, start: float, end: float) -> str:
-    """Return how force and twitch changed slowly in a part of the session, empty if not."""
+    """Return the slow changes of force and twitch in a part of the session, empty if none."""
     inside = course.settled & (course.time_s >= start) & (course.time_s <= end)
     force = _difference(course.force, inside, 'fell', 'rose')
     slower = _difference(
@@ -86,7 +86,7 @@ def _slow(course: Course, start: float, end: float) -> str:
 
 
 def _difference(path: Path, inside: np.ndarray, down: str, up: str) -> str:
-    """Return the change of a quantity between two ends, empty if it is not sure or too small."""
+    """Return the change of a quantity between two ends, empty if uncertain or too small."""
     places = _narrow(path, inside)
     if len(places) < 2:
         return ''
@@ -105,7 +105,7 @@ def _between(course: Course, inside: np.ndarray) -> str:
 
 
 def _narrow(path: Path, inside: np.ndarray) -> np.ndarray:
-    """Return where a quantity is known well enough to be compared, in order."""
+    """Return the estimates at which a quantity is known well enough to be compared."""
     half = 0.5 * (path.upper - path.lower)
     with np.errstate(invalid='ignore'):
         chosen = inside & path.known & (half <= _NARROW * np.abs(path.value))
@@ -115,9 +115,9 @@ def _narrow(path: Path, inside: np.ndarray) -> np.ndarray:
 def _ratio(path: Path, first: int, last: int) -> tuple[float, float]:
     """Return relative change between two estimates, and half of its interval.
 
-    The two are taken for independent, which makes the interval rather too wide.
+    The two are assumed independent, which makes the interval rather too wide.
     """
-    # elsewhere the value may be nothing, before anything was learnt
+    # elsewhere the value may be 0, before the estimator has settled
     place = np.array([first, last])
     half = 0.5 * (path.upper - path.lower)[place] / np.abs(path.value[place])
     ratio = float(path.value[last] / path.value[first])
@@ -144,7 +144,7 @@ def _told(change: Change, course: Course) -> str:
 
 
 def _step(path: Path, course: Course, change: Change) -> str:
-    """Return how a quantity differs before and after a sudden change, empty if it is not told."""
+    """Return the change of a quantity by a sudden change, empty if uncertain."""
     pair = _around(path, course, change)
     if pair is None:
         return ''

@@ -24,7 +24,7 @@ def width() -> int:
 
 
 def labelled(rows: Iterable[tuple[str, str]]) -> str:
-    """Return a line for each label and text; a long text goes on below its beginning."""
+    """Return a line for each label and text; a long text continues below its beginning."""
     rows = list(rows)
     column = max((len(label) for label, _ in rows), default=0)
     return '\n'.join(_wrapped(f'  {label:<{column}}  ', text) for label, text in rows)
@@ -79,7 +79,7 @@ def _wrapped(start: str, text: str, indent: int | None = None) -> str:
     text = ''.join(letter if letter.isprintable() or letter.isspace() else '?' for letter in text)
     room = max(width(), len(start) + 20)
     later = ' ' * (len(start) if indent is None else indent)
-    # a hash is not cut in two, nor what else may be copied
+    # hashes and other text to be copied are not split
     if len(later) + max(map(len, text.split()), default=0) > room:
         close = ' ' * _CLOSE
         return f'{start.rstrip()}\n{_filled(close, close, text, room)}'

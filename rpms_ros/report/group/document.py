@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that the page of a study shows, as one document."""
+"""Content of the page of a study, as one document."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -32,7 +32,7 @@ FAILED = 'failed'
 def group_document(
     rows: Sequence[Row], title: str, one_person: bool, remarks: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return what the page shows.
+    """Return the content of the page.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def group_document(
         Whether the recordings are sessions of one person: then they are ordered by their dates,
         and changes are stated; else their spread.
     remarks : sequence of str
-        What to beware of.
+        Warnings.
     """
     if one_person and all(_dated(row) for row in rows):
         rows = sorted(rows, key=lambda row: int(row['start_ns']))
@@ -72,7 +72,7 @@ def _dated(row: Row) -> bool:
 
 
 def _shown(index: int, row: Row, first_ns: int) -> dict[str, Any]:
-    """Return a recording as the page shows it; numbers that must not be used are not there."""
+    """Return a recording as the page shows it, without numbers that must not be used."""
     good = row['status'] == 'ok'
     date = None
     day = None

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that a report shows of one session, computed before anything is drawn."""
+"""Content of a report on one session, computed before anything is drawn."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ from rpms_ros.stimulation.device_specification import DeviceSpecification
 
 @dataclass(frozen=True)
 class ReportSettings:
-    """What a report is made with.
+    """Settings of a report.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class ReportSettings:
     device : DeviceSpecification or None
         Device for the energy; None leaves it in units of a pulse at full intensity.
     stated : mapping of str to str or None
-        Items of the checklist that a person states.
+        Items of the checklist given by the user.
     command : str
         The command line that makes the report; empty if there is none.
     previous : mapping or None
@@ -70,7 +70,7 @@ class ReportSettings:
 
 @dataclass(frozen=True)
 class SessionAnalysis:
-    """What a report shows.
+    """Content of a report.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class SessionAnalysis:
     recording : Recording
         Where it comes from.
     result : IdentificationResult
-        What `rpms identify --json` says of it.
+        As `rpms identify --json` prints it.
     session : IdentifiedSession
         Estimates and traces.
     dose : Dose
@@ -95,11 +95,11 @@ class SessionAnalysis:
     checklist : list of ChecklistItem
         Items of the reporting checklist.
     settings : ReportSettings
-        What it was made with.
+        Settings.
     remarks : tuple of str
         Why something is missing.
     headline : Headline
-        What the first screen says.
+        The first screen.
     truth : KnownMuscle or None
         The true muscle, where the recording was simulated.
     """
@@ -121,7 +121,7 @@ class SessionAnalysis:
 
     @cached_property
     def course(self) -> Course:
-        """What the estimates say over time."""
+        """Quantities of the session over time."""
         return course_of(self.session)
 
 
@@ -135,7 +135,7 @@ def analyse(
     settings: ReportSettings | None = None,
     progress: Callable[[int], object] | None = None,
 ) -> SessionAnalysis:
-    """Return everything that a report shows.
+    """Return the content of a report.
 
     Parameters
     ----------
@@ -148,14 +148,14 @@ def analyse(
     build_estimator : callable
         Makes a fresh estimator for the held-out fit, like that of the session.
     settings : ReportSettings, optional
-        What the report is made with.
+        Settings.
     progress : callable, optional
-        Is told how many samples of the held-out fit were taken since the last call.
+        Called with the number of samples of the held-out fit processed since the last call.
 
     Raises
     ------
     ReportError
-        If a share is not between 0 and 1, or an item is stated that the checklist has not.
+        If a share is not between 0 and 1, or a given item is not in the checklist.
     """
     settings = settings or ReportSettings()
     dose = dose_of(recording.pulses, int(session.stamp_ns[0]))

@@ -1,13 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Fields of the rPMS reporting checklist, filled as far as a recording knows.
+"""Fields of the rPMS reporting checklist, filled as far as the recording allows.
 
 The checklist is the outcome of a Delphi study: Schneider, Zangrandi, Sollmann, Bonfert, Beaulieu
 and the rPMS Consensus Group, Front. Neurol. 13:852848, 2022 (doi 10.3389/fneur.2022.852848).  It
 has 35 items: 8 on the subject, 16 on the method, 11 on the stimulation protocol.  Named here are
-those that the publication's abstract and the beginning of its Table 2 name, in words of our own:
+those in the abstract and at the beginning of Table 2 of the publication, in our own words:
 all 8 on the subject (those of the table on which at least three quarters agreed), 7 on the
-method, 2 on the protocol.  The others have to be looked up there.
+method, 2 on the protocol.  For the others see the publication.
 """
 
 from collections.abc import Mapping
@@ -30,18 +30,18 @@ ITEMS_OF_THE_CONSENSUS = {'subject': 8, 'method': 16, 'protocol': 11}
 
 @dataclass(frozen=True)
 class ChecklistItem:
-    """One item of the checklist with what is known of it.
+    """One item of the checklist with its value.
 
     Attributes
     ----------
     key : str
-        Name under which a recording's notes or an option of the command state it.
+        Name of the item in the notes of a recording and in the option of the command.
     part : str
         ``subject``, ``method`` or ``protocol``.
     label : str
-        What is asked for.
+        Question of the item.
     value, origin : str or None
-        What is known and where it comes from; None if it is not known.
+        Value and where it comes from; None if it is not known.
     """
 
     key: str
@@ -86,14 +86,14 @@ def checklist_of(
     dose : Dose
         Pulses of the recording.
     notes : mapping of str to str
-        What the recording notes for people.
+        Notes of the recording.
     stated : mapping of str to str, optional
-        What the person who makes the report states; goes before everything else.
+        Values given by the user; they have priority.
 
     Raises
     ------
     ReportError
-        If something is stated that is no item.
+        If a given item is not in the checklist.
     """
     stated = stated or {}
     if unknown := sorted(set(stated) - set(KEYS)):
@@ -118,7 +118,7 @@ def _filled(
 
 
 def _measured(dose: Dose) -> dict[str, str]:
-    """Return what the pulses themselves tell."""
+    """Return the items that follow from the pulses."""
     if dose.intensity is None:
         return {}
     paradigm = f'{dose.trains} train{"s" if dose.trains > 1 else ""}'

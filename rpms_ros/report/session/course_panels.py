@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Panels of what the estimates say over time, and of the parameters of a single estimate.
+"""Panels of the quantities over time, and of the parameters of a single estimate.
 
 Sudden changes are dotted lines with their kind, spans with a warning are hatched, true values of a
 simulated muscle dashed.
@@ -26,7 +26,7 @@ from rpms_ros.report.session.panels import MODELLED
 from rpms_ros.report.session.panels import draw_true
 from rpms_ros.report.session.residuals import BAND_95
 
-# Dashed is what is true.
+# True values are dashed.
 _LINE_STYLES = ('-', ':', '-.')
 _TIME_CONSTANT = 'twitch_time_constant_s'
 # Smallest height of an axis: of force and time constant as a share of the value, of intensities

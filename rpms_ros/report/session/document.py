@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A report as one document that JSON can hold: every number that the page shows."""
+"""A report as one JSON document: every number that the page shows."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ from rpms_ros.schema import plain
 
 
 def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
-    """Return the report as JSON takes it; what cannot be known is None.
+    """Return the report as plain values; what cannot be determined is None.
 
     Forces in N, times in s, rates in Hz, energies in J, intensities as shares of the maximum.
     """
@@ -60,7 +60,7 @@ def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
 
 
 def _truth(analysis: SessionAnalysis) -> dict[str, Any] | None:
-    """Return how far the result is from the muscle that was simulated, None if none was."""
+    """Return the errors of the result, None if the muscle was not simulated."""
     judgement = analysis.truth and analysis.truth.judged(analysis.course)
     if not judgement:
         return None
@@ -68,7 +68,7 @@ def _truth(analysis: SessionAnalysis) -> dict[str, Any] | None:
 
 
 def twitch_figures(analysis: SessionAnalysis) -> dict[str, float | None]:
-    """Return what is read off the response to one pulse: peak [N], and two times [s].
+    """Return peak [N], time to peak and half relaxation [s] of the response to one pulse.
 
     Half relaxation is when the force has fallen to half its peak, None if it does not.
     """
@@ -83,7 +83,7 @@ def twitch_figures(analysis: SessionAnalysis) -> dict[str, float | None]:
 
 
 def _courses(course: Course) -> dict[str, Any]:
-    """Return what the estimates say over time, evenly thinned if there are very many.
+    """Return the quantities over time, evenly thinned if there are very many.
 
     Each quantity has lists of values and, where there are intervals, of their ends.
     """
@@ -111,7 +111,7 @@ def _courses(course: Course) -> dict[str, Any]:
 
 
 def _short(values: FloatArray) -> list[float]:
-    """Return numbers with six digits: a course is looked at, not computed with."""
+    """Return numbers with six digits, enough for a figure."""
     return [float(f'{value:.6g}') for value in values]
 
 

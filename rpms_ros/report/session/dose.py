@@ -21,7 +21,7 @@ TRAIN_GAP = 1.0
 
 @dataclass(frozen=True)
 class Dose:
-    """What was done to the muscle.
+    """Schedule and dose of a session.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Dose:
 
 @dataclass(frozen=True)
 class DeviceLoad:
-    """What the pulses come to on a device, by the figures of its specification.
+    """Energy, power and temperature of the pulses on a device, by its specification.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
     Parameters
     ----------
     pulses : PulseTrain
-        As recorded; those whose intensity is not within 0..1 are left out.
+        As recorded; those whose intensity is not within 0..1 are not counted.
     start_ns : int
         Start of the session [ns].
     """
@@ -118,7 +118,7 @@ def _spread(values: FloatArray, middle: str) -> dict[str, float] | None:
 
 
 def load_of(dose: Dose, specification: DeviceSpecification) -> DeviceLoad:
-    """Return what the pulses come to on a device, E = E_max u^2 a pulse."""
+    """Return energy, power and temperature on a device, E = E_max u^2 for each pulse."""
     limits = specification.limits
     energy = limits.pulse_energy_j * dose.intensities**2
     onset = dose.onset_s

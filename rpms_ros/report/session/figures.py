@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of a report: black, grey and line styles, so that a copy loses nothing."""
+"""The figures of a report, in black and grey with different line styles."""
 
 from collections.abc import Callable
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the first screen of a report says: the muscle in a few numbers, and what to do next."""
+"""First screen of a report: the muscle in a few numbers, and what to do next."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ from rpms_ros.report.result import IdentificationResult
 from rpms_ros.report.steadiness import steadiness
 
 _SHOWN = (0.5, 1.0)
-# What a force may differ by from session to session without a word, if no interval is known.
+# Change of the force between sessions that is not mentioned, if no interval is known.
 _SMALL = 0.1
-# Force of something else counts above this share of the range of the force.
+# Force not caused by the stimulation is mentioned above this share of the range of the force.
 _EFFORT = 0.05
 _RATES = {
     'force_percent': 'steady force, % a minute',
@@ -66,7 +66,7 @@ class StatedForce:
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """How fast something changed at the end of the session, a minute."""
+    """Rate of change of a quantity at the end of the session, per minute."""
 
     name: str
     label: str
@@ -102,7 +102,7 @@ def headline_of(
     result, session : IdentificationResult, IdentifiedSession
         What was identified.
     previous : mapping, optional
-        What `rpms identify --json` or `rpms report --json` printed of an earlier session.
+        Output of `rpms identify --json` or `rpms report --json` of an earlier session.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def at_intensity(share: float, intensity: FloatArray, values: FloatArray) -> flo
 
 
 def rates_of(session: IdentifiedSession) -> list[Rate]:
-    """Return how fast force, twitch and thresholds change at the end; none if it is not told."""
+    """Return the rates of force, twitch and thresholds at the end; none if not determined."""
     last = session.last
     rows = zip(last.rate_names, last.rate, last.rate_lower, last.rate_upper, strict=True)
     return [
@@ -194,7 +194,7 @@ def _next_steps(result: IdentificationResult, changes: list[Change]) -> list[str
 def _compared(
     forces: list[StatedForce], result: IdentificationResult, previous: Mapping[str, Any]
 ) -> list[str]:
-    """Return sentences on what is different from an earlier session."""
+    """Return sentences on the differences from an earlier session."""
     before = previous.get('result', previous)
     try:
         curve, rate = before['curve'], float(before['rate_hz'])

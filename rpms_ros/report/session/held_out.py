@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The fit on data that the estimator did not learn from: the end of the recording, held out."""
+"""The fit of the end of the recording, from which the estimator did not learn."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -36,12 +36,12 @@ class FrozenFrom:
 
     @property
     def name(self) -> str:
-        """Name that goes into estimates."""
+        """Name of the algorithm, as in `Estimate.estimator`."""
         return self._estimator.name
 
     @property
     def on_line(self) -> bool:
-        """Whether an estimate costs the same however much has come before."""
+        """Whether the cost of an estimate does not grow with the length of the session."""
         return self._estimator.on_line
 
     @property
@@ -62,7 +62,7 @@ class FrozenFrom:
         return self._estimator.update(stamp_ns, force, usable & (stamp_ns < self._stamp_ns))
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return what is known now."""
+        """Return the present estimate."""
         return self._estimator.estimate(stamp_ns, faults)
 
 
@@ -75,7 +75,7 @@ class HeldOutFit:
     learnt_s, held_out_s : float
         Lengths of the two parts [s].
     samples : int
-        Samples of the held-out part, without those that lost pulses spoil.
+        Samples of the held-out part, without those that lost pulses affect.
     error_n, error_of_range : float
         Root mean square of the residual [N], and as a share of the range of the whole session's
         force.

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How a report was made, to be copied into a paper and to be done again."""
+"""Methods of a report: sentence for a paper, command and versions."""
 
 import platform
 from importlib.metadata import PackageNotFoundError
@@ -18,7 +18,7 @@ _PACKAGES = ('numpy', 'scipy', 'numba', 'matplotlib')
 
 
 def methods_of(analysis: 'SessionAnalysis') -> dict[str, Any]:
-    """Return the sentence for a paper, the command and the versions of what computed it."""
+    """Return the sentence for a paper, the command and the versions of the software."""
     return {
         'sentence': _sentence(analysis),
         'command': analysis.settings.command or None,

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A report as one HTML page that needs nothing else: style, script, figures and data inside."""
+"""A report as one HTML page with style, script, figures and data inside."""
 
 import json
 from datetime import UTC
@@ -60,9 +60,9 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
     Parameters
     ----------
     analysis : SessionAnalysis
-        What the figures show.
+        Content of the figures.
     document : dict
-        What the tables show, as `as_document` makes it; it is inside the page as JSON too.
+        Content of the tables, from `as_document`; it is inside the page as JSON too.
     """
     template = page_template(_HERE, number=number, percent=percent, with_interval=with_interval)
     return template.render(
@@ -82,7 +82,7 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
 
 
 def _start(stamp_ns: int) -> str:
-    """Return when a session began, as far as its stamps tell."""
+    """Return when a session began, if its stamps are dates."""
     seconds = stamp_ns // NANOSECONDS_PER_SECOND
     if seconds < _EARLIEST_S:
         return f'not known: the stamps begin at {stamp_ns / NANOSECONDS_PER_SECOND:.4g} s'

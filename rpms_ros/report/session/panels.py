@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn into the axes of each figure of a report.
+"""Panels of each figure of a report.
 
 Measured is thick and grey, true thick, grey and dashed, modelled thin and black, limits are
-dashed, bands light with an edge: told apart by shade, width and style, never by hue.
+dashed, bands light with an edge: distinguished by shade, width and style, not by hue.
 """
 
 import numpy as np
@@ -22,9 +22,9 @@ from rpms_ros.report.session.residuals import ResidualAnalysis
 
 MEASURED, MODELLED, BAND, FAINT = '#a0a0a0', '#000000', '#dcdcdc', '#6e6e6e'
 _SHOWN = 4.0
-# More bars than this cannot be told apart in print.
+# More bars than this are not distinguishable in print.
 _MOST_BARS = 1000
-# More points than this in a line cannot be told apart either.
+# More points than this in a line are not distinguishable either.
 _MOST_POINTS = 2000
 
 
@@ -61,7 +61,7 @@ def draw_response(
 ) -> None:
     """Draw the response to one pulse, `force` (times,) [N], with its band and the true one.
 
-    What a smooth fit does before the muscle answers is dotted.
+    The response before it is determined (`begin_of_response`) is dotted.
     """
     last = session.last
     time = 1e3 * last.response_time
@@ -144,7 +144,7 @@ def draw_schedule(axes: list[Axes], dose: Dose) -> None:
         _note(axes[0], 'no pulses')
         return
     if len(time) <= _MOST_BARS:
-        # one line with gaps: far less text in an SVG than a line for each pulse
+        # one line with gaps, which is shorter in SVG than a line for each pulse
         bars = np.stack([np.zeros_like(time), intensity, np.full_like(time, np.nan)], axis=1)
         axes[0].plot(np.repeat(time, 3), bars.ravel(), color=MEASURED, lw=0.6)
         axes[0].plot(time, intensity, '.', color=MODELLED, ms=2.5)
@@ -182,7 +182,7 @@ def quantity(unit: str) -> str:
 
 
 def draw_true(axes: Axes, x: FloatArray, y: FloatArray, name: str | None = 'true') -> None:
-    """Draw what is true of a simulated muscle: dashed, behind what was identified."""
+    """Draw true values of a simulated muscle: dashed, behind the estimate."""
     axes.plot(x, y, color=MEASURED, ls='--', lw=2.4, label=name, zorder=1.5)
 
 

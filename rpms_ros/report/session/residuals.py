@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Residual of the model: whether it is white, and whether it is correlated with the pulses.
 
-A residual (measured minus predicted) that is correlated with itself holds dynamics or drift that
-the model lacks; one that is correlated with the pulses holds muscle that the model lacks.
+A residual (measured minus predicted) that is correlated with itself contains dynamics or drift
+that the model lacks; one correlated with the pulses contains a response that the model lacks.
 
 The sample autocorrelation at lag k is r(k) = sum_i e_i e_(i+k) / sum_i e_i^2, its cumulated test
 Q = N (N + 2) sum_(k=1..K) r(k)^2 / (N - k) (Ljung and Box, Biometrika 65, 1978), which is
@@ -43,7 +43,7 @@ class ResidualAnalysis:
     Attributes
     ----------
     samples : int
-        Residuals that were looked at.
+        Number of residuals.
     sample_period_s : float
         Median time between two samples [s].
     root_mean_square, mean : float
@@ -207,7 +207,7 @@ def _cross(
     stimulation = stimulation - stimulation.mean()
     cross = correlation(stimulation, centred, early, longest)
     own = correlation(stimulation, stimulation, 0, longest)
-    # Both autocorrelations are even; lags beyond the longest are taken as nothing.
+    # Both autocorrelations are even; they are taken as zero beyond the longest lag.
     variance = (1.0 + 2.0 * float(auto[1:] @ own[1:])) / len(centred)
     # An estimate of a variance may come out below that of white noise over few samples.
     return cross, float(BAND_95 * np.sqrt(max(variance, 1.0 / len(centred))))

@@ -95,7 +95,7 @@ def _worst(session: IdentifiedSession, length: int) -> Window:
     square = np.where(session.usable, (session.force - session.prediction) ** 2, 0.0)
     total = np.concatenate([[0.0], np.cumsum(square)])
     energy = total[length:] - total[:-length]
-    # The start, where nothing has been learnt yet, always is the worst and has its own window.
+    # The start, before the estimator has settled, is always the worst and has its own window.
     begin = min(len(square) // 5, len(energy) - 1)
     first = begin + int(np.argmax(energy[begin:]))
     return Window('largest residual', first, first + length)
