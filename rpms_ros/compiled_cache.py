@@ -9,6 +9,7 @@ other sources is not looked at.
 
 import hashlib
 import os
+import re
 import shutil
 import sys
 from contextlib import suppress
@@ -18,16 +19,26 @@ _PREFIX = 'rpms_ros-'
 _VARIABLE = 'NUMBA_CACHE_DIR'
 # A state of the sources that was worked on lately is worth its compiled functions.
 _MOST_STATES = 4
+# Lines that are a comment, and statements that are nothing but a text.
+_REMARKS = re.compile(
+    rb'^[ \t]*(?:#[^\n]*|r?"""[^"\\]*(?:(?:\\.|""?(?!"))[^"\\]*)*"""[ \t]*)\n',
+    re.MULTILINE | re.DOTALL,
+)
 
 
 def key_of(package: Path) -> str:
-    """Return a name for the state of all sources of a package that hold compiled functions."""
+    """Return a name for the state of all sources of a package that hold compiled functions.
+
+    Comments and docstrings do not count: after an edit of those, numba compiles the functions of
+    that file anew, and what calls them is still right.
+    """
     digest = hashlib.sha256()
     for path in sorted(package.rglob('*.py')):
         content = path.read_bytes()
         if b'njit' in content:
-            digest.update(f'{path.relative_to(package)} {len(content)} '.encode())
-            digest.update(content)
+            code = _REMARKS.sub(b'', content)
+            digest.update(f'{path.relative_to(package)} {len(code)} '.encode())
+            digest.update(code)
     return _PREFIX + digest.hexdigest()[:16]
 
 

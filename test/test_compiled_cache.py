@@ -68,6 +68,33 @@ def test_the_key_is_that_of_compiled_sources_only(tmp_path: Path) -> None:
     assert key_of(tmp_path) != key
 
 
+def test_remarks_compile_nothing_anew_elsewhere(tmp_path: Path) -> None:
+    package = tmp_path / 'mathematics'
+    package.mkdir()
+    (package / '__init__.py').write_text('')
+    (package / 'caller.py').write_text(CALLER)
+    (package / 'called.py').write_text(CALLED.format(1))
+    assert result(package) == [20, 0]
+    remark = '    # added: "why\\n"\n    return'
+    for before, after in [
+        ('    return', remark),
+        ('@njit', '# above\n@njit'),
+        ('(x):\n', '(x):\n    """Return ``x`` and a "bit".\n\n    return 7\n    """\n'),
+        ('from numba', 'r"""What \\it does."""\nfrom numba'),
+    ]:
+        text = (package / 'called.py').read_text()
+        assert before in text
+        (package / 'called.py').write_text(text.replace(before, after, 1))
+        assert result(package) == [20, 1]
+    # what stands behind a remark, and a text that is a value, count
+    text = (package / 'called.py').read_text()
+    (package / 'called.py').write_text(text.replace('+ 1', '+ 2'))
+    assert result(package) == [30, 0]
+    key = key_of(package)
+    (package / 'called.py').write_text(f'TEXT = """one\n"""\n{text}')
+    assert key_of(package) != key
+
+
 def python(path: Path, *arguments: str) -> str:
     """Run Python with the package at a path, and its compiled functions in it."""
     environment = {name: text for name, text in os.environ.items() if name != 'NUMBA_CACHE_DIR'}
