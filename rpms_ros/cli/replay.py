@@ -19,6 +19,7 @@ from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
 from rpms_ros.errors import NodeError
+from rpms_ros.errors import RecordingError
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
@@ -108,11 +109,14 @@ def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
     }
     if arguments.parameters is None:
         return parameters
+    from rpms_ros.recording.metadata_reading import loaded
+    from rpms_ros.recording.metadata_reading import regular_text
+
     try:
-        content = yaml.safe_load(arguments.parameters.read_text(encoding='utf-8'))
+        content = loaded(regular_text(arguments.parameters))
         nodes = list(content.values())
         return {**parameters, **nodes[0]['ros__parameters']}
-    except (OSError, ValueError, yaml.YAMLError) as error:
+    except (OSError, RecordingError, ValueError, yaml.YAMLError) as error:
         raise NodeError(
             f'expected a parameter file, got {arguments.parameters}: {error}'
         ) from error

@@ -42,6 +42,8 @@ _STEADY_PULSES = 200
 # of it, with a series lag behind; without the lag 0.65 explains the rat's trains better than 0.5.
 _SHARE_OF_EQUAL = 0.65
 _LARGEST_FILE = 64_000_000
+# Whatever its unit, no number of a law is near this.
+_LARGEST_NUMBER = 1e9
 
 
 @dataclass(frozen=True)
@@ -98,8 +100,12 @@ class TemporalSummation(HistoryLaw):
                 )
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise IdentificationError(f'expected a number for {name}, got {value!r}')
+            if abs(value) >= _LARGEST_NUMBER:
+                raise IdentificationError(
+                    f'expected {name} below {_LARGEST_NUMBER:g}, got {value!r:.40}'
+                )
         order = numbers.get('order', 3)
-        if order != int(order):
+        if math.isnan(order) or order != int(order):
             raise IdentificationError(f'expected a whole order, got {order}')
         return cls(**{**numbers, 'order': int(order)})
 

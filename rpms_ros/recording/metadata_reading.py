@@ -42,7 +42,7 @@ def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
         findings.add('missing_metadata', f'{path.name} is missing: read without it')
         return {}
     try:
-        metadata = checked(loaded(_text(path))[KEY])
+        metadata = checked(loaded(regular_text(path))[KEY])
     except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError) as error:
         return _left_aside(path, error, findings)
     except (OSError, RecordingError, RecursionError, TypeError, ValueError) as error:
@@ -57,7 +57,16 @@ def _left_aside(path: Path, error: Exception, findings: Findings) -> dict[str, A
     return {}
 
 
-def _text(path: Path) -> str:
+def regular_text(path: Path) -> str:
+    """Return the text of a file that is neither a pipe nor larger than any description.
+
+    Raises
+    ------
+    RecordingError
+        If it is one of these.
+    OSError, ValueError
+        If it cannot be read.
+    """
     if not path.is_file() or path.stat().st_size > _LARGEST:
         raise RecordingError(f'expected a regular file of {_LARGEST} bytes at most')
     return path.read_text('utf-8')

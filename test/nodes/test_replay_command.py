@@ -129,6 +129,7 @@ def test_without_recorded_estimates_the_nodes_are_held_against_the_library(
 @pytest.mark.parametrize(
     ('text', 'expected'),
     [
+        (5000 * '[', 'expected at most 32 levels and 100000 entries'),
         ('identifier: 3', 'expected ros__parameters of an identifier in'),
         ('{', 'expected a parameter file, got'),
         ('identifier: {ros__parameters: {colour: red}}', 'expected parameters of the identifier'),

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -234,6 +235,21 @@ def test_mutated_recordings_are_read_or_refused(tmp_path: Path) -> None:
         assert not ends['traceback'], f'seed {seed}'
         ends = bench.try_flips(paths, 2, seed)
         assert not ends['traceback'] + ends['unnamed'], f'seed {seed}'
+
+
+@pytest.mark.skipif(find_spec('h5py') is None, reason='formats')
+def test_mutated_files_of_every_other_kind_are_read_or_refused() -> None:
+    """In CI as long as the recordings; here a few of each kind, in processes of their own."""
+    count = int(4 * FUZZ_SECONDS)
+    seed = random.randrange(10_000)
+    words = [sys.executable, BENCH.with_name('hostile_files.py')]
+    done = subprocess.run(
+        [*words, '--count', str(count), '--seed', str(seed)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f'seed {seed}\n{done.stdout}{done.stderr}'
 
 
 def test_mutated_tables_are_read_or_refused(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@
 
 from importlib import import_module
 from pathlib import Path
-from zipfile import BadZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.signals import unit_of
 from rpms_ros.recording.importing.signals import unlike
+
+# A sheet has a million rows at most: of a few columns about a hundred megabytes of XML [bytes].
+_LARGEST = 300_000_000
 
 
 def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
@@ -33,18 +36,17 @@ def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
     """
     openpyxl = needed(import_module, 'openpyxl', f'an Excel workbook ({path})')
     try:
+        _refuse_bomb(path)
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-    except (BadZipFile, KeyError, OSError, ValueError) as error:
+        names = book.sheetnames
+        chosen = _chosen(path, names, sheet)
+        rows = [row for row in book[chosen].iter_rows(values_only=True) if any(_told(row))]
+        book.close()
+    except RecordingError:
+        raise
+    # openpyxl raises whatever the damage leads to: of the archive, of XML, of a part that lacks
+    except Exception as error:
         raise RecordingError(f'expected an Excel workbook at {path}, got {error}') from error
-    names = book.sheetnames
-    if sheet is None and len(names) > 1:
-        raise RecordingError(
-            f'expected one sheet in {path}, got {", ".join(names)}: --sheet NAME decides'
-        )
-    if sheet is not None and sheet not in names:
-        raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
-    rows = [row for row in book[sheet or names[0]].iter_rows(values_only=True) if any(_told(row))]
-    book.close()
     first = next((index for index, row in enumerate(rows) if _numbers(row)), None)
     if first is None:
         raise RecordingError(f'expected rows of numbers in {path}, got none')
@@ -59,8 +61,29 @@ def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
             Signal(name, np.ascontiguousarray(column), unit_of(name))
             for name, column in zip(unlike(head), table.T, strict=True)
         ),
-        facts=(f'sheet {sheet or names[0]}',),
+        facts=(f'sheet {chosen}',),
     )
+
+
+def _refuse_bomb(path: Path) -> None:
+    """Raise `RecordingError` if the workbook unpacks into more than a laboratory records."""
+    with ZipFile(path) as archive:
+        size = sum(part.file_size for part in archive.infolist())
+    if size > _LARGEST:
+        raise RecordingError(
+            f'expected a workbook of at most {_LARGEST} bytes unpacked at {path}, got {size}'
+        )
+
+
+def _chosen(path: Path, names: list[str], sheet: str | None) -> str:
+    """Return the name of the sheet that is read."""
+    if sheet is None and len(names) != 1:
+        raise RecordingError(
+            f'expected one sheet in {path}, got {", ".join(names)}: --sheet NAME decides'
+        )
+    if sheet is not None and sheet not in names:
+        raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
+    return sheet or names[0]
 
 
 def _told(row: tuple[object, ...]) -> list[bool]:

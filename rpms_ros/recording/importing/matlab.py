@@ -13,6 +13,9 @@ from scipy.io import loadmat
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.importing.extra import needed
+from rpms_ros.recording.importing.packed_size import largest_content
+from rpms_ros.recording.importing.packed_size import refuse_packed_bomb
+from rpms_ros.recording.importing.packed_size import too_large
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.signals import unit_of
@@ -37,6 +40,7 @@ def read_matlab(path: Path) -> SignalFile:
     hdf5 = _HDF5 in head
     try:
         if not hdf5:
+            refuse_packed_bomb(path)
             content = loadmat(str(path), squeeze_me=True, struct_as_record=False)
             if (channels := spike2_channels(path, content)) is not None:
                 return channels
@@ -92,9 +96,14 @@ def _walked(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 def _from_hdf5(path: Path) -> Iterator[tuple[str, Any]]:
     h5py = needed(import_module, 'h5py', f'a MATLAB file of version 7.3 ({path})')
     found: list[tuple[str, Any]] = []
+    left = largest_content(path)
 
     def visit(name: str, item: Any) -> None:
+        nonlocal left
         if isinstance(item, h5py.Dataset) and item.dtype.kind in 'fiub' and '#' not in name:
+            left -= item.size * item.dtype.itemsize
+            if left < 0:
+                raise too_large(path)
             found.append((name.replace('/', '.'), item[()]))
 
     with h5py.File(path, 'r') as file:

@@ -27,9 +27,28 @@ def read_xdf(path: Path) -> SignalFile:
     pyxdf = needed(import_module, 'pyxdf', f'an XDF file ({path})')
     try:
         streams, _ = pyxdf.load_xdf(str(path), verbose=False)
-    # pyxdf raises whatever the damage leads to
+        signals, events = _sorted(streams)
+    # pyxdf raises whatever the damage leads to, and gives streams that lack any part
     except Exception as error:
         raise RecordingError(f'expected an XDF file at {path}, got {error}') from error
+    begins = [float(one.time[0]) for one in signals if one.time is not None and len(one.time)]
+    if not begins:
+        raise RecordingError(f'expected a sampled stream in {path}, got {len(events)} of events')
+    start = min(begins)
+    names = unlike([one.name for one in signals])
+    return SignalFile(
+        path,
+        'XDF',
+        tuple(
+            Signal(name, one.values, one.unit, one.time - start if one.time is not None else None)
+            for name, one in zip(names, signals, strict=True)
+        ),
+        tuple(Events(one.name, one.time - start) for one in events),
+    )
+
+
+def _sorted(streams: list[dict[str, Any]]) -> tuple[list[Signal], list[Events]]:
+    """Return the channels of sampled streams, and the others as events."""
     signals: list[Signal] = []
     events: list[Events] = []
     for stream in streams:
@@ -43,19 +62,7 @@ def read_xdf(path: Path) -> SignalFile:
         for index, (label, unit) in enumerate(_channels(stream, values.shape[1])):
             title = f'{name} {label}' if label else name
             signals.append(Signal(title, np.ascontiguousarray(values[:, index]), unit, time))
-    if not signals:
-        raise RecordingError(f'expected a sampled stream in {path}, got {len(events)} of events')
-    start = min(float(one.time[0]) for one in signals if one.time is not None and len(one.time))
-    names = unlike([one.name for one in signals])
-    return SignalFile(
-        path,
-        'XDF',
-        tuple(
-            Signal(name, one.values, one.unit, one.time - start if one.time is not None else None)
-            for name, one in zip(names, signals, strict=True)
-        ),
-        tuple(Events(one.name, one.time - start) for one in events),
-    )
+    return signals, events
 
 
 def _channels(stream: dict[str, Any], count: int) -> list[tuple[str, str]]:
