@@ -3,7 +3,6 @@
 """Files of laboratories: what is accepted, what is guessed, and what is refused in which words."""
 
 import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -274,62 +273,6 @@ def test_excel(tmp_path: Path) -> None:
         read_signals(path)
 
 
-def repacked(path: Path, change: dict[str, bytes]) -> None:
-    """Write other content into parts of a workbook."""
-    with zipfile.ZipFile(path) as archive:
-        parts = {name: archive.read(name) for name in archive.namelist()}
-    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
-        for name, content in {**parts, **change}.items():
-            archive.writestr(name, content)
-
-
-@pytest.mark.parametrize('part', ['xl/worksheets/sheet1.xml', 'xl/workbook.xml', 'xl/styles.xml'])
-@pytest.mark.parametrize('content', [b'', b'<a', b'<a/>', b'\xff\xfe'])
-def test_a_workbook_with_a_damaged_part_is_refused(
-    tmp_path: Path, part: str, content: bytes
-) -> None:
-    path = tmp_path / 'session.xlsx'
-    openpyxl.Workbook().save(path)
-    repacked(path, {part: content})
-    with pytest.raises(RecordingError, match=r'session\.xlsx'):
-        read_signals(path)
-
-
-def test_a_workbook_with_a_flipped_bit_is_refused(tmp_path: Path) -> None:
-    book = openpyxl.Workbook()
-    for row in zip(TIME.tolist(), FORCE.tolist(), GATE.tolist(), strict=True):
-        book.active.append(row)
-    path = tmp_path / 'session.xlsx'
-    book.save(path)
-    clean = path.read_bytes()
-    place = clean.index(b'xl/worksheets/sheet1.xml') + 300
-    path.write_bytes(clean[:place] + bytes([clean[place] ^ 16]) + clean[place + 1 :])
-    with pytest.raises(RecordingError, match=r'expected an Excel workbook at .*session\.xlsx'):
-        read_signals(path)
-
-
-def test_small_files_that_unpack_into_much_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With a limit that a test can reach."""
-    monkeypatch.setattr('rpms_ros.recording.importing.packed_size.LEAST', 1_000_000)
-    monkeypatch.setattr('rpms_ros.recording.importing.excel._LARGEST', 1_000_000)
-    zeros = np.zeros(500_000)
-    savemat(tmp_path / 'a.mat', {'force': zeros}, do_compression=True)
-    with h5py.File(tmp_path / 'b.mat', 'w', userblock_size=512) as file:
-        file.create_dataset('force', data=zeros, compression='gzip')
-    for name in ('a.mat', 'b.mat'):
-        with pytest.raises(
-            RecordingError, match=r'expected a file that unpacks into 0.001.* GB at most'
-        ):
-            read_signals(tmp_path / name)
-    path = tmp_path / 'c.xlsx'
-    openpyxl.Workbook().save(path)
-    repacked(path, {'xl/worksheets/sheet1.xml': bytes(2_000_000)})
-    with pytest.raises(RecordingError, match=r'expected a workbook of at most 1000000 bytes'):
-        read_signals(path)
-
-
 LABCHART = """Interval=\t0.001 s
 ExcelDateTime=\t4.5e4\t1/1/2024 10:00:00
 TimeFormat=\tStartOfBlock
@@ -440,17 +383,3 @@ def test_a_package_that_is_missing_is_named(
 def test_choices_that_cannot_be(given: dict[str, float], message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         ImportChoices(GateSettings(), **given)
-
-
-@pytest.mark.parametrize('streams', ['', 'empty'])
-def test_an_xdf_file_without_samples_is_refused(tmp_path: Path, streams: str) -> None:
-    pytest.importorskip('pyxdf')
-    header = (
-        '<?xml version="1.0"?><info><name>force</name><type>F</type><channel_count>1'
-        '</channel_count><nominal_srate>1000</nominal_srate><channel_format>double64'
-        '</channel_format></info>'
-    )
-    path = tmp_path / 'session.xdf'
-    path.write_bytes(b'XDF:' + (xdf_stream(1, header, b'', 0) if streams else b''))
-    with pytest.raises(RecordingError, match=r'expected a sampled stream in .*session\.xdf'):
-        read_signals(path)
