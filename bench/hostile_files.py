@@ -158,6 +158,7 @@ def document(name: str, folder: Path) -> Kind:
     elif name == 'parameters':
         shutil.copyfile(Path(__file__).parents[1] / 'config' / 'identifier.yaml', path)
         options = {'estimator': 'horizon', 'preset': 'people', 'seed': 0, 'rate_hz': 20.0}
+        options['quantity'] = 'force'
         load = partial(identifier_parameters, argparse.Namespace(**options, parameters=path))
     else:
         with AuditLog(path, KEY) as audit:
