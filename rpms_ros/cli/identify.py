@@ -175,9 +175,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def as_text(document: dict[str, Any]) -> str:
     """Return the result as a short table, the verdict last."""
+    from rpms_ros.report.identified import FOLLOWED
+
     duration = document['duration_s']
     rows = [
-        ('estimator', document['estimator']),
+        ('estimator', FOLLOWED if FOLLOWED in document['notes'] else document['estimator']),
         ('data', f'{document["samples"]} samples, {document["pulses"]} pulses, {duration:.3f} s'),
         ('session hash', document['session_hash']),
         *(('schedule', f'{one["name"]}, sha256 {one["sha256"]}') for one in document['schedules']),

@@ -28,6 +28,8 @@ CURVE_BEYOND_FORCE = 'curve_beyond_force'
 RESPONSE_BEYOND_FORCE = 'response_beyond_force'
 RESPONSE_NEGATIVE = 'response_negative'
 BAND_WIDER_THAN_CURVE = 'band_wider_than_curve'
+NO_CONSTANT_MUSCLE = 'no_constant_muscle'
+RESPONSE_MISFIT = 'response_misfit'
 
 REASON: Mapping[str, str] = MappingProxyType(
     {
@@ -38,6 +40,10 @@ REASON: Mapping[str, str] = MappingProxyType(
         RESPONSE_NEGATIVE: 'the response to one pulse is far below zero: the data do not show how '
         'it runs, or it begins before the functions of the model',
         BAND_WIDER_THAN_CURVE: 'the interval of the curve is wider than the curve is high',
+        NO_CONSTANT_MUSCLE: 'no constant muscle explains the whole recording: it tired, the coil '
+        'moved or the patient tensed it, and the numbers are a mixture',
+        RESPONSE_MISFIT: 'the prediction errors follow the pulses: the response is not one of the '
+        'model, or the muscle changes',
     }
 )
 """Explanation of each doubt, by its name."""

@@ -24,6 +24,8 @@ from rpms_ros.identification.monitors import Monitor
 from rpms_ros.identification.monitors import ProcessedSamples
 from rpms_ros.identification.monitors import monitors_by_name
 from rpms_ros.identification.monitors.pipeline import Pipeline
+from rpms_ros.identification.plausibility import RESPONSE_MISFIT
+from rpms_ros.identification.response_misfit import ResponseMisfit
 from rpms_ros.identification.saved_state import State
 from rpms_ros.identification.saved_state import described
 from rpms_ros.identification.stream_input import StreamInput
@@ -61,6 +63,7 @@ class IdentificationStream(StreamInput):
     _cells: int
     _acting_ns: IntArray
     _settled_early: tuple[IntArray, FloatArray]
+    _misfit: ResponseMisfit
 
     def __init__(
         self,
@@ -91,6 +94,7 @@ class IdentificationStream(StreamInput):
         self._cells = 0
         self._acting_ns = np.empty(0, dtype=np.int64)
         self._settled_early = np.empty(0, dtype=np.int64), np.empty(0)
+        self._misfit = ResponseMisfit()
 
     def described_settings(self) -> State:
         """Return all settings by name."""
@@ -148,6 +152,8 @@ class IdentificationStream(StreamInput):
         counts = self._counter.counts()
         estimate = self.estimator.estimate(self._last_ns, counts)
         doubts = (*self._doubts.names(self._samples, counts), *estimate.doubts)
+        if self._misfit.doubted and estimate.curve_known:
+            doubts = (*doubts, RESPONSE_MISFIT)
         return replace(estimate, doubts=doubts)
 
     def jump_back(self, stamp_ns: int) -> None:
@@ -160,6 +166,7 @@ class IdentificationStream(StreamInput):
         self._queue.restart()
         self._queue.add(overtaking, stamp_ns)
         self._pipeline.restart()
+        self._misfit.restart()
         self.estimator.forget_pulses()
         self._queue.exclude(stamp_ns - 1, stamp_ns + self._memory_ns)
         if self._held_ns is not None:
@@ -218,6 +225,9 @@ class IdentificationStream(StreamInput):
         if self._held_ns is not None:
             usable &= stamps <= self._held_ns
         prediction = self.estimator.update(stamps, values, usable)
+        if self.estimator.on_line:
+            self._misfit.add_pulses(onset, intensity)
+            self._misfit.add(stamps, values, prediction, usable)
         self._count_postponed(int(stamps[-1]))
         self._count_marks(stamps, marks, onset)
         self._counter.add(faults.SAMPLES_EXCLUDED, int(np.count_nonzero(~usable)))

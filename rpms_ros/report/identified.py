@@ -16,6 +16,7 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import identify
 from rpms_ros.identification.catalogue import estimator_by_name
+from rpms_ros.identification.plausibility import NO_CONSTANT_MUSCLE
 from rpms_ros.identification.settings import PEOPLE_PRESET
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.verdict import doublings
@@ -28,6 +29,15 @@ from rpms_ros.pulses import PulseTrain
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
 
+FOLLOWING = 'tracking'
+"""What follows a muscle that changed."""
+
+FOLLOWED = f'followed by {FOLLOWING}, since no constant muscle explains the whole recording'
+"""Reason of estimates that were made in place of those of a fit of everything."""
+
+# So many estimates tell when a muscle changed.
+_COURSE = 1000
+
 
 @dataclass(frozen=True)
 class IdentificationOptions:
@@ -36,7 +46,8 @@ class IdentificationOptions:
     Attributes
     ----------
     estimator : str
-        Name of the algorithm.
+        Name of the algorithm.  With ``batch``, a muscle that changed is followed by ``tracking``
+        instead; see `identified`.
     preset : str
         ``people``, or one that reproduces the paper; see `PRESET_NAMES`.
     rate_hz : float
@@ -82,6 +93,9 @@ def identified(
 ) -> IdentifiedSession:
     """Return what an estimator makes of a recording, as it would have on line.
 
+    Where no constant muscle explains a recording, a fit of all of it is a mixture.  ``batch`` says
+    so, and `tracking` goes over the recording in its place if its predictions are better.
+
     Parameters
     ----------
     recording : Recording
@@ -95,11 +109,34 @@ def identified(
         that the verdict needs in any case; None makes all of them, ten a second.  The last one is
         the same in any case.
     """
-    estimator = options.build()
     settings = StreamSettings(estimate_period=_period(recording, most_estimates))
+    session = _followed(recording, options, settings, progress)
+    if _may_have_changed(session, options):
+        most = None if most_estimates is None else max(most_estimates, _COURSE)
+        many = StreamSettings(estimate_period=_period(recording, most))
+        other = _followed(recording, replace(options, estimator=FOLLOWING), many, None)
+        if _missed(other) < _missed(session):
+            estimates = [replace(o, reasons=(*o.reasons, FOLLOWED)) for o in other.estimates]
+            session = replace(other, estimates=estimates)
+        elif options.save_state is not None:
+            # what is saved is to be what is returned
+            session = _followed(recording, options, settings, None)
+    if recording.unit == session.last.unit:
+        return session
+    # as the node does
+    return replace(session, estimates=[replace(o, unit=recording.unit) for o in session.estimates])
+
+
+def _followed(
+    recording: 'Recording',
+    options: IdentificationOptions,
+    settings: StreamSettings,
+    progress: Callable[[int], object] | None,
+) -> IdentifiedSession:
+    estimator = options.build()
     # Only what could have run on line has to leave out the pulses that came too late for it.
     arrival = recording.samples_before_pulse if estimator.on_line else None
-    session = identify(
+    return identify(
         estimator,
         recording.pulses,
         recording.forces,
@@ -109,10 +146,19 @@ def identified(
         save_state=options.save_state,
         foreign=recording.foreign,
     )
-    if recording.unit == session.last.unit:
-        return session
-    # as the node does
-    return replace(session, estimates=[replace(o, unit=recording.unit) for o in session.estimates])
+
+
+def _may_have_changed(session: IdentifiedSession, options: IdentificationOptions) -> bool:
+    """Return whether a fit of everything says that it is a mixture of several muscles."""
+    chosen = options.estimator == 'batch' and options.preset == PEOPLE_PRESET
+    return chosen and NO_CONSTANT_MUSCLE in session.last.doubts
+
+
+def _missed(session: IdentifiedSession) -> float:
+    """Return the mean square of the prediction errors over the later half [N^2]."""
+    error = (session.force - session.prediction)[session.usable]
+    later = error[len(error) // 2 :]
+    return float(np.mean(later**2)) if len(later) else 0.0
 
 
 def compile_estimator(options: IdentificationOptions) -> None:

@@ -34,6 +34,7 @@ from rpms_ros.recording import session_hash
 from rpms_ros.recording.schedules import RecordedSchedule
 from rpms_ros.report.course import Change
 from rpms_ros.report.course import course_of
+from rpms_ros.report.identified import FOLLOWED
 from rpms_ros.report.steadiness import steadiness
 from rpms_ros.schema import documented
 
@@ -192,7 +193,11 @@ def result_of(
         output_error_n=session.output_error.newton,
         output_error_of_range=session.output_error.of_range,
         faults={**recording.facts.faults, **last.faults},
-        notes=[*recording.facts.remarks, *([] if known else [ONE_INTENSITY])],
+        notes=[
+            *recording.facts.remarks,
+            *([] if known else [ONE_INTENSITY]),
+            *([FOLLOWED] if FOLLOWED in last.reasons else []),
+        ],
         verdict=verdict_of(session, recording.pulses, recording.forces, settings, dynamics),
     )
 

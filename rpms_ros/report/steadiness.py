@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from rpms_ros.axis import QUANTITIES
+from rpms_ros.identification.plausibility import NO_CONSTANT_MUSCLE
+from rpms_ros.identification.plausibility import REASON
 from rpms_ros.report.course import Change
 from rpms_ros.report.course import Course
 from rpms_ros.report.course import Path
@@ -41,6 +43,10 @@ def _what(course: Course) -> str:
 
 def _not_told(course: Course) -> str:
     name = course.estimates[-1].estimator
+    if name == 'batch' and course.estimates[-1].curve_known:
+        if NO_CONSTANT_MUSCLE in course.estimates[-1].doubts:
+            return f'{REASON[NO_CONSTANT_MUSCLE].capitalize()}.'
+        return 'One muscle explains all of the recording.'
     return (
         f'The estimator {name} assumes a muscle that does not change; the estimator '
         'tracking can find out.'

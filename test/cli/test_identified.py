@@ -2,16 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fewer estimates are a choice among those on line, and change nothing of the result."""
 
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from rpms_ros.cli.identify import as_text
 from rpms_ros.identification import Estimate
 from rpms_ros.recording import read_recording
+from rpms_ros.report.identified import FOLLOWED
 from rpms_ros.report.identified import IdentificationOptions
 from rpms_ros.report.identified import identified
+
+Rpms = Callable[..., tuple[int, str, str]]
 
 
 def assert_same_bits(one: Estimate, other: Estimate) -> None:
@@ -41,3 +47,23 @@ def test_the_batch_makes_one_estimate_however_many_are_asked_for(short_session: 
     recording = read_recording(short_session)
     options = IdentificationOptions('batch')
     assert len(identified(recording, options, most_estimates=50).estimates) == 1
+
+
+def test_a_muscle_that_changed_is_followed_in_place_of_a_mixture(
+    rpms: Rpms, as_json: Callable[..., dict[str, Any]], tmp_path: Path
+) -> None:
+    path, state = tmp_path / 'tired', tmp_path / 'state'
+    rpms('simulate', '--out', path, '--duration', 20, '--scenario', 'fatigue', '--noise', 0.05)
+    found = as_json('identify', path, '--json', '--save-state', state)
+    assert found['estimator'] == 'tracking'
+    assert FOLLOWED in found['notes']
+    assert 'force_percent' in found['rates']
+    assert 'estimator               followed by tracking' in as_text(found)
+    # What is saved is what is returned: tracking takes bases of its own.
+    recording = read_recording(path)
+    tracked = identified(recording, IdentificationOptions('tracking'), most_estimates=1)
+    assert found['curve']['force'] == tracked.last.curve_force.tolist()
+    assert b'tracking' in state.read_bytes()
+    # Who asks for a table of the paper has chosen the model.
+    fixed = identified(recording, IdentificationOptions(preset='paper_table_5'))
+    assert fixed.last.estimator == 'batch'
