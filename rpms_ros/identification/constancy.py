@@ -1,12 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the force that pulses cause stayed the same, seen by an estimate of the whole session.
+"""Whether the force caused by the pulses stayed the same, by an estimate of the whole session.
 
-An estimator that takes the muscle for one that does not change answers with the muscle in the
-middle.  The force that it states is held against the measured one in pieces: by which factor does
-it have to be multiplied in each?  A muscle that tires needs a factor that falls, one whose coil
-has moved a factor that jumps.  Efforts of the patient scatter the factors, and that scatter is
-what a change is measured by.
+An estimator that assumes a constant muscle returns an average one.  The force simulated with it is
+compared with the measured one in pieces, by the factor that fits best in each.  For a muscle that
+tires the factor falls, after a move of the coil it jumps.  Efforts of the patient scatter the
+factors; a change has to be large against that scatter.
 """
 
 import math
@@ -23,29 +22,29 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 
-# A piece has to hold several pulses of different intensity [s]; more pieces tell no more.
+# A piece has to contain several pulses of different intensity [s]; more pieces add no information.
 _SHORTEST = 1.5
 _MOST_PIECES = 24
 _FEWEST_PIECES = 8
-# Fewer on one side of a jump show no scatter.
+# With fewer pieces on one side of a jump the scatter is unknown.
 _FEWEST_ASIDE = 3
-# A piece with less stated force than this share of the usual tells nothing of its factor.
+# Pieces with less simulated force than this share of the usual one are not used.
 _LEAST_WEIGHT = 0.05
-# In standard deviations: a slope is looked for once, a jump at every place.
+# In standard deviations; higher for a jump, since it is tried at every place.
 _SURE_SLOPE = 5.0
 _SURE_JUMP = 6.0
 
 
 @dataclass(frozen=True)
 class ForceChange:
-    """How the force that the pulses cause changed.
+    """Change of the force caused by the pulses.
 
     Attributes
     ----------
     share : float
-        Force at the end less that at the beginning, as a share of that at the beginning [1].
+        Force at the end minus that at the beginning, as a share of that at the beginning [1].
     sudden_at_s : float or None
-        When it jumped [s after the first sample]; None if it changed slowly.
+        Time of a jump after the first sample [s]; None for a slow change.
     """
 
     share: float
@@ -55,7 +54,7 @@ class ForceChange:
 def force_change(
     estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
 ) -> ForceChange | None:
-    """Return how the force that pulses cause changed; None if no change is sure.
+    """Return the change of the force caused by the pulses; None if there is no significant one.
 
     Parameters
     ----------
@@ -84,7 +83,7 @@ def force_change(
 def _factors(
     estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times [s], factors of the stated force, and their weights, (pieces,) each."""
+    """Return times [s], factors on the simulated force, and their weights, (pieces,) each."""
     time = (stamp_ns - stamp_ns[0]) / NANOSECONDS_PER_SECOND
     pieces = min(int(time[-1] / _SHORTEST), _MOST_PIECES)
     if pieces < _FEWEST_PIECES:
@@ -110,7 +109,7 @@ def _factors(
 
 
 def _without(lines: FloatArray, values: FloatArray) -> FloatArray:
-    """Return values (samples,) less the straight line through them."""
+    """Return values (samples,) minus the straight line through them."""
     left: FloatArray = values - lines @ np.linalg.lstsq(lines, values, rcond=None)[0]
     return left
 
@@ -123,7 +122,7 @@ def _likeness(stated: FloatArray, force: FloatArray) -> float:
 
 
 def _line(time: FloatArray, factor: FloatArray, weight: FloatArray) -> tuple[float, float, float]:
-    """Return slope [1/s], how sure it is in standard deviations, and the square that is left."""
+    """Return slope [1/s], its significance in standard deviations, and the residual square."""
     at = time - np.average(time, weights=weight)
     around = factor - np.average(factor, weights=weight)
     spread = float(weight @ np.square(at))
@@ -133,7 +132,7 @@ def _line(time: FloatArray, factor: FloatArray, weight: FloatArray) -> tuple[flo
 
 
 def _jump(factor: FloatArray, weight: FloatArray) -> tuple[float, float, float, int]:
-    """Return the best jump, how sure it is, the square that is left, and the piece after it."""
+    """Return the best jump, its significance, the residual square, and the piece after it."""
     best = (0.0, 0.0, math.inf, 0)
     for place in range(_FEWEST_ASIDE, len(factor) - _FEWEST_ASIDE + 1):
         sides = (slice(None, place), slice(place, None))

@@ -100,12 +100,12 @@ class StreamInput(RestorableWithSettings):
             self.exclude(onset, onset + self._memory_ns)
 
     def add_foreign_between(self, stamp_ns: IntArray, before: IntArray) -> None:
-        """Count samples of publishers that are not believed, among samples that are added next.
+        """Count samples of publishers that are not used, among samples that are added next.
 
         Parameters
         ----------
         stamp_ns : ndarray of int64 (samples,)
-            Stamps of those that are believed, of which every one goes on from the one before.
+            Stamps of the samples that are used, without gaps or jumps.
         before : ndarray of int64 (others,)
             How many of them come before each of the others.
         """

@@ -231,9 +231,9 @@ def _of_the_fit(
             DOUBTFUL,
             f'the baseline drifts by {60 * found.slope:.2g} {session.last.unit} a minute',
         )
-    foretold = _foretold(session, pulses)
-    if foretold is not None:
-        error_before, error_after = foretold
+    held_out = _held_out_errors(session, pulses)
+    if held_out is not None:
+        error_before, error_after = held_out
         most = max(settings.held_out_times * error_after, settings.largest_held_out * span)
         if error_before > most:
             yield (
@@ -246,7 +246,7 @@ def _of_the_fit(
             )
 
 
-def _foretold(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, float] | None:
+def _held_out_errors(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, float] | None:
     """Return the error on the end of the session with an earlier estimate, and with the last [N].
 
     None if there is no earlier estimate.

@@ -71,7 +71,7 @@ class InterlockInputs:
         del request
         self._controller.stop(EMERGENCY_STOP, 'emergency stop by service')
         response.success = True
-        response.message = 'stopped; reset_emergency_stop lets go'
+        response.message = 'stopped; reset_emergency_stop resets it'
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

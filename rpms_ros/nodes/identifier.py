@@ -108,9 +108,9 @@ class Identifier(Node):
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _reset(self) -> str:
-        """Forget everything and begin anew, as after a change of the electrode or the coil."""
+        """Forget everything and start again, as after a change of the electrode or the coil."""
         self._begin(build_stream(self.settings))
-        return self._said('reset: the identification begins anew')
+        return self._said('reset: the identification starts again')
 
     def _begin(self, stream: IdentificationStream) -> None:
         self.stream = stream

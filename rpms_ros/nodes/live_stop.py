@@ -105,12 +105,12 @@ class LiveStop:
         if self._button is None:
             return
         self._button.set(False)
-        self._say('let go of: the driver stays stopped until it is reset')
+        self._say('released: the driver stays stopped until it is reset')
         if now >= self._leaves_at:
             self._button.destroy()
             self._button = None
             self._say('')
-            logger_of(self._node).info('stop of the page let go of')
+            logger_of(self._node).info('stop of the page released')
 
     def _say(self, text: str) -> None:
         if text != self._told:

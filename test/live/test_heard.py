@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a topic is heard, and in plain words why not."""
+"""Whether messages of a topic are received, and why not."""
 
 import pytest
 

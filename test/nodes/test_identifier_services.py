@@ -107,7 +107,7 @@ def test_hold_predicts_and_resume_learns(graph, capfd: pytest.CaptureFixture[str
 def test_reset_lets_go_of_a_hold(graph) -> None:
     sensor = Sensor(graph)
     sensor.call('hold')
-    assert sensor.call('reset') == 'reset: the identification begins anew'
+    assert sensor.call('reset') == 'reset: the identification starts again'
     assert not sensor.identifier.stream.held
 
 

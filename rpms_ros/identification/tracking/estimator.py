@@ -260,7 +260,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._problem = self._problem._replace(first=size)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return what is known now."""
+        """Return the present estimate."""
         return described_fit(
             self._build(stamp_ns, faults),
             self._window,
