@@ -54,6 +54,7 @@ setup(
     # The lower bounds are what Ubuntu 24.04 ships.
     install_requires=[
         'apsw',
+        'argcomplete>=3.1',
         'backports.zstd; python_version < "3.14"',
         # only speed: without it zlib computes the checksums; it has no wheels for other machines
         'isal>=1.5; platform_machine in "x86_64 AMD64 aarch64 arm64"',

@@ -99,7 +99,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     texts = list(sys.argv[1:] if argv is None else argv)
     if texts[:1] == ['help']:
         texts = [*texts[1:], '--help']
-    arguments, unknown = parser().parse_known_args(texts)
+    commands = parser()
+    # set by a shell that asks how a word may go on
+    if '_ARGCOMPLETE' in os.environ:
+        from argcomplete import autocomplete
+
+        autocomplete(commands)
+    arguments, unknown = commands.parse_known_args(texts)
     if unknown:
         arguments.parser.error(f'unrecognized arguments: {" ".join(unknown)}')
     try:

@@ -110,6 +110,11 @@ def run(arguments: argparse.Namespace) -> int:
     with SimulationLauncher(folder, settings) as launcher:
         _watch(launcher, subject, arguments.duration, arguments.quiet)
         launcher.stop()
+    if not launcher.monitor.estimates:
+        raise NodeError(
+            f'expected estimates, got none before the driver stopped: is this machine busy? What '
+            f'the nodes said is in {folder}'
+        )
     return _report(launcher, subject, settings, scenario)
 
 

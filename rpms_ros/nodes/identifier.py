@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
@@ -29,6 +28,7 @@ from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification.arrival_order import add_in_order
 from rpms_ros.identification.checkpoint import load
 from rpms_ros.identification.checkpoint import save
+from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.diagnostics import PERIOD_S
@@ -47,8 +47,6 @@ from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.runner import run
 from rpms_ros.nodes.state_services import StateServices
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
 # Silence of the force after which somebody should look at the sensor [s].
@@ -63,7 +61,8 @@ class Identifier(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('identifier', **options)
         self.settings = declare_parameters(self, IdentifierParameters)
-        _warm_up(self.settings)
+        # nothing may be left to compile while force comes in
+        warm_up(lambda: build_stream(self.settings).estimator)
         self.stream = build_stream(self.settings)
         self._axis = messages.axis_of(self.settings.axis, self.settings.sign)
         self._unit = UNITS[self.settings.quantity]
@@ -233,14 +232,6 @@ def _answering(act: Callable[[], str]) -> Callable[[Trigger.Request, Any], Trigg
         return response
 
     return answer
-
-
-def _warm_up(settings: IdentifierParameters) -> None:
-    """Compile what will run: compiling takes seconds when it was never done on this machine."""
-    stream = build_stream(settings)
-    stream.add_pulses(PulseTrain.regular([0.5, 0.8], rate_hz=20.0))
-    stream.add_forces(ForceTrace(np.arange(100, dtype=np.int64) * 1_000_000, np.ones(100)))
-    stream.finish()
 
 
 def main() -> int:

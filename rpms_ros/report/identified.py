@@ -22,9 +22,8 @@ from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.verdict import doublings
 from rpms_ros.identification.verdict import period_of_estimates
 from rpms_ros.identification.warm_start import warm_start
+from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
@@ -162,12 +161,8 @@ def _missed(session: IdentifiedSession) -> float:
 
 
 def compile_estimator(options: IdentificationOptions) -> None:
-    """Run the estimator over two seconds of made-up data: the first run on a machine compiles."""
-    pulses = PulseTrain.regular([0.2, 0.5, 0.8, 1.0] * 10, rate_hz=20.0)
-    stamp_ns = np.arange(2000, dtype=np.int64) * (NANOSECONDS_PER_SECOND // 1000)
-    estimator = options.build()
-    force = 1.0 - np.cos(stamp_ns * 1e-8)
-    identify(estimator, pulses, ForceTrace(stamp_ns, force), StreamSettings(estimate_period=1.0))
+    """Compile what the estimator runs, once on a machine."""
+    warm_up(options.build)
 
 
 def _period(recording: 'Recording', most_estimates: int | None) -> float:

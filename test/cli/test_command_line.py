@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line itself: help, version, what may have been meant, messages that stay short."""
 
+import os
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +28,35 @@ def exits(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str
     with pytest.raises(SystemExit, match=r'\d') as ended:
         main(arguments)
     return (int(ended.value.code or 0), *capsys.readouterr())
+
+
+@pytest.mark.parametrize(
+    ('typed', 'offered'),
+    [
+        ('rpms ident', ['identify ']),
+        ('rpms identify --quan', ['--quantity ']),
+        ('rpms identify --quantity ', ['force', 'torque']),
+        ('rpms protocol stai', ['staircase ']),
+        ('rpms nothing', []),
+    ],
+)
+def test_a_shell_completes_commands_options_and_choices(typed: str, offered: list[str]) -> None:
+    environment = {
+        **os.environ,
+        '_ARGCOMPLETE': '1',
+        '_ARGCOMPLETE_IFS': '\n',
+        'COMP_LINE': typed,
+        'COMP_POINT': str(len(typed)),
+    }
+    program = 'import os; os.dup2(1, 8); from rpms_ros.cli import main; main()'
+    answer = subprocess.run(
+        [sys.executable, '-c', program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert answer.stdout.splitlines() == offered
 
 
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -171,6 +171,7 @@ def test_executables_go_where_ros2_run_looks() -> None:
 
 # Import name: rosdep key, where they differ.
 ROSDEP = {
+    'argcomplete': 'python3-argcomplete',
     'matplotlib': 'python3-matplotlib',
     'jinja2': 'python3-jinja2',
     'numpy': 'python3-numpy',

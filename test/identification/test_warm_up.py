@@ -1,0 +1,89 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""After the warm-up nothing is left to compile while a session is identified."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpms_ros.identification import Estimator
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification.warm_up import made_up_session
+from rpms_ros.identification.warm_up import warm_up
+
+# What Python calls has a signature when it has been compiled, or loaded from the cache.
+PROGRAM = """
+import gc
+import os
+import sys
+from numba.core.dispatcher import Dispatcher
+from rpms_ros.identification import estimator_by_name, identify
+from rpms_ros.identification.warm_up import warm_up
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
+import numpy as np
+
+def ready():
+    return {
+        (one.py_func.__module__, one.py_func.__qualname__, one.signatures[0])
+        for one in gc.get_objects() if isinstance(one, Dispatcher) and one.signatures
+    }
+
+generator = np.random.default_rng(3)
+pulses = PulseTrain.regular(generator.uniform(0.0, 1.0, 500), 20.0)
+muscle = Contraction(simulation_subject(), fixed_rate_hz=20.0)
+muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+stamps = np.arange(6250) * 4_000_000
+force = muscle.force(stamps) + 0.02 * generator.standard_normal(len(stamps))
+# the whole warm-up, as if nothing had been compiled here; numba has read its own copy
+os.environ.pop('NUMBA_CACHE_DIR')
+warm_up(lambda: estimator_by_name(sys.argv[1]))
+before = ready()
+identify(estimator_by_name(sys.argv[1]), pulses, ForceTrace(stamps, force))
+print(sorted(f'{module}.{name}' for module, name, _ in ready() - before))
+"""
+
+
+def test_nothing_is_left_to_compile() -> None:
+    """A horizon of 20 s runs other code when it is full."""
+    answer = subprocess.run(
+        [sys.executable, '-c', PROGRAM, 'horizon'],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert answer.stdout == '[]\n'
+
+
+def test_what_is_slow_is_done_once_on_a_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built: list[Estimator] = []
+
+    def build() -> Estimator:
+        built.append(estimator_by_name('recursive'))
+        return built[-1]
+
+    # numba has read its own copy of the variable already
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
+    warm_up(build)
+    assert len(built) == 2
+    (marker,) = tmp_path.iterdir()
+    assert marker.name.startswith('compiled-')
+    warm_up(build)
+    assert len(built) == 3
+    monkeypatch.delenv('NUMBA_CACHE_DIR')
+    warm_up(build)
+    assert len(built) == 5
+
+
+def test_the_made_up_muscle_pulls_and_changes() -> None:
+    pulses, forces = made_up_session(26.0)
+    assert len(pulses) == 520
+    begin, end = forces.force[:3900], forces.force[3900:]
+    assert begin.min() > -0.1
+    # a change of 30 % of what is random anew in every pulse
+    assert np.mean(end) / np.mean(begin) == pytest.approx(0.7, abs=0.1)
