@@ -195,9 +195,11 @@ def test_every_import_is_a_declared_dependency() -> None:
 
 def test_what_launch_files_need_is_declared() -> None:
     used = {'ros2launch'}
-    for path in (ROOT / 'launch').glob('*.py'):
-        used |= set(re.findall(r'^from (\w+)', path.read_text(), re.MULTILINE))
-    used -= {'collections', 'pathlib', 'rpms_ros'}
+    shared = ROOT / 'rpms_ros' / 'nodes' / 'launching.py'
+    for path in (shared, *(ROOT / 'launch').glob('*.py')):
+        used |= set(re.findall(r'^ *(?:from|import) (\w+)', path.read_text(), re.MULTILINE))
+    used -= {'collections', 'pathlib', 'rpms_ros', 'typing'}
+    assert {'launch', 'launch_ros', 'ament_index_python'} <= used
     keys = {ROSDEP.get(name, name) for name in used}
     assert keys <= depends(package_xml(ROOT), 'exec_depend')
 
