@@ -30,8 +30,7 @@ def test_a_muscle_that_answers_before_the_functions_begin_is_doubtful() -> None:
     # Under a slow sinusoid at one rate the response is hardly seen: what the functions miss of
     # it turns it upside down, while the curve stays right.
     last = identify(ExactRecursion(), *slow_sinusoid(0.02, 1)).last
-    # the functions begin 8 ms after the muscle: the prediction errors follow the pulses
-    assert last.doubts == ('response_negative', 'response_misfit')
+    assert last.doubts == ('response_negative',)
     assert last.reasons == (REASON['response_negative'],)
 
 

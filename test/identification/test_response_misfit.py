@@ -46,6 +46,12 @@ def test_a_twitch_too_fast_for_the_functions_is_said(
         assert RESPONSE_MISFIT not in doubts('tracking', what)
 
 
+@pytest.mark.parametrize('name', ['horizon', 'recursive'])
+def test_functions_that_begin_a_little_late_are_not_doubted(living_sessions, name: str) -> None:
+    soon = replace(living_sessions.SUBJECT, latency=0.0)
+    assert doubts(name, living_sessions.session('steady', 'random', 3, 25.0, soon)) == ()
+
+
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_a_horizon_says_that_the_muscle_tires(living_sessions, excitation: str) -> None:
     what = living_sessions.session('fatigue', excitation, 3, 40.0)
