@@ -106,6 +106,13 @@ class LaguerreBasis:
         total: FloatArray = self.input_gain * self.time_constant * sign
         return total
 
+    @cached_property
+    def moment(self) -> FloatArray:
+        """Integral of each function times the lag (functions,) [s^(3/2)]."""
+        mean = self.latency + self.time_constant * (2.0 * np.arange(self.functions) + 1.0)
+        total: FloatArray = self.area * mean
+        return total
+
     def evaluate(self, lag: npt.ArrayLike) -> FloatArray:
         """Return the functions.
 

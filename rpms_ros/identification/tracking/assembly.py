@@ -27,14 +27,14 @@ import numpy as np
 
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.tracking.intervals import Intervals
+from rpms_ros.identification.tracking.stretching import NO_SLOWING
+from rpms_ros.identification.tracking.stretching import slowed
+from rpms_ros.identification.tracking.stretching import stretched_columns
+from rpms_ros.identification.tracking.stretching import stretching_powers
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 
 SLOPES = 2
-# Of the exponential series: the time constant changes by less than a factor of 2.
-_TERMS, _LAST_TERM = 16, 1e-10
-# A change of the time constant by a thousandth of a percent makes no difference.
-_NO_SLOWING = 1e-5
 
 
 class Point(NamedTuple):
@@ -90,52 +90,6 @@ def point_at(theta: FloatArray, linear: FloatArray, knots: int) -> Point:
 def unknowns_of(point: Point) -> int:
     """Return the number of unknowns in x."""
     return PARAMETERS + len(point.linear) + 2 * len(point.gain) + SLOPES
-
-
-@numba.njit(cache=True)
-def slowed(linear: FloatArray) -> FloatArray:
-    """Return D w (functions,), truncated to the number of functions."""
-    count = len(linear)
-    result = np.zeros(count)
-    for index in range(count):
-        if index + 1 < count:
-            result[index] += 0.5 * (index + 1) * linear[index + 1]
-        if index > 0:
-            result[index] -= 0.5 * index * linear[index - 1]
-    return result
-
-
-@numba.njit(cache=True)
-def stretched(linear: FloatArray, slowing: float) -> FloatArray:
-    """Return w (functions,) with its response stretched in time by ``e^slowing``."""
-    term, total = linear.copy(), linear.copy()
-    if abs(slowing) < _NO_SLOWING:
-        return total
-    for order in range(1, _TERMS):
-        term = slowed(term) * (slowing / order)
-        total += term
-        if np.abs(term).max() < _LAST_TERM:
-            break
-    return total
-
-
-@numba.njit(cache=True)
-def _stretched_columns(
-    gram: FloatArray, right: FloatArray, slowing: float, functions: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return the sums of an interval with the columns of w stretched in time."""
-    part = slice(PARAMETERS, PARAMETERS + functions)
-    matrix = np.zeros((functions, functions))
-    unit = np.zeros(functions)
-    for function in range(functions):
-        unit[:] = 0.0
-        unit[function] = 1.0
-        matrix[:, function] = stretched(unit, slowing)
-    gram, right = gram.copy(), right.copy()
-    gram[:, part] = np.ascontiguousarray(gram[:, part]) @ matrix
-    gram[part] = matrix.T @ gram[part]
-    right[part] = matrix.T @ right[part]
-    return gram, right
 
 
 @numba.njit(cache=True)
@@ -272,6 +226,7 @@ def assemble(
     force[PARAMETERS:local] = point.linear
     # D commutes with its exponential
     slow[PARAMETERS:local] = slowed(point.linear)
+    powers = stretching_powers(len(point.linear))
     basis = np.zeros((6, local + 2))
     place = np.zeros(6, dtype=np.int64)
     for index in range(len(intervals.samples)):
@@ -282,8 +237,8 @@ def assemble(
         gain = 1.0 + _at_age(point.gain, position)
         delay = _at_age(point.slowing, position)
         gram, right = intervals.gram[index], intervals.right[index]
-        if abs(delay) >= _NO_SLOWING:
-            gram, right = _stretched_columns(gram, right, delay, len(point.linear))
+        if abs(delay) >= NO_SLOWING:
+            gram, right = stretched_columns(gram, right, delay, powers)
         force[0] = age * point.slope[0]
         force[1] = age * point.slope[1]
         # right-hand side of the residual at the point, by the columns of the interval

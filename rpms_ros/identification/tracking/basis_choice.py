@@ -2,39 +2,47 @@
 # SPDX-License-Identifier: Apache-2.0
 """Choice of latency and time constant of the basis by the samples.
 
-Infinitely many Laguerre functions describe any twitch, but seven only one whose time constant is
-similar and which does not begin before their latency.  So the basis is compared with others by the
-likelihood of the newest seconds, at first on a coarse grid and later with its neighbours.
+Laguerre functions of any time constant can describe any twitch, but seven of them only one that
+is not far from their own, and none that begins before their latency.  So the basis is compared
+with others by the likelihood of the newest seconds: on a coarse grid while little is known, and
+uphill from neighbour to neighbour.  Each is given the disturbance and the slow change that suit
+it: with those of a basis that does not fit, all are much the same.
 """
 
+import math
+from dataclasses import dataclass
+from dataclasses import field
 from dataclasses import replace
 
 import numpy as np
 
-from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.block_statistics import COUNT
-from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Prior
-from rpms_ros.identification.tracking.assembly import SLOPES
 from rpms_ros.identification.tracking.intervals import no_change
 from rpms_ros.identification.tracking.knowledge import Knowledge
 from rpms_ros.identification.tracking.raw_samples import RawSamples
+from rpms_ros.identification.tracking.tremor import line_in
+from rpms_ros.identification.tracking.window_fit import Scales
 from rpms_ros.identification.tracking.window_fit import Window
 from rpms_ros.identification.tracking.window_fit import WindowFit
-from rpms_ros.identification.tracking.window_fit import explained
 from rpms_ros.identification.tracking.window_fit import fresh_fit
+from rpms_ros.identification.tracking.window_fit import improved
 from rpms_ros.pulses import FloatArray
 
-TIME_CONSTANTS = (8e-3, 12e-3, 18e-3, 27e-3, 40e-3, 60e-3, 90e-3)
-LATENCIES = (0.0, 4e-3, 8e-3, 13e-3, 19e-3, 26e-3)
+TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
+LATENCIES = (0.0, 7e-3, 14e-3, 22e-3)
 _RATIO = 1.25
 _SHIFT = 2.5e-3
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
-# Difference of the log-likelihood from which another basis is taken [nat], so that it is stable.
-_DECISION = 15.0
-_STEPS = 6
+# Another basis has to be this much better [nat]: nothing is gained by going to and fro.
+_DECISION = 6.0
+# A tremor has to make the samples likelier by so much [nat]: it has two unknowns a second.
+_TREMOR_DECISION = 50.0
+_STEPS = 10
+# From this place on its grid a disturbance is lively: below a ten thousandth of the force.
+LIVELY = 4
 
 
 def grid(functions: int) -> list[LaguerreBasis]:
@@ -51,7 +59,11 @@ def neighbours(basis: LaguerreBasis) -> list[LaguerreBasis]:
     constant, latency = basis.time_constant, basis.latency
     faster, slower = max(constant / _RATIO, _SHORTEST), min(constant * _RATIO, _LONGEST)
     sooner, later = max(latency - _SHIFT, 0.0), min(latency + _SHIFT, _LONGEST_LATENCY)
-    pairs = ((faster, latency), (slower, latency), (constant, sooner), (constant, later))
+    # a slower basis that begins earlier is much like a faster one that begins later
+    pairs = (
+        *((faster, latency), (slower, latency), (constant, sooner), (constant, later)),
+        *((faster, later), (slower, sooner)),
+    )
     found = [replace(basis, time_constant=one, latency=two) for one, two in pairs]
     return [one for one in found if one != basis]
 
@@ -68,59 +80,139 @@ def conversion(old: LaguerreBasis, new: LaguerreBasis) -> FloatArray:
     return result
 
 
-def likelihood(
-    raw: RawSamples,
-    basis: LaguerreBasis,
-    fit: WindowFit,
-    knowledge: Knowledge,
-    prior: Prior,
-    first_ns: int,
-    now_ns: int,
-    length_ns: int,
-    spacing: float,
-) -> float:
-    """Return the log-likelihood of a basis for the samples since a time."""
-    functions = basis.functions
-    theta = fit.point.theta
-    problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), first_ns, prior)
-    blocks = problem.blocks
-    size = int(blocks.size[0])
-    if size < 2:
-        return -np.inf
-    joint = PARAMETERS + functions
-    alone = replace(knowledge, information=np.zeros((joint, joint)), reference=np.zeros(joint))
-    trial = replace(fresh_fit(theta, functions), scales=fit.scales, variance=fit.variance)
-    trial.together = fit.together
-    begin_ns = int(blocks.start_ns[problem.first])
-    knots = int((now_ns - begin_ns) / (spacing * length_ns) + 0.5)
-    window = Window(begin_ns, now_ns, length_ns, spacing, knots, no_change(functions))
-    assert len(trial.covariance) == joint + SLOPES
-    if not explained(problem, trial, alone, window, _STEPS):
-        return -np.inf
-    # Not the evidence: it would prefer a basis whose functions the samples do not determine.
-    samples = float(blocks.moments[problem.first : size, COUNT].sum())
-    return -0.5 * trial.misfit * samples
+@dataclass(frozen=True)
+class Explained:
+    """How well a basis explains the samples.
+
+    Attributes
+    ----------
+    fit : WindowFit
+        Its fit, disturbance and slow change as they suit the basis.
+    raw : RawSamples
+        The samples, without the tremor if there is one.
+    tremor : float
+        Frequency of a tremor that shows beside the muscle [Hz], 0 if there is none.
+    """
+
+    fit: WindowFit
+    raw: RawSamples
+    tremor: float = 0.0
 
 
-def better(
-    raw: RawSamples,
-    candidates: list[LaguerreBasis],
-    basis: LaguerreBasis,
-    fit: WindowFit,
-    knowledge: Knowledge,
-    prior: Prior,
-    first_ns: int,
-    now_ns: int,
-    length_ns: int,
-    spacing: float,
-) -> LaguerreBasis | None:
-    """Return the best of the candidates if it is clearly better than the basis, else None."""
-    if fit.variance <= 0.0:
-        raise IdentificationError(f'expected a variance above 0, got {fit.variance}')
-    rest = (fit, knowledge, prior, first_ns, now_ns, length_ns, spacing)
-    best, most = None, likelihood(raw, basis, *rest) + _DECISION
-    for candidate in candidates:
-        value = likelihood(raw, candidate, *rest)
-        if value > most:
-            best, most = candidate, value
-    return best
+@dataclass(frozen=True)
+class BasisChoice:
+    """Likelihood of bases for the newest samples of a window, and the search for the best.
+
+    Attributes
+    ----------
+    raw : RawSamples
+        Samples and pulses.
+    fit : WindowFit
+        Of the present basis: where the others begin.
+    knowledge : Knowledge
+        Physiology alone: what was learnt with one basis says little of another.
+    prior : Prior
+        Goes with the blocks.
+    first_ns, now_ns : int
+        First and newest sample [ns].
+    length_ns : int
+        Length of an interval [ns].
+    spacing : float
+        Distance of the knots of a slow change, in intervals.
+    lag : float
+        How long after its pulse the force acts in the mean, in intervals.
+    rates_hz : ndarray (rates,) or None
+        Repetition rates of the newest pulses; None if a tremor has been taken off.
+    """
+
+    raw: RawSamples
+    fit: WindowFit
+    knowledge: Knowledge
+    prior: Prior
+    first_ns: int
+    now_ns: int
+    length_ns: int
+    spacing: float
+    lag: float
+    rates_hz: FloatArray | None
+    _found: dict[LaguerreBasis, Explained] = field(default_factory=dict)
+
+    def better(self, basis: LaguerreBasis, everywhere: bool) -> LaguerreBasis:
+        """Return the best basis if it is clearly better than the present one, else that.
+
+        The search goes uphill from the present basis, or from the best that people have.
+        """
+        candidates = (basis, *grid(len(self.fit.point.linear))) if everywhere else (basis,)
+        best = max(candidates, key=self._likelihood)
+        while True:
+            nearest = max((best, *neighbours(best)), key=self._likelihood)
+            if nearest == best:
+                break
+            best = nearest
+        gain = self._likelihood(best) - self._likelihood(basis)
+        return best if gain > _DECISION else basis
+
+    def explained(self, basis: LaguerreBasis) -> Explained:
+        """Return how well a basis explains the samples, with a tremor or without.
+
+        The force of a muscle has lines of its own, and so has what a wrong basis leaves: so a
+        tremor has to make the samples much likelier.
+        """
+        if basis not in self._found:
+            self._found[basis] = self._judged(basis)
+        return self._found[basis]
+
+    def _likelihood(self, basis: LaguerreBasis) -> float:
+        return self.explained(basis).fit.likelihood
+
+    def _judged(self, basis: LaguerreBasis) -> Explained:
+        fit = self._fitted(self.raw, basis)
+        alone = Explained(fit, self.raw)
+        if self.rates_hz is None or not math.isfinite(fit.likelihood):
+            return alone
+        stamp_ns, _, rest = self.raw.rest(basis, fit.point.theta, fit.point.linear, self.prior)
+        hertz = line_in(stamp_ns, rest, self.rates_hz)
+        if hertz == 0.0:
+            return alone
+        cleaned = self.raw.without(hertz, rest)
+        without = self._fitted(cleaned, basis)
+        if without.likelihood < fit.likelihood + _TREMOR_DECISION:
+            return alone
+        return Explained(without, cleaned, hertz)
+
+    def _fitted(self, raw: RawSamples, basis: LaguerreBasis) -> WindowFit:
+        """Return the fit of a basis.
+
+        From a disturbance that is as lively as at present a fit does not find its way to a quiet
+        one, nor the other way round, so both are tried.
+        """
+        fit = self.fit
+        functions = len(fit.point.linear)
+        theta = fit.point.theta
+        quiet, lively = (fresh_fit(theta, functions) for _ in range(2))
+        problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), self.first_ns, self.prior)
+        blocks, first = problem.blocks, problem.first
+        if int(blocks.size[0]) < 2:
+            return quiet
+        # Blocks end where a pulse begins to act: with the one before, the samples of all bases
+        # are the same.
+        if first > 0 and blocks.moments[first - 1, COUNT] > 0.0:
+            problem = problem._replace(first=first - 1)
+        begin_ns = int(blocks.start_ns[problem.first])
+        knots = int((self.now_ns - begin_ns) / (self.spacing * self.length_ns) + 0.5)
+        window = Window(
+            begin_ns,
+            self.now_ns,
+            self.length_ns,
+            self.spacing,
+            knots,
+            self.lag,
+            no_change(functions),
+        )
+        improved(problem, quiet, self.knowledge, window, _STEPS)
+        if fit.scales.disturbance < LIVELY:
+            return quiet
+        lively.scales = Scales(disturbance=fit.scales.disturbance)
+        lively.levels, lively.first = fit.levels.copy(), fit.first
+        improved(problem, lively, self.knowledge, window, _STEPS)
+        return max(quiet, lively, key=lambda one: one.likelihood)

@@ -29,9 +29,9 @@ from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.tracking.assembly import SLOPES
 from rpms_ros.identification.tracking.assembly import Point
-from rpms_ros.identification.tracking.assembly import slowed
 from rpms_ros.identification.tracking.knowledge import Knowledge
 from rpms_ros.identification.tracking.knowledge import coordinates
+from rpms_ros.identification.tracking.stretching import slowed
 from rpms_ros.identification.tracking.window_fit import LIVELINESS
 from rpms_ros.identification.tracking.window_fit import StartLevels
 from rpms_ros.identification.tracking.window_fit import Window

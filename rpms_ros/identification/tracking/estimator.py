@@ -29,10 +29,10 @@ from rpms_ros.identification.projection.normal_equations import within_knots
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import BaselineKnots
 from rpms_ros.identification.tracking.assembly import point_at
-from rpms_ros.identification.tracking.basis_choice import better
+from rpms_ros.identification.tracking.basis_choice import LIVELY
+from rpms_ros.identification.tracking.basis_choice import BasisChoice
+from rpms_ros.identification.tracking.basis_choice import Explained
 from rpms_ros.identification.tracking.basis_choice import conversion
-from rpms_ros.identification.tracking.basis_choice import grid
-from rpms_ros.identification.tracking.basis_choice import neighbours
 from rpms_ros.identification.tracking.change_watch import Alert
 from rpms_ros.identification.tracking.change_watch import ChangeWatch
 from rpms_ros.identification.tracking.change_watch import first_block_after
@@ -80,10 +80,14 @@ _KNOT_S = _KNOT_INTERVALS * INTERVAL_NS / NANOSECONDS_PER_SECOND
 _LARGEST_GAIN = 0.25
 _LARGEST_SLOWING = 0.25
 _SHORTEST_S = 20.0
+# That of the slowest muscle.
+_LONGEST_LAG_S = 0.3
 _STEPS, _FIRST_STEPS = 2, 6
 _RECENT_PULSES, _MOST_RATES = 100, 3
 _DOUBTED_NS = 10 * NANOSECONDS_PER_SECOND
 _CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
+# A window that is not quite young is challenged once in so many steps.
+_RESTS, _OFTEN_NS = 4, 5 * NANOSECONDS_PER_SECOND
 _CHALLENGER_STEPS = 5
 _CHALLENGER_DECISION = 3.0
 _SETTLING_NS = NANOSECONDS_PER_SECOND // 2
@@ -91,8 +95,9 @@ _YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
 # When the basis is compared with others, since a response shows; later with this period [s].
 _CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
 _CHOICE_PERIOD_S = 32.0
-# So many times with the whole grid, then with its neighbours.
-_GRIDS = 2
+# Where all seems well it is compared with its neighbours only, but so often with all that people
+# have: seldom are neighbouring residuals of a basis that fits alike.
+_GRIDS, _ALIKE = 1, 1.3
 _CHOICE_NS = 8 * NANOSECONDS_PER_SECOND
 
 
@@ -190,7 +195,7 @@ class TrackingEstimator(ProjectionEstimator):
             tremor = self._tremor.force(stamp_ns[part])
             rest = force[part] - tremor
             self._take(stamp_ns[part], rest, usable[part], prediction[part])
-            self._raw.add(stamp_ns[part], rest, usable[part])
+            self._raw.add(stamp_ns[part], force[part], tremor, usable[part])
             muscle = prediction[part] - self._disturbance(stamp_ns[part])
             self._tremor.add(stamp_ns[part], force[part], muscle, usable[part])
             prediction[part] += tremor
@@ -307,30 +312,54 @@ class TrackingEstimator(ProjectionEstimator):
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window()
 
-    def _follow_tremor(self) -> None:
-        """Follow a tremor; when one appears take it off the earlier samples too."""
+    def _rates(self) -> FloatArray:
+        """Return the rates of the newest pulses (rates,) [Hz], none if they are many."""
         blocks = self._problem.blocks
-        size = int(blocks.size[0])
-        order = (int(blocks.head[0]) + np.arange(size)) % len(blocks.start_ns)
+        order = (int(blocks.head[0]) + np.arange(int(blocks.size[0]))) % len(blocks.start_ns)
         recent = blocks.start_ns[order][blocks.intensity[order] > 0.0][-_RECENT_PULSES:]
         intervals = 1e-9 * np.diff(recent)
         rates = np.unique(np.round(1.0 / intervals[intervals > 1e-3], 1))
-        if not self._tremor.follow(rates if len(rates) <= _MOST_RATES else rates[:0]):
+        return rates if len(rates) <= _MOST_RATES else rates[:0]
+
+    def _follow_tremor(self) -> None:
+        """Follow a tremor, or look whether what may be one explains the samples."""
+        if not self._tremor.follow(self._rates()):
             return
-        fit = self._window
-        theta, linear = fit.point.theta, fit.point.linear
-        if fit.shows_response:
-            muscle = linear if self._tremor.muscle_known else 0.0 * linear
-            self._raw.clean(
-                self._basis, theta, muscle, self._problem.prior, self._tremor.frequency
-            )
-            self._change_basis(self._basis)
-        else:
-            # the muscle is not known yet, so nothing is lost
+        if self._begun_ns is None:
+            # nothing is known that would be lost
             self._watch.forget()
+            size = int(self._problem.blocks.size[0])
             self._problem = self._problem._replace(first=size)
-        # the scales found so far are those of the tremor
-        fit.point = point_at(theta, linear, 0)
+            self._begin_without_tremor()
+            return
+        self._tremor.reject()
+        explained = self._choice().explained(self._basis)
+        if explained.tremor:
+            self._take_up(explained, self._basis)
+
+    def _take_up(self, explained: Explained, basis: LaguerreBasis) -> None:
+        """Go on with a basis as it explains the newest samples."""
+        found, fit = explained.fit, self._window
+        if explained.tremor:
+            point, prior = found.point, self._problem.prior
+            rest = explained.raw.rest(basis, point.theta, point.linear, prior)
+            self._raw = explained.raw
+            self._tremor.accept(explained.tremor, *rest)
+            self._begun_ns, self._choices = self._last_ns, 0
+        first_ns = self._span().first_ns
+        self._change_basis(basis)
+        assert self._last_ns is not None
+        if not explained.tremor and self._last_ns - first_ns > _CHOICE_NS:
+            # of the earlier disturbance the fit of the newest samples says nothing
+            return
+        fit.point = point_at(found.point.theta, found.point.linear, 0)
+        fit.scales, fit.variance, fit.together = found.scales, found.variance, found.together
+        fit.levels, fit.first = found.levels, found.first
+
+    def _begin_without_tremor(self) -> None:
+        """Forget the widths that were found: they are those of the tremor."""
+        fit = self._window
+        fit.point = point_at(fit.point.theta, fit.point.linear, 0)
         fit.scales, fit.variance = Scales(), 0.0
         fit.levels = np.full(2, float(np.median(fit.levels)))
         self._begun_ns, self._choices = self._last_ns, 0
@@ -354,11 +383,14 @@ class TrackingEstimator(ProjectionEstimator):
         A fit that has begun with few samples may hang in a local minimum.
         """
         fit = self._window
-        if window.now_ns - window.first_ns > _CHALLENGED_NS or not fit.shows_response:
+        length_ns = window.now_ns - window.first_ns
+        if length_ns > _CHALLENGED_NS or not fit.shows_response:
             return
-        self._turn = (self._turn + 1) % len(self._starts)
+        self._turn = (self._turn + 1) % (_RESTS * len(self._starts))
+        if length_ns > _OFTEN_NS and self._turn % _RESTS:
+            return
         functions = self._basis.functions
-        other = fresh_fit(self._starts[self._turn], functions)
+        other = fresh_fit(self._starts[self._turn // _RESTS], functions)
         other.variance, other.together = fit.variance, fit.together
         mine = replace(fit)
         problem, knowledge = self._problem, self._knowledge
@@ -410,8 +442,21 @@ class TrackingEstimator(ProjectionEstimator):
         known = self._begun_ns is not None
         knots = int((self._last_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5) * known
         return Window(
-            first_ns, self._last_ns, INTERVAL_NS, float(_KNOT_INTERVALS), knots, self._origin
+            first_ns,
+            self._last_ns,
+            INTERVAL_NS,
+            float(_KNOT_INTERVALS),
+            knots,
+            self._lag(),
+            self._origin,
         )
+
+    def _lag(self) -> float:
+        """Return how long after its pulse the force acts in the mean, in intervals."""
+        linear = self._window.point.linear
+        area = float(self._basis.area @ linear)
+        seconds = float(self._basis.moment @ linear) / area if area > 0.0 else 0.0
+        return min(max(seconds, 0.0), _LONGEST_LAG_S) * NANOSECONDS_PER_SECOND / INTERVAL_NS
 
     def _disturbance(self, stamp_ns: IntArray) -> FloatArray:
         """Return the disturbance (samples,) [N] in the prediction."""
@@ -504,26 +549,39 @@ class TrackingEstimator(ProjectionEstimator):
         seconds = (self._last_ns - self._begun_ns) / NANOSECONDS_PER_SECOND
         done = self._choices
         due = _CHOICES_S[done] if done < len(_CHOICES_S) else _CHOICE_PERIOD_S * (done - 3)
-        if seconds < due or not self._window.shows_response:
+        if seconds < due:
             return
         self._choices += 1
-        functions = self._basis.functions
-        candidates = grid(functions) if done < _GRIDS else neighbours(self._basis)
-        first_ns = max(self._span().first_ns, self._last_ns - _CHOICE_NS)
-        found = better(
+        if self._tremor.frequency:
+            # the muscle is known better than it was
+            point, prior = self._window.point, self._problem.prior
+            rest = self._raw.rest(self._basis, point.theta, point.linear, prior)[-1]
+            self._raw = self._raw.without(self._tremor.frequency, rest)
+            self._change_basis(self._basis)
+        choice = self._choice()
+        fit = self._window
+        doubtful = fit.together > _ALIKE or fit.scales.disturbance >= LIVELY
+        found = choice.better(self._basis, done < _GRIDS or doubtful)
+        explained = choice.explained(found)
+        quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
+        if found != self._basis or explained.tremor or quieter:
+            self._take_up(explained, found)
+
+    def _choice(self) -> BasisChoice:
+        """Return the choice of a basis for the newest samples."""
+        assert self._last_ns is not None
+        return BasisChoice(
             self._raw,
-            candidates,
-            self._basis,
             self._window,
             self._prior,
             self._problem.prior,
-            first_ns,
+            max(self._span().first_ns, self._last_ns - _CHOICE_NS),
             self._last_ns,
             INTERVAL_NS,
             float(_KNOT_INTERVALS),
+            self._lag(),
+            None if self._tremor.frequency else self._rates(),
         )
-        if found is not None:
-            self._change_basis(found)
 
     def _change_basis(self, basis: LaguerreBasis) -> None:
         """Put the samples of the window into blocks of another basis."""

@@ -7,7 +7,9 @@ from dataclasses import replace
 from functools import cache
 from functools import cached_property
 from typing import TYPE_CHECKING
+from typing import NamedTuple
 
+import numba
 import numpy as np
 from scipy.stats import chi2
 
@@ -18,7 +20,6 @@ from rpms_ros.identification.tracking.assembly import Point
 from rpms_ros.pulses import FloatArray
 
 if TYPE_CHECKING:
-    from rpms_ros.identification.tracking.window_fit import Scales
     from rpms_ros.identification.tracking.window_fit import WindowFit
 
 # Confidence level at which an earlier result is rejected.
@@ -30,6 +31,74 @@ _LOST = 0.01
 _SLOPE_WALK, _SLOPE_NOISE = 0.15, 0.02
 # Added to the diagonal of a matrix whose rows are scaled to 1.
 ROUNDING = 1e-9
+
+
+class Terms(NamedTuple):
+    """What is known at a point: cost, gradient and information, for `added`.
+
+    Attributes
+    ----------
+    matrix, gradient : ndarray (4 + functions, 4 + functions), (4 + functions,)
+        Information about [theta, w], and minus half the gradient of the cost.
+    cost, logarithm : float
+        Cost, and log-determinant of what was learnt before.
+    walk : ndarray (knots, knots)
+        Information about a slow change of scale 1.
+    changes : ndarray (2, knots)
+        Gain and slowing at the knots of the past.
+    slope : ndarray (2,)
+        Of u_thr and u_sat [1/s].
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    cost: float
+    logarithm: float
+    walk: FloatArray
+    changes: FloatArray
+    slope: FloatArray
+
+
+@numba.njit(cache=True)
+def added(
+    terms: Terms, scales: FloatArray, matrix: FloatArray, right: FloatArray
+) -> tuple[float, float]:
+    """Add what is known to the equations of x; return its cost and its log-determinant.
+
+    Parameters
+    ----------
+    terms : Terms
+        At the point of the equations.
+    scales : ndarray (3,)
+        Change of force and of time constant from knot to knot (relative), of u_thr and u_sat
+        [1/s].
+    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
+        Information and minus half the gradient, in place.
+    """
+    joint, knots = len(terms.gradient), terms.changes.shape[1]
+    cost, logarithm = terms.cost, terms.logarithm
+    matrix[:joint, :joint] += terms.matrix
+    right[:joint] += terms.gradient
+    for which in range(2):
+        information = 1.0 / scales[which] ** 2
+        first = joint + which * knots
+        for row in range(knots):
+            pull = 0.0
+            for column in range(knots):
+                value = information * terms.walk[row, column]
+                matrix[first + row, first + column] += value
+                pull += value * terms.changes[which, column]
+            right[first + row] -= pull
+            cost += pull * terms.changes[which, row]
+        logarithm -= 2.0 * knots * np.log(scales[which])
+    information = 1.0 / scales[2] ** 2
+    for index in range(SLOPES):
+        place = joint + 2 * knots + index
+        matrix[place, place] += information
+        right[place] -= information * terms.slope[index]
+        cost += information * terms.slope[index] ** 2
+        logarithm -= 2.0 * np.log(scales[2])
+    return cost, logarithm
 
 
 @dataclass(frozen=True)
@@ -66,44 +135,36 @@ class Knowledge:
         matrix[place, place] += 1.0 / self.deviation**2
         return float(np.linalg.slogdet(matrix)[1])
 
-    def about(
-        self, point: Point, scales: 'Scales', changes: FloatArray, drifts: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float, float]:
-        """Return information (unknowns, unknowns), gradient (unknowns,), cost, log-determinant."""
-        functions, knots = len(point.linear), len(point.gain)
-        unknowns = PARAMETERS + functions + 2 * knots + SLOPES
-        joint = PARAMETERS + functions
-        matrix = np.zeros((unknowns, unknowns))
-        gradient = np.zeros(unknowns)
+    def about(self, point: Point, ridge: float) -> 'Terms':
+        """Return what is known at a point, whatever the scales.
+
+        Parameters
+        ----------
+        point : Point
+            Where.
+        ridge : float
+            Information about each coefficient of w, around nothing.
+        """
         theta = coordinates(point.theta)
-        place = np.arange(PARAMETERS)
+        linear = point.linear
+        here = np.concatenate((theta, linear))
+        matrix = self.information.copy()
+        before = here - self.reference
+        pull = matrix @ before
+        gradient = -pull
+        cost = float(before @ pull)
         away = theta - self.mean
-        matrix[place, place] = 1.0 / self.deviation**2
-        gradient[:PARAMETERS] = -away / self.deviation**2
-        cost = float(np.sum((away / self.deviation) ** 2))
-        before = np.concatenate((theta, point.linear)) - self.reference
-        pull = self.information @ before
-        matrix[:joint, :joint] += self.information
-        gradient[:joint] -= pull
-        cost += float(before @ pull)
-        logarithm = self._logarithm
-        walk = walk_information(knots)
-        for start, values, scale in (
-            (joint, point.gain, changes[scales.gain]),
-            (joint + knots, point.slowing, changes[scales.slowing]),
-        ):
-            part = slice(start, start + knots)
-            matrix[part, part] = walk / scale**2
-            gradient[part] = -walk @ values / scale**2
-            cost += float(values @ walk @ values) / scale**2
-            logarithm -= 2.0 * knots * np.log(scale)
-        scale = drifts[scales.slope]
-        last = np.arange(unknowns - SLOPES, unknowns)
-        matrix[last, last] = 1.0 / scale**2
-        gradient[last] = -point.slope / scale**2
-        cost += float(point.slope @ point.slope) / scale**2
-        logarithm -= 2.0 * SLOPES * np.log(scale)
-        return matrix, gradient, float(cost), float(logarithm)
+        place = np.arange(PARAMETERS)
+        matrix[place, place] += 1.0 / self.deviation**2
+        gradient[:PARAMETERS] -= away / self.deviation**2
+        cost += float(np.sum((away / self.deviation) ** 2))
+        place = np.arange(PARAMETERS, len(here))
+        matrix[place, place] += ridge
+        gradient[PARAMETERS:] -= ridge * linear
+        cost += ridge * float(linear @ linear)
+        changes = np.stack((point.gain, point.slowing))
+        walk = walk_information(len(point.gain))
+        return Terms(matrix, gradient, cost, self._logarithm, walk, changes, point.slope)
 
     def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
         """Return the step (unknowns,) with theta within its bounds, the rest solved again."""

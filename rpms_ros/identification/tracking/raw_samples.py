@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples and pulses of the window, from which blocks of another basis are made."""
 
+import copy
 from itertools import pairwise
 
 import numpy as np
@@ -31,12 +32,14 @@ _LEAST_DISTANCE_NS = 900_000
 # A tremor is subtracted in pieces of a second with at least so many samples, fitted together with
 # a polynomial of so many terms.
 _LEAST_IN_PIECE, _SLOW = 30, 4
+_ARRAYS = ('_stamp_ns', '_measured', '_force')
 
 
 class RawSamples(Restorable):
     """Usable samples and pulses of the last seconds."""
 
     _stamp_ns: IntArray
+    _measured: FloatArray
     _force: FloatArray
     _size: int
     _onset_ns: IntArray
@@ -49,6 +52,7 @@ class RawSamples(Restorable):
     def forget(self) -> None:
         """Forget everything."""
         self._stamp_ns = np.zeros(4096, dtype=np.int64)
+        self._measured = np.zeros(4096)
         self._force = np.zeros(4096)
         self._size = 0
         self._onset_ns = np.empty(0, dtype=np.int64)
@@ -61,18 +65,22 @@ class RawSamples(Restorable):
         self._intensity = np.concatenate((self._intensity, intensity))
         self._weight = np.concatenate((self._weight, weight))
 
-    def add(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> None:
-        """Add the usable ones of ascending samples (samples,)."""
+    def add(
+        self, stamp_ns: IntArray, force: FloatArray, tremor: FloatArray, usable: BoolArray
+    ) -> None:
+        """Add the usable ones of ascending samples (samples,), and the tremor in their force."""
         last = int(self._stamp_ns[self._size - 1]) if self._size else -(2**62)
-        kept = _thinned(stamp_ns[usable], last)
-        stamp_ns, force = stamp_ns[usable][kept], force[usable][kept]
-        need = self._size + len(stamp_ns)
+        stamp_ns = stamp_ns[usable]
+        kept = _thinned(stamp_ns, last)
+        need = self._size + len(kept)
         if need > len(self._force):
-            larger = np.zeros(2 * need - len(self._force), dtype=np.int64)
-            self._stamp_ns = np.concatenate((self._stamp_ns, larger))
-            self._force = np.concatenate((self._force, np.zeros(len(larger))))
-        self._stamp_ns[self._size : need] = stamp_ns
-        self._force[self._size : need] = force
+            for name in _ARRAYS:
+                old = getattr(self, name)
+                larger = np.zeros(2 * need - len(old), dtype=old.dtype)
+                setattr(self, name, np.concatenate((old, larger)))
+        self._stamp_ns[self._size : need] = stamp_ns[kept]
+        self._measured[self._size : need] = force[usable][kept]
+        self._force[self._size : need] = (force - tremor)[usable][kept]
         self._size = need
 
     def drop(self, before_ns: int) -> None:
@@ -80,8 +88,9 @@ class RawSamples(Restorable):
         first = int(np.searchsorted(self._stamp_ns[: self._size], before_ns))
         if first > self._size // 4:
             kept = self._size - first
-            self._stamp_ns[:kept] = self._stamp_ns[first : self._size].copy()
-            self._force[:kept] = self._force[first : self._size].copy()
+            for name in _ARRAYS:
+                values = getattr(self, name)
+                values[:kept] = values[first : self._size].copy()
             self._size = kept
             pulse = int(np.searchsorted(self._onset_ns, before_ns - 2 * NANOSECONDS_PER_SECOND))
             self._onset_ns = self._onset_ns[pulse:]
@@ -127,35 +136,44 @@ class RawSamples(Restorable):
         problem, intake, pending, _ = self._into_blocks(basis, fit, first_ns, prior, capacity)
         return problem, intake, pending
 
-    def clean(
-        self,
-        basis: LaguerreBasis,
-        theta: FloatArray,
-        linear: FloatArray,
-        prior: Prior,
-        hertz: float,
-    ) -> None:
-        """Subtract a tremor of a frequency [Hz] from all samples, piece by piece.
+    def rest(
+        self, basis: LaguerreBasis, theta: FloatArray, linear: FloatArray, prior: Prior
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return stamps [ns], measured force [N] and what a muscle leaves of it [N] (samples,).
 
         Parameters
         ----------
         basis : LaguerreBasis
             Functions behind a latency.
         theta, linear : ndarray (4,), (functions,)
-            The muscle, whose force is subtracted before the fit.
+            The muscle.
         prior : Prior
-            Prior of the problem; without effect.
-        hertz : float
-            Frequency of the tremor.
+            Of no consequence.
         """
+        stamp_ns = self._stamp_ns[: self._size]
+        force = self._measured[: self._size]
         if not self._size:
-            return
+            return stamp_ns, force, force
         fit = empty_fit(theta, basis.functions, 2)
         fit.linear[:] = linear
-        first_ns = int(self._stamp_ns[0])
-        muscle = self._into_blocks(basis, fit, first_ns, prior, None)[-1]
+        muscle = self._into_blocks(basis, fit, int(stamp_ns[0]), prior, None)[-1]
+        return stamp_ns, force, force - muscle
+
+    def without(self, hertz: float, rest: FloatArray) -> 'RawSamples':
+        """Return the same samples with a tremor taken off, piece by piece.
+
+        Parameters
+        ----------
+        hertz : float
+            Frequency of the tremor.
+        rest : ndarray (samples,)
+            What the muscle leaves [N], see `rest`.
+        """
+        result = copy.deepcopy(self)
+        if not self._size:
+            return result
         stamp_ns = self._stamp_ns[: self._size]
-        rest = self._force[: self._size] - muscle
+        first_ns = int(stamp_ns[0])
         piece = (stamp_ns - first_ns) // NANOSECONDS_PER_SECOND
         edges = np.flatnonzero(np.diff(piece, prepend=-1, append=-1))
         for first, last in pairwise(edges):
@@ -164,7 +182,8 @@ class RawSamples(Restorable):
             here = seconds(stamp_ns[first:last] - first_ns)
             wave, slow = waves(hertz, here), polynomials(here, _SLOW)
             found = np.linalg.lstsq(np.hstack((wave, slow)), rest[first:last], rcond=None)[0]
-            self._force[first:last] -= wave @ found[:2]
+            result._force[first:last] = self._measured[first:last] - wave @ found[:2]
+        return result
 
     def _into_blocks(
         self,

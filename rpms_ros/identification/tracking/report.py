@@ -11,8 +11,8 @@ from scipy.special import ndtri
 
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.projection.problem import PARAMETERS
-from rpms_ros.identification.tracking.assembly import slowed
 from rpms_ros.identification.tracking.change_watch import FoundChange
+from rpms_ros.identification.tracking.stretching import slowed
 from rpms_ros.identification.tracking.tremor import Tremor
 from rpms_ros.identification.tracking.window_fit import WindowFit
 from rpms_ros.pulses import FloatArray

@@ -20,6 +20,8 @@ from rpms_ros.pulses import IntArray
 _BIN_NS = 10_000_000
 # Bins that are searched for a line, and to which its amplitude is fitted.
 _SEARCHED, _FITTED = 400, 150
+# After a line was rejected, until it is looked for again.
+_PAUSE = 100
 _LOWEST, _HIGHEST, _RESOLUTION = 3.0, 13.0, 0.25
 # Ratio to the median of the spectrum above which a line appears, and below which it ends.
 _APPEARS, _GOES = 25.0, 8.0
@@ -27,6 +29,8 @@ _APPEARS, _GOES = 25.0, 8.0
 _LEAST_SHARE, _KEPT_SHARE = 0.7, 0.3
 _BESIDE_RATE = 0.6
 _LEAST_BINS = 0.8
+# Bins of a second and a half resolve two lines of 3 Hz or more beside each other.
+_FEWEST_BINS = 150
 _FREQUENCIES: FloatArray = np.arange(_LOWEST, _HIGHEST + 0.5 * _RESOLUTION, _RESOLUTION)
 _WAVES = np.exp(-2e-9j * np.pi * _BIN_NS * np.outer(_FREQUENCIES, np.arange(_SEARCHED)))
 
@@ -49,6 +53,7 @@ class Tremor(Restorable):
     _sum: FloatArray
     _count: FloatArray
     _newest: int
+    _rejected: int
 
     def __init__(self) -> None:
         self._sum = np.zeros((2, _SEARCHED))
@@ -63,6 +68,7 @@ class Tremor(Restorable):
         self._sum[:] = 0.0
         self._count[:] = 0.0
         self._newest = -(2**62)
+        self._rejected = -(2**62)
 
     @property
     def amplitude(self) -> float:
@@ -105,22 +111,46 @@ class Tremor(Restorable):
         rates_hz : ndarray (rates,)
             Repetition rates of the newest pulses: their harmonics are the muscle's.
         """
-        order = np.arange(self._newest - _SEARCHED + 1, self._newest + 1) % _SEARCHED
-        count = self._count[order]
-        filled = count > 0.0
+        both, filled = self._means()
         was = self.frequency
         self.frequency = self._cosine = self._sine = 0.0
         if filled.sum() < _LEAST_BINS * _SEARCHED:
             return False
-        both = np.where(filled, self._sum[:, order] / np.maximum(count, 1.0), 0.0)
+        if not was and self._newest < self._rejected + _PAUSE:
+            return False
         # while the muscle is not known its prediction may be worse than none
         power = [_power(one, filled) for one in both]
         self.muscle_known = bool(power[1].sum() <= power[0].sum())
         quieter = int(self.muscle_known)
         self.frequency = _line(power[quieter], rates_hz, was > 0.0)
         if self.frequency:
-            self._fit(both[quieter, -_FITTED:], filled[-_FITTED:])
+            self._follow_amplitude(quieter)
         return bool(self.frequency and not was)
+
+    def accept(
+        self, hertz: float, stamp_ns: IntArray, force: FloatArray, rest: FloatArray
+    ) -> None:
+        """Take up a line that was found in what a muscle leaves of the samples.
+
+        Parameters
+        ----------
+        hertz : float
+            Its frequency.
+        stamp_ns, force, rest : ndarray (samples,)
+            Samples, ascending [ns], [N], and what the muscle leaves of them [N]: its prediction
+            at the time was not that good.
+        """
+        self._sum[:] = 0.0
+        self._count[:] = 0.0
+        muscle = force - rest
+        self.add(stamp_ns, force, muscle, np.ones(len(force), dtype=np.bool_))
+        self.frequency = hertz
+        self._follow_amplitude(1)
+
+    def reject(self) -> None:
+        """Take back a line that has just appeared; another look follows in a second."""
+        self.frequency = self._cosine = self._sine = 0.0
+        self._rejected = self._newest
 
     def _turn(self, newest: int) -> None:
         """Change the reference of the phase to another bin."""
@@ -133,14 +163,46 @@ class Tremor(Restorable):
             )
         self._newest = newest
 
-    def _fit(self, error: FloatArray, filled: BoolArray) -> None:
-        """Fit amplitude and phase to the newest errors (bins,)."""
+    def _means(self) -> tuple[FloatArray, BoolArray]:
+        """Return force and errors in bins (2, bins), ascending, and which of them hold samples."""
+        order = np.arange(self._newest - _SEARCHED + 1, self._newest + 1) % _SEARCHED
+        count = self._count[order]
+        filled = count > 0.0
+        return np.where(filled, self._sum[:, order] / np.maximum(count, 1.0), 0.0), filled
+
+    def _follow_amplitude(self, which: int) -> None:
+        """Fit amplitude and phase to the newest forces (0) or errors (1)."""
+        both, filled = self._means()
+        error, filled = both[which, -_FITTED:], filled[-_FITTED:]
         time = seconds(_BIN_NS * np.arange(1 - len(error), 1) + _BIN_NS // 2)
         # the mean over a bin has a smaller amplitude
         shrunk = np.sinc(1e-9 * _BIN_NS * self.frequency)
         columns = np.hstack((shrunk * waves(self.frequency, time), polynomials(time, 4)))
         found = np.linalg.lstsq(columns[filled], error[filled], rcond=None)[0]
         self._cosine, self._sine = float(found[0]), float(found[1])
+
+
+def line_in(stamp_ns: IntArray, rest: FloatArray, rates_hz: FloatArray) -> float:
+    """Return the frequency of a tremor in what a muscle leaves of samples [Hz], 0 for none.
+
+    Parameters
+    ----------
+    stamp_ns, rest : ndarray (samples,)
+        Ascending [ns], [N]; the newest four seconds count.
+    rates_hz : ndarray (rates,)
+        Repetition rates of the newest pulses.
+    """
+    if not len(stamp_ns):
+        return 0.0
+    bins = stamp_ns // _BIN_NS
+    place = bins - (bins[-1] - _SEARCHED + 1)
+    kept = place >= 0
+    count = np.bincount(place[kept], minlength=_SEARCHED).astype(np.float64)
+    total = np.bincount(place[kept], rest[kept], minlength=_SEARCHED)
+    filled = count > 0.0
+    if filled.sum() < _FEWEST_BINS:
+        return 0.0
+    return _line(_power(total / np.maximum(count, 1.0), filled), rates_hz, False)
 
 
 def _power(error: FloatArray, filled: BoolArray) -> FloatArray:

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 from dataclasses import replace
 
+import numba
 import numpy as np
 
 from rpms_ros.identification.projection.fit import LEAST_ENERGY
@@ -23,18 +24,19 @@ from rpms_ros.identification.tracking.assembly import Equations
 from rpms_ros.identification.tracking.assembly import Point
 from rpms_ros.identification.tracking.assembly import Reduced
 from rpms_ros.identification.tracking.assembly import assembled
-from rpms_ros.identification.tracking.assembly import at_ages
 from rpms_ros.identification.tracking.assembly import disturbance_at
 from rpms_ros.identification.tracking.assembly import eliminated
 from rpms_ros.identification.tracking.assembly import point_at
-from rpms_ros.identification.tracking.assembly import stretched
 from rpms_ros.identification.tracking.intervals import Intervals
 from rpms_ros.identification.tracking.intervals import Origin
 from rpms_ros.identification.tracking.intervals import condensed
 from rpms_ros.identification.tracking.knowledge import ROUNDING
 from rpms_ros.identification.tracking.knowledge import Knowledge
+from rpms_ros.identification.tracking.knowledge import Terms
+from rpms_ros.identification.tracking.knowledge import added
 from rpms_ros.identification.tracking.knowledge import coordinates
 from rpms_ros.identification.tracking.knowledge import scaled_inverse
+from rpms_ros.identification.tracking.residual_noise import noise_of
 from rpms_ros.pulses import FloatArray
 
 # Standard deviation of the disturbance's second difference over an interval, as a share of the
@@ -44,11 +46,12 @@ LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
 # second.
 CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
 DRIFTS: FloatArray = np.concatenate(([1e-7], 10.0 ** np.arange(-5.5, -2.4, 0.5)))
-# The model's error is at least this share of the force's mean square, for so many samples.
-_MODEL_ERROR = 1e-4
-_MODEL_ERROR_SAMPLES = 200.0
 # Standard deviation of the level of a knot, as a multiple of the force: practically no prior.
 _LEVEL = 30.0
+# A response is not quite a sum of the functions, and a change not quite linear between its knots:
+# deviation of each coefficient as a share of their length, and of the force as a share of its
+# change over a distance of knots.
+_BASIS_ERROR, _BETWEEN_KNOTS = 2e-4, 0.03
 _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
 _LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
@@ -86,6 +89,9 @@ class Window:
         Distance of the knots of the past, in intervals.
     knots : int
         Number of them.
+    lag : float
+        How long after its pulse the force acts in the mean, in intervals: the newest samples show
+        the muscle as it was so long ago.
     origin : Origin
         The change of the muscle at which the window begins, if there was one.
     start : StartLevels or None
@@ -97,6 +103,7 @@ class Window:
     length_ns: int
     spacing: float
     knots: int
+    lag: float
     origin: Origin
     start: StartLevels | None = None
 
@@ -141,6 +148,8 @@ class WindowFit:
         Of the last step [nat].
     misfit : float
         Mean square of what the last step leaves, against the variance.
+    likelihood : float
+        Logarithm of that of the samples at the last step's x, the disturbance integrated out.
     """
 
     point: Point
@@ -155,6 +164,7 @@ class WindowFit:
     failures: int
     evidence: float = -math.inf
     misfit: float = 1.0
+    likelihood: float = -math.inf
 
     @property
     def weighed(self) -> float:
@@ -180,8 +190,13 @@ class WindowFit:
         """
         if self.variance <= 0.0 or not self.covariance.any():
             return None
-        joint = PARAMETERS + len(self.point.linear)
-        covariance = self.covariance[:joint, :joint]
+        linear = self.point.linear
+        joint = PARAMETERS + len(linear)
+        covariance = self.covariance[:joint, :joint].copy()
+        rest = covariance[PARAMETERS:, PARAMETERS:]
+        newest = float(self.point.gain[0]) if len(self.point.gain) else 0.0
+        rest += (_BETWEEN_KNOTS * newest) ** 2 * np.outer(linear, linear)
+        rest += _BASIS_ERROR**2 * float(linear @ linear) * np.eye(len(linear))
         found = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 1e-300))
         scale = np.ones(joint)
         scale[:PARAMETERS] = np.minimum(1.0, deviation / found)
@@ -235,6 +250,7 @@ class _Linearised:
         start: 'StartLevels | None',
     ) -> None:
         self.bends = bends
+        self.now = now
         self.start = start
         self.intervals = intervals
         self.point = point
@@ -242,6 +258,8 @@ class _Linearised:
         self.equations: Equations = assembled(intervals, point, now, spacing)
         self.samples = float(intervals.samples.sum())
         self.power = float(intervals.energy.sum()) / max(self.samples, 1.0)
+        # too weak to be seen, but w is solvable where nothing has been stimulated
+        self.terms: Terms = knowledge.about(point, _RIDGE / (self.power + LEAST_ENERGY))
 
     def reduced(self, variance: float, disturbance: int) -> Reduced:
         """Eliminate the disturbance with the scale `LIVELINESS[disturbance]`.
@@ -264,19 +282,6 @@ class _Linearised:
         reduced.evidence[0] += 0.5 * _FREEDOM * float(np.sum(np.log(inner) - inner))
         return reduced
 
-    def prior(self, scales: Scales) -> tuple[FloatArray, FloatArray, float, float]:
-        """Return information, gradient, cost and log-determinant of the prior."""
-        information, gradient, cost, logarithm = self.knowledge.about(
-            self.point, scales, CHANGES, DRIFTS
-        )
-        # too weak to change estimates noticeably, but w is solvable without stimulation
-        linear = self.point.linear
-        ridge = _RIDGE / (self.power + LEAST_ENERGY)
-        place = np.arange(PARAMETERS, PARAMETERS + len(linear))
-        information[place, place] += ridge
-        gradient[place] -= ridge * linear
-        return information, gradient, cost + ridge * float(linear @ linear), logarithm
-
 
 @dataclass(frozen=True)
 class _Solution:
@@ -291,24 +296,44 @@ class _Solution:
 
 def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
     """Solve for the step; None if the equations are not positive."""
-    information, gradient, cost, logarithm = at.prior(scales)
-    hessian = reduced.matrix + information
-    right = reduced.right + gradient
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    widths = np.array([CHANGES[scales.gain], CHANGES[scales.slowing], DRIFTS[scales.slope]])
+    hessian, right = reduced.matrix.copy(), reduced.right.copy()
+    cost, logarithm = added(at.terms, widths, hessian, right)
     try:
-        factor = np.linalg.cholesky(
-            hessian * np.outer(scale, scale) + ROUNDING * np.eye(len(scale))
-        )
+        step, gained, determinant = _solved(hessian, right)
     except np.linalg.LinAlgError:
         return None
-    half = np.linalg.solve(factor, scale * right)
-    step = scale * np.linalg.solve(factor.T, half)
-    determinant = 2.0 * float(np.sum(np.log(np.diag(factor)) - np.log(scale)))
-    here = float(reduced.cost[0]) + cost
-    evidence = -0.5 * (here - float(half @ half) + determinant - logarithm) + float(
-        reduced.evidence[0]
-    )
-    return _Solution(step, hessian, evidence, here - float(half @ half), reduced)
+    left = float(reduced.cost[0]) + cost - gained
+    evidence = -0.5 * (left + determinant - logarithm) + float(reduced.evidence[0])
+    return _Solution(step, hessian, evidence, left, reduced)
+
+
+@numba.njit(cache=True)
+def _solved(hessian: FloatArray, right: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return the solution (unknowns,), what it gains of the cost, and the log-determinant."""
+    count = len(right)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    scaled = np.empty_like(hessian)
+    for row in range(count):
+        for column in range(count):
+            scaled[row, column] = scale[row] * hessian[row, column] * scale[column]
+        scaled[row, row] += ROUNDING
+    factor = np.linalg.cholesky(scaled)
+    step = scale * right
+    determinant = 0.0
+    for row in range(count):
+        for column in range(row):
+            step[row] -= factor[row, column] * step[column]
+        step[row] /= factor[row, row]
+        determinant += 2.0 * (np.log(factor[row, row]) - np.log(scale[row]))
+    gained = 0.0
+    for row in range(count):
+        gained += step[row] ** 2
+    for row in range(count - 1, -1, -1):
+        for below in range(row + 1, count):
+            step[row] -= factor[below, row] * step[below]
+        step[row] /= factor[row, row]
+    return scale * step, gained, determinant
 
 
 def _best_scales(
@@ -376,7 +401,15 @@ def improved(
             fit.failures += 1
             return
         _move(fit, at, solution, _averaged(solution, tried))
-        _restate_noise(fit, at, solution, window)
+        fit.variance, fit.together = noise_of(
+            at.intervals,
+            at.point,
+            fit.point,
+            fit.levels,
+            at.now,
+            window.spacing,
+            len(solution.step),
+        )
         settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:PARAMETERS])
         if settled.all():
             break
@@ -407,7 +440,7 @@ def _linearised(
     theta, linear = point.theta, point.linear
     intervals = condensed(problem, theta, linear, first_ns, length_ns, window.origin)
     first = int(intervals.first[0])
-    now = window.now_ns / window.length_ns - first
+    now = window.now_ns / window.length_ns - first + window.lag
     bends = _bends(fit, first, len(intervals.samples) + 1)
     return _Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
 
@@ -428,6 +461,11 @@ def _move(fit: WindowFit, at: _Linearised, solution: _Solution, covariance: Floa
     fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
     fit.evidence = solution.evidence
     fit.misfit = solution.left / at.samples
+    fit.likelihood = (
+        float(solution.reduced.evidence[0])
+        - 0.5 * solution.left
+        - 0.5 * at.samples * math.log(fit.weighed)
+    )
 
 
 def _bends(fit: WindowFit, first: int, knots: int) -> FloatArray:
@@ -455,43 +493,3 @@ def moved(point: Point, step: FloatArray) -> Point:
         slowing=point.slowing + slowing,
         slope=point.slope + slope,
     )
-
-
-def _restate_noise(fit: WindowFit, at: _Linearised, solution: _Solution, window: Window) -> None:
-    """Update the variance of the residuals and the factor of their correlation."""
-    intervals, point = at.intervals, at.point
-    now, spacing = window.now_ns / window.length_ns - int(intervals.first[0]), window.spacing
-    functions = len(point.linear)
-    local = PARAMETERS + functions
-    count = len(intervals.samples)
-    age = np.maximum(now - (np.arange(count) + 0.5), 0.0)
-    # the linear model after the step, interval by interval
-    gain = 1.0 + at_ages(fit.point.gain, age / spacing)
-    delay = at_ages(fit.point.slowing, age / spacing)
-    coefficients = np.zeros((count, local + 2))
-    theta = coordinates(fit.point.theta) - coordinates(point.theta)
-    coefficients[:, :PARAMETERS] = theta
-    coefficients[:, :2] += age[:, None] * fit.point.slope
-    coefficients[:, PARAMETERS:local] = [stretched(fit.point.linear, one) for one in delay]
-    coefficients *= gain[:, None]
-    coefficients[:, local] = fit.levels[:-1]
-    coefficients[:, local + 1] = fit.levels[1:]
-    product = np.einsum('jkl,jl->jk', intervals.gram, coefficients)
-    scores = intervals.right - product
-    squares = intervals.energy - np.einsum('jk,jk->j', coefficients, intervals.right + scores)
-    total = max(float(squares.sum()), 0.0)
-    floor = _MODEL_ERROR * at.power
-    used = float(len(solution.step) + 1)
-    freedom = max(at.samples - used, 1.0) + _MODEL_ERROR_SAMPLES
-    fit.variance = (total + _MODEL_ERROR_SAMPLES * floor) / freedom + LEAST_ENERGY
-    some = intervals.samples > 0.0
-    scores = (gain[:, None] * scores)[some, :local]
-    scatter = scores.T @ scores
-    for lag in (1, 2, 3):
-        cross = scores[lag:].T @ scores[:-lag]
-        scatter += (1.0 - lag / 4.0) * (cross + cross.T)
-    steady = np.einsum('j,jkl->kl', gain**2, intervals.gram[:, :local, :local])
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(steady), 1e-300))
-    scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
-    ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
-    fit.together = max(1.0, float(ratio) / (local * fit.variance))

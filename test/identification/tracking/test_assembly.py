@@ -11,9 +11,9 @@ from rpms_ros.identification.tracking.assembly import Point
 from rpms_ros.identification.tracking.assembly import assembled
 from rpms_ros.identification.tracking.assembly import disturbance_at
 from rpms_ros.identification.tracking.assembly import eliminated
-from rpms_ros.identification.tracking.assembly import slowed
-from rpms_ros.identification.tracking.assembly import stretched
 from rpms_ros.identification.tracking.intervals import empty_intervals
+from rpms_ros.identification.tracking.stretching import slowed
+from rpms_ros.identification.tracking.stretching import stretched
 
 FUNCTIONS, INTERVALS, SAMPLES, KNOTS = 6, 9, 40, 2
 LOCAL = 4 + FUNCTIONS

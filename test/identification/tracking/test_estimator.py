@@ -137,6 +137,33 @@ def test_latency_and_time_constant_need_not_be_known(
     assert found['order'] == pytest.approx(order, rel=0.1)
 
 
+@pytest.mark.parametrize(('latency', 'time_constant'), [(30e-3, 38.44e-3), (9e-3, 70e-3)])
+def test_a_sinusoid_tells_latency_and_time_constant_too(living_sessions, latency, time_constant):
+    """With the disturbance of a wrong basis every basis explains a slow sinusoid."""
+    subject = replace(living_sessions.SUBJECT, time_constant=time_constant, latency=latency)
+    session = living_sessions.session('steady', 'sinusoid', 2, 20.0, subject)
+    _, estimates = run(session)
+    late = session.noted_s > 15.0
+    # half a percent is asked for
+    assert errors(session, estimates)[late].max() < 0.005
+
+
+def test_a_slow_twitch_is_no_tremor(living_sessions):
+    """Random pulses of a slow muscle have a line of their own at some hertz."""
+    subject = replace(living_sessions.SUBJECT, time_constant=90e-3)
+    session = living_sessions.session('steady', 'random', 1, 20.0, subject)
+    _, estimates = run(session)
+    assert not any('tremor' in reason for one in estimates for reason in one.reasons)
+    assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.005
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_a_tremor_from_the_beginning_does_not_mislead_the_basis(living_sessions, seed):
+    session = living_sessions.session('tremor', 'random', seed, 20.0)
+    _, estimates = run(session)
+    assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.01
+
+
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 def test_a_tremor_is_not_the_muscle(living_sessions, excitation):
     session = living_sessions.session('tremor', excitation, 2, 20.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification.tracking.tremor import Tremor
+from rpms_ros.identification.tracking.tremor import line_in
 
 SECOND = 1_000_000_000
 RATES = np.array([20.0])
@@ -119,3 +120,35 @@ def test_a_wild_prediction_of_the_muscle_does_not_hide_it():
     tremor.add(stamp_ns, force, wild, usable(force))
     assert tremor.follow(RATES)
     assert tremor.frequency == pytest.approx(8.0, abs=0.05)
+
+
+def test_a_line_that_is_rejected_is_looked_for_again_after_a_second():
+    stamp_ns = samples(8.0)
+    force = wave(stamp_ns) + noise(len(stamp_ns))
+    tremor = Tremor()
+    found = []
+    for first in range(0, len(stamp_ns), 250):
+        part = slice(first, first + 250)
+        tremor.add(stamp_ns[part], force[part], np.zeros(250), usable(force[part]))
+        if tremor.follow(RATES):
+            found.append(first)
+            tremor.reject()
+            assert not tremor.force(stamp_ns).any()
+    assert len(found) > 1
+    assert (np.diff(found) == 1000).all()
+
+
+def test_a_line_found_elsewhere_is_followed_at_once():
+    stamp_ns = samples(4.0)
+    muscle = 5.0 * np.sin(2.0 * np.pi * 1.3 * 1e-9 * stamp_ns) ** 2
+    rest = wave(stamp_ns) + noise(len(stamp_ns))
+    hertz = line_in(stamp_ns, rest, RATES)
+    # two lines of four seconds are a quarter of a hertz apart
+    assert hertz == pytest.approx(8.0, abs=0.05)
+    tremor = Tremor()
+    tremor.accept(hertz, stamp_ns, muscle + rest, rest)
+    coming = stamp_ns[-1] + samples(0.1)
+    assert np.abs(tremor.force(coming) - wave(coming)).max() < 0.1 * 0.3
+    assert line_in(stamp_ns, noise(len(stamp_ns)), RATES) == 0.0
+    assert line_in(stamp_ns[:1000], rest[:1000], RATES) == 0.0
+    assert line_in(stamp_ns[:0], rest[:0], RATES) == 0.0
