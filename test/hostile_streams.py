@@ -6,6 +6,7 @@ Each kind spoils the session of one muscle, some with the help of another one's.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,8 @@ class Stream(NamedTuple):
 
 
 Spoil = Callable[[Stream, Stream], Stream]
+# That of the simulations answers at once, which is a misfit of its own.
+SUBJECT = replace(simulation_subject(), latency=9e-3)
 
 
 class Kind(NamedTuple):
@@ -49,7 +52,7 @@ def session(seed: int, seconds: int, share: float = 1.0) -> Stream:
     """Random pulses at 20 Hz into the simulated subject, and its force with noise at 1 kHz."""
     random = np.random.default_rng(seed)
     pulses = PulseTrain.regular(random.uniform(size=int(RATE_HZ) * seconds), RATE_HZ, 0)
-    muscle = Contraction(simulation_subject())
+    muscle = Contraction(SUBJECT)
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     stamps = MILLISECOND * np.arange(SAMPLES_A_PULSE * len(pulses), dtype=np.int64)
     noise = NOISE * random.standard_normal(len(stamps))
@@ -58,7 +61,7 @@ def session(seed: int, seconds: int, share: float = 1.0) -> Stream:
 
 def true_curve(intensity: FloatArray) -> FloatArray:
     """Steady force [N] of the subject at intensities (intensities,)."""
-    return Contraction(simulation_subject()).steady_force(0, intensity, RATE_HZ)
+    return Contraction(SUBJECT).steady_force(0, intensity, RATE_HZ)
 
 
 def wrong_by(found: Estimate, truth: FloatArray) -> float:
