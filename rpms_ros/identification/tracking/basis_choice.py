@@ -37,7 +37,7 @@ _SHIFT = 2.5e-3
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
 # Another basis has to be this much better [nat]: nothing is gained by going to and fro.
-_DECISION = 6.0
+_DECISION = 10.0
 # A tremor has to make the samples likelier by so much [nat]: it has two unknowns a second.
 _TREMOR_DECISION = 50.0
 _STEPS = 10
@@ -150,7 +150,8 @@ class BasisChoice:
                 break
             best = nearest
         gain = self._likelihood(best) - self._likelihood(basis)
-        return best if gain > _DECISION else basis
+        alike = min(self.explained(best).fit.together, self.fit.most_together)
+        return best if gain > _DECISION * alike else basis
 
     def explained(self, basis: LaguerreBasis) -> Explained:
         """Return how well a basis explains the samples, with a tremor or without.
@@ -190,6 +191,8 @@ class BasisChoice:
         functions = len(fit.point.linear)
         theta = fit.point.theta
         quiet, lively = (fresh_fit(theta, functions) for _ in range(2))
+        # Likelihoods are comparable only if all weight the samples alike.
+        quiet.most_together = lively.most_together = 1.0
         problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), self.first_ns, self.prior)
         blocks, first = problem.blocks, problem.first
         if int(blocks.size[0]) < 2:

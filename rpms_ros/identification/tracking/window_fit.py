@@ -150,6 +150,8 @@ class WindowFit:
         Mean square of what the last step leaves, against the variance.
     likelihood : float
         Logarithm of that of the samples at the last step's x, the disturbance integrated out.
+    most_together : float
+        Limit of `together` where samples are weighted by it.
     """
 
     point: Point
@@ -165,6 +167,7 @@ class WindowFit:
     evidence: float = -math.inf
     misfit: float = 1.0
     likelihood: float = -math.inf
+    most_together: float = _MOST_TOGETHER
 
     @property
     def weighed(self) -> float:
@@ -173,7 +176,7 @@ class WindowFit:
         The factor of correlation is limited: if residuals are correlated because a scale is too
         small, the samples must keep enough weight to show it.
         """
-        return self.variance * min(self.together, _MOST_TOGETHER)
+        return self.variance * min(self.together, self.most_together)
 
     @property
     def shows_response(self) -> bool:
