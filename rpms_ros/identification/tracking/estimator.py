@@ -99,6 +99,8 @@ _CHOICE_PERIOD_S = 32.0
 # have: seldom are neighbouring residuals of a basis that fits alike.
 _GRIDS, _ALIKE = 1, 1.3
 _CHOICE_NS = 8 * NANOSECONDS_PER_SECOND
+# After the first pulse, if no response shows.
+_UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
 
 
 class TrackingEstimator(ProjectionEstimator):
@@ -122,6 +124,7 @@ class TrackingEstimator(ProjectionEstimator):
     _basis: LaguerreBasis
     _last_ns: int | None
     _begun_ns: int | None
+    _stimulated_ns: int | None
     _choices: int
     _turn: int
     _from_before: bool
@@ -147,6 +150,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._basis = settings.basis
         self._last_ns = None
         self._begun_ns = None
+        self._stimulated_ns = None
         self._choices = 0
         self._turn = 0
         self._from_before = False
@@ -176,6 +180,8 @@ class TrackingEstimator(ProjectionEstimator):
         if len(onset_ns):
             weight = self._delay_line.weight[-len(onset_ns) :]
             self._raw.add_pulses(onset_ns, intensity, weight)
+            if self._stimulated_ns is None and intensity.any():
+                self._stimulated_ns = int(onset_ns[np.argmax(intensity > 0.0)])
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].
@@ -210,6 +216,7 @@ class TrackingEstimator(ProjectionEstimator):
         """Drop the pulses that still act; the knowledge of the muscle is kept."""
         super().forget_pulses()
         self._begin_anew()
+        self._begun_ns = self._stimulated_ns = None
         self._tremor.forget()
         self._last_ns = None
 
@@ -294,7 +301,7 @@ class TrackingEstimator(ProjectionEstimator):
         if self._intake.learnt[0] == 0.0:
             return
         if self._begun_ns is None and self._window.shows_response:
-            self._begun_ns = self._last_ns
+            self._begun_ns, self._choices = self._last_ns, 0
         self._slide()
         self._follow_tremor()
         if not self._holds_samples():
@@ -543,10 +550,14 @@ class TrackingEstimator(ProjectionEstimator):
         """Compare the basis with others when it is time to."""
         if not self._choose or self._watch.deliberating:
             return
-        if self._begun_ns is None:
+        since_ns = self._begun_ns
+        if since_ns is None and self._stimulated_ns is not None:
+            # with a basis that does not fit a response may not show
+            since_ns = self._stimulated_ns + _UNSEEN_NS
+        if since_ns is None:
             return
         assert self._last_ns is not None
-        seconds = (self._last_ns - self._begun_ns) / NANOSECONDS_PER_SECOND
+        seconds = (self._last_ns - since_ns) / NANOSECONDS_PER_SECOND
         done = self._choices
         due = _CHOICES_S[done] if done < len(_CHOICES_S) else _CHOICE_PERIOD_S * (done - 3)
         if seconds < due:

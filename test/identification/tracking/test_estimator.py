@@ -148,6 +148,15 @@ def test_a_sinusoid_tells_latency_and_time_constant_too(living_sessions, latency
     assert errors(session, estimates)[late].max() < 0.005
 
 
+def test_a_basis_is_looked_for_where_no_response_shows(living_sessions):
+    """A basis far from the muscle leaves so much to the disturbance that no response shows."""
+    subject = replace(living_sessions.SUBJECT, time_constant=8e-3)
+    session = living_sessions.session('steady', 'sinusoid', 2, 20.0, subject)
+    _, estimates = run(session)
+    assert errors(session, estimates)[session.noted_s > 15.0].max() < 0.005
+    assert estimates[-1].changes == 0
+
+
 def test_a_slow_twitch_is_no_tremor(living_sessions):
     """Random pulses of a slow muscle have a line of their own at some hertz."""
     subject = replace(living_sessions.SUBJECT, time_constant=90e-3)
