@@ -15,6 +15,8 @@ from rpms_ros.pulses import FloatArray
 
 # Distance of the two knots of a step, shorter than any sampling period [s].
 _STEP_S = 1e-9
+# No muscle becomes stronger or slower than that; a number beyond has the wrong unit.
+_LARGEST_GAIN, _LONGEST_S = 100.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -51,12 +53,19 @@ class Change:
     saturation: float | None = None
 
     def __post_init__(self) -> None:
-        for name, low in (('at', 0.0), ('over', 0.0), ('gain', 0.0), ('latency', 0.0)):
+        for name in ('at', 'over'):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value >= low):
-                raise MuscleError(f'expected a finite {name} of at least {low:g}, got {value}')
-        if self.time_constant is not None and not 0.0 < self.time_constant < math.inf:
-            raise MuscleError(f'expected a time_constant above 0 s, got {self.time_constant}')
+            if not 0.0 <= value < math.inf:
+                raise MuscleError(f'expected a finite {name} of at least 0, got {value}')
+        for name, most in (('gain', _LARGEST_GAIN), ('latency', _LONGEST_S)):
+            value = getattr(self, name)
+            if value is not None and not 0.0 <= value <= most:
+                raise MuscleError(f'expected a {name} from 0 to {most:g}, got {value}')
+        if self.time_constant is not None and not 0.0 < self.time_constant <= _LONGEST_S:
+            raise MuscleError(
+                f'expected a time_constant above 0 s, at most {_LONGEST_S:g} s, '
+                f'got {self.time_constant}'
+            )
         for name in ('threshold', 'saturation'):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and -1.0 <= value <= 3.0):

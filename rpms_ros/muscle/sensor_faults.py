@@ -17,6 +17,7 @@ from rpms_ros.pulses import IntArray
 
 FROZEN, CLIPPED, SCALED, OFFSET = 'frozen', 'clipped', 'scaled', 'offset'
 LOST, DOUBLED = 'lost', 'doubled'
+NEED_VALUE = (CLIPPED, SCALED, OFFSET)
 KINDS = (FROZEN, CLIPPED, SCALED, OFFSET, LOST, DOUBLED)
 
 
@@ -35,7 +36,7 @@ class SensorFault:
     duration : float
         Length [s].
     value : float
-        See `fault`; not used by the other faults.
+        See `fault`, not 0; not used by the other faults.
 
     Raises
     ------
@@ -57,6 +58,8 @@ class SensorFault:
             raise MuscleError(f'expected a finite duration above 0 s, got {self.duration}')
         if not math.isfinite(self.value):
             raise MuscleError(f'expected a finite value, got {self.value}')
+        if self.fault in NEED_VALUE and self.value == 0.0:
+            raise MuscleError(f'expected a value for a {self.fault} sensor, got 0')
 
 
 class FaultySensor:

@@ -125,6 +125,7 @@ def test_block_length_changes_no_bit(cuts: list[int], kind: str) -> None:
         (lambda: SensorFault('melted', 0.0, 1.0), "expected a fault of frozen, .* got 'melted'"),
         (lambda: SensorFault('lost', -1.0, 1.0), 'finite beginning of at least 0 s, got -1'),
         (lambda: SensorFault('lost', 0.0, 0.0), 'finite duration above 0 s, got 0'),
+        (lambda: SensorFault('clipped', 0.0, 1.0), 'a value for a clipped sensor, got 0'),
         (lambda: SensorFault('clipped', 0.0, 1.0, float('inf')), 'a finite value, got inf'),
     ],
 )
