@@ -103,7 +103,7 @@ def test_a_recording_that_tells_nothing_is_told_apart(
     code, out, err = rpms('analyze', tmp_path / 'modulated')
     assert code == 1
     assert '1 modulated train' in out
-    assert '`rpms identify` explains those' in err
+    assert 'use `rpms identify` for them' in err
 
 
 def test_no_pulses_are_an_error(rpms: Rpms, magnetic: Path, tmp_path: Path) -> None:
