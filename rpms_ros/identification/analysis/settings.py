@@ -31,7 +31,7 @@ class AnalysisSettings:
     longest_latency : float
         A twitch with a longer latency is not a response to its pulse [s].
     least_fit : float
-        Smallest fit of a twitch that is accepted, 1 - |residual| / |force - mean|, 0..1.
+        Smallest fit of a twitch that is accepted, ``1 - |residual| / |force - mean|``, 0..1.
     settling : float
         Time after a change of the stimulation until the force counts as steady [s].
     left_over : float

@@ -84,7 +84,7 @@ class HeldOutFit:
     explained_variance : float
         1 - var(residual) / var(force).
     fit_percent : float
-        100 (1 - |residual| / |force - mean force|) [%].
+        ``100 (1 - |residual| / |force - mean force|)`` [%].
     stamp_ns, force, prediction : ndarray (samples,)
         The held-out part [ns], [N], [N].
     """
