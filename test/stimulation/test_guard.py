@@ -304,7 +304,10 @@ def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarme
         payload = b'\x03' + rapid2.framed(body)
         anew.append(Packet(packets.EXCHANGE, 1, packets.FOREVER_NS, payload))
     coming = []
-    for _ in range(200):
+    for turn in range(2000):
+        # on a busy machine an answer may come too late for a trigger to follow
+        if turn >= 200 and fake.fired():
+            break
         try:
             driver.socket.settimeout(0.5 if coming else 0.01)
             driver.socket.send(coming.pop(0) if coming else random_packet(chance))

@@ -72,7 +72,8 @@ def test_facilitation_only_grows_in_a_regular_train_and_starts_at_one(facilitati
     law = TrainLaw(facilitation=facilitation, facilitation_decay=decay)
     gains = law.gains(np.arange(10) / rate)
     assert gains[0] == 1.0
-    assert (np.diff(gains) >= 0).all()
+    # up to the rounding of a sum that no longer grows
+    assert (np.diff(gains) >= -4.0 * np.finfo(np.float64).eps * gains[1:]).all()
     # the geometric series of a sum e^(-k / (f tau))
     limit = 1.0 + facilitation / np.expm1(1.0 / (rate * decay))
     assert (gains <= limit * (1 + 1e-12)).all()
