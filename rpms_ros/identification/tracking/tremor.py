@@ -42,12 +42,9 @@ class Tremor(Restorable):
     ----------
     frequency : float
         Frequency [Hz], 0 without a tremor.
-    muscle_known : bool
-        Whether the errors are smaller than the force itself.
     """
 
     frequency: float
-    muscle_known: bool
     _cosine: float
     _sine: float
     _sum: FloatArray
@@ -63,7 +60,6 @@ class Tremor(Restorable):
     def forget(self) -> None:
         """Forget everything: the clock has jumped."""
         self.frequency = 0.0
-        self.muscle_known = False
         self._cosine = self._sine = 0.0
         self._sum[:] = 0.0
         self._count[:] = 0.0
@@ -120,8 +116,7 @@ class Tremor(Restorable):
             return False
         # while the muscle is not known its prediction may be worse than none
         power = [_power(one, filled) for one in both]
-        self.muscle_known = bool(power[1].sum() <= power[0].sum())
-        quieter = int(self.muscle_known)
+        quieter = int(power[1].sum() <= power[0].sum())
         self.frequency = _line(power[quieter], rates_hz, was > 0.0)
         if self.frequency:
             self._follow_amplitude(quieter)
