@@ -5,8 +5,9 @@ r"""The last session of a returning patient as a prior, which is reduced where i
 The covariance P of parameters and response of the last session is increased by the changes from
 one day to the next, most of all by the new position of the coil,
 
-.. math:: P' = P + Q_\theta + g^2 w w^T + h^2 \|w\|^2 I / n ,
+.. math:: P' = P + Q_\theta + g^2 w w^T + t^2 (D w) (D w)^T + h^2 \|w\|^2 I / n ,
 
+with D the derivative by the logarithm of the time constant (`tracking.stretching`),
 and becomes the arrival cost of a horizon (`projection.arrival_cost`), which is compared with the
 samples before every step and reduced where it contradicts them, or the prior of `tracking`, which
 is dropped where a fit without it contradicts it.
@@ -28,6 +29,7 @@ from rpms_ros.identification import checkpoint
 from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.problem import PARAMETERS
+from rpms_ros.identification.tracking.stretching import slowed
 from rpms_ros.pulses import FloatArray
 
 # Grid on which a response is converted to another basis [s].
@@ -50,14 +52,17 @@ class DayToDay:
         Of the logarithms of alpha_sat and alpha_thr.
     gain : float
         Of the force, as a share of it.
+    slowing : float
+        Of the logarithm of the response's time constant.
     shape : float
-        Of the response, as a share of it.
+        Of the response otherwise, as a share of it.
     """
 
-    threshold: float = 0.02
+    threshold: float = 0.01
     slope: float = 0.1
     gain: float = 0.1
-    shape: float = 0.02
+    slowing: float = 0.05
+    shape: float = 0.005
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,10 @@ class Knowledge:
             )
         )
         covariance: FloatArray = self.covariance + np.diag(spread)
-        covariance[PARAMETERS:, PARAMETERS:] += change.gain**2 * np.outer(self.linear, self.linear)
+        response = covariance[PARAMETERS:, PARAMETERS:]
+        response += change.gain**2 * np.outer(self.linear, self.linear)
+        stretch = slowed(self.linear)
+        response += change.slowing**2 * np.outer(stretch, stretch)
         return covariance
 
 

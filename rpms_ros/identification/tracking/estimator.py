@@ -312,9 +312,9 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young else _STEPS
-            self._doubt_what_is_from_before(self._span())
             self._challenge(self._span())
             improved(self._problem, self._window, self._knowledge, self._span(), steps)
+            self._doubt_what_is_from_before(self._span())
             if self._find:
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window()
@@ -378,7 +378,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._from_before = window.now_ns - window.first_ns < _DOUBTED_NS
         alone = fresh_fit(self._window.point.theta, self._basis.functions)
         improved(self._problem, alone, self._prior, window, _FIRST_STEPS)
-        if alone.covariance.any() and self._knowledge.contradicted(alone):
+        if self._knowledge.contradicted(self._window, alone):
             self._from_before = False
             self._knowledge = self._prior
             self._window = alone

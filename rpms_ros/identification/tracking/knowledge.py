@@ -193,13 +193,17 @@ class Knowledge:
             theta[0] = max(theta[0] - 0.5 * lacking, self.lower[0])
             theta[1] = theta[0] + self.separation
 
-    def contradicted(self, fit: 'WindowFit') -> bool:
-        """Return whether a fit without this prior contradicts `reference`."""
-        joint = len(self.reference)
-        away = np.concatenate((coordinates(fit.point.theta), fit.point.linear)) - self.reference
-        together = scaled_inverse(self.information) + fit.covariance[:joint, :joint]
-        distance = float(away @ scaled_inverse(together) @ away)
-        return distance > float(chi2.ppf(_CONTRADICTED, joint))
+    def contradicted(self, fit: 'WindowFit', alone: 'WindowFit') -> bool:
+        """Return whether samples are much likelier without `reference`.
+
+        Parameters
+        ----------
+        fit, alone : WindowFit
+            With this prior, and with the physiological one alone.  Few samples have many
+            explanations far from each other, so the likelihoods are compared, not the muscles.
+        """
+        gain = 2.0 * (alone.likelihood - fit.likelihood)
+        return gain > float(chi2.ppf(_CONTRADICTED, len(self.reference)))
 
     def converted(self, matrix: FloatArray, size: float) -> 'Knowledge':
         """Return the prior in other coordinates of [theta, w], `matrix` times these.
