@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.one_muscle import unexplained
+from rpms_ros.identification.constancy.parts import unexplained
 from rpms_ros.identification.plausibility import NO_CONSTANT_MUSCLE
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))

@@ -49,7 +49,6 @@ exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 
 """
 # Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
 PRESETS = ('people', 'paper_table_4', 'paper_table_5')
-_FOLLOWS = 'tracking'
 _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
 # More than a figure has pixels across; a minute and a half has all of its estimates.
 _MOST_ESTIMATES = 1000
@@ -133,6 +132,7 @@ def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the recording; return the exit code of the verdict."""
+    from rpms_ros.identification.constancy.answer import FOLLOWER
     from rpms_ros.identification.verdict_settings import VerdictSettings
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import compile_estimator
@@ -159,7 +159,7 @@ def run(arguments: argparse.Namespace) -> int:
         # Figures show a path of estimates; the result is the last one.
         # A state that is gone on with on line is made with the period on line.
         # So does the answer to the question whether the muscle changed.
-        few = _MOST_ESTIMATES if arguments.out or arguments.estimator == _FOLLOWS else 1
+        few = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
         most = None if arguments.save_state else few
         session = identified(recording, options, advance, most)
     document = plain(result_of(recording, session, settings))

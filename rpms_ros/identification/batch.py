@@ -11,17 +11,14 @@ latency and time constant of the basis are chosen by the samples
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from rpms_ros.identification.constancy.answer import examined
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.one_muscle import is_constant
-from rpms_ros.identification.plausibility import NO_CONSTANT_MUSCLE
-from rpms_ros.identification.plausibility import REASON
 from rpms_ros.identification.projection.basis_search import BasisSearch
 from rpms_ros.identification.projection.basis_search import basis_at
 from rpms_ros.identification.projection.block_statistics import grown
@@ -162,14 +159,7 @@ class BatchEstimator(ProjectionEstimator):
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Fit all samples so far and return the estimate."""
         self._fit_all(scouting=True)
-        estimate = self._build(stamp_ns, faults)
-        if not estimate.curve_known or is_constant(self._problem, self._fit):
-            return estimate
-        return replace(
-            estimate,
-            doubts=(*estimate.doubts, NO_CONSTANT_MUSCLE),
-            reasons=(*estimate.reasons, REASON[NO_CONSTANT_MUSCLE]),
-        )
+        return examined(self._build(stamp_ns, faults), self._problem, self._fit)
 
     def _make_room(self, span_ns: int) -> None:
         """Enlarge the ring buffer for the pending pulses and the blocks of a pause."""

@@ -61,6 +61,14 @@ class IdentifiedSession:
         return self.estimates[-1]
 
     @property
+    def in_order(self) -> BoolArray:
+        """Which samples (samples,) are usable and later than all before them."""
+        stamps = self.stamp_ns
+        newer = np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
+        part: BoolArray = self.usable & newer
+        return part
+
+    @property
     def output_error(self) -> OutputError:
         """Error of the a-priori predictions over the whole session after settling."""
         return output_error(self.stamp_ns, self.force, self.prediction, self.usable)

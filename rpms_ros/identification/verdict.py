@@ -19,7 +19,8 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import verdict_of_data
 from rpms_ros.identification import verdict_of_estimate
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
-from rpms_ros.identification.constancy import force_change
+from rpms_ros.identification.constancy.answer import FOLLOWER
+from rpms_ros.identification.constancy.answer import change_over
 from rpms_ros.identification.output_error import settled
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.simulated_fit import SimulatedFit
@@ -47,8 +48,7 @@ _SPAN_NS = 20 * NANOSECONDS_PER_SECOND
 _AFTER_NS = NANOSECONDS_PER_SECOND // 2
 # The estimate after this share of the session has to predict the rest.
 _LEARNT_SHARE = 0.8
-_FOLLOWER = '--estimator tracking'
-_HINT = f'; {_FOLLOWER} tells a muscle that changes, efforts and tremor apart'
+_HINT = f'; --estimator {FOLLOWER} tells a muscle that changes, efforts and tremor apart'
 # With so many estimates there is one close to that time.
 _ESTIMATES = 8
 
@@ -163,15 +163,7 @@ def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
     span_ns = _SPAN_NS // 2 if session.last.rate_names else _SPAN_NS
     if end - begin > 1.5 * span_ns:
         begin = end - span_ns
-    part: BoolArray = _in_order(session) & (stamps >= begin) & (stamps <= end)
-    return part
-
-
-def _in_order(session: IdentifiedSession) -> BoolArray:
-    """Return the usable samples (samples,) that are later than all before them."""
-    stamps = session.stamp_ns
-    newer = np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
-    part: BoolArray = session.usable & newer
+    part: BoolArray = session.in_order & (stamps >= begin) & (stamps <= end)
     return part
 
 
@@ -180,10 +172,7 @@ def _of_one_muscle(
 ) -> Iterator[Reason]:
     """Yield a reason if one estimate is made of a session in which the muscle changed."""
     last = session.last
-    if len(session.estimates) > 1 or last.rate_names or not last.curve_known:
-        return
-    part = _in_order(session)
-    change = force_change(last, pulses, session.stamp_ns[part], session.force[part])
+    change = change_over(session, pulses)
     if change is None or abs(change.share) < settings.largest_change:
         return
     how = 'fell' if change.share < 0.0 else 'rose'
@@ -195,7 +184,8 @@ def _of_one_muscle(
         (
             f'the muscle changed: the {QUANTITIES[last.unit]} that pulses cause '
             f'{how} by {100 * abs(change.share):.0f} % {when}, '
-            f'and {last.estimator} takes the muscle for constant; {_FOLLOWER} follows it'
+            f'and {last.estimator} takes the muscle for constant; '
+            f'--estimator {FOLLOWER} follows it'
         ),
     )
 

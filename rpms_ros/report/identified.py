@@ -16,7 +16,8 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import identify
 from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.identification.plausibility import NO_CONSTANT_MUSCLE
+from rpms_ros.identification.constancy.answer import FOLLOWER
+from rpms_ros.identification.constancy.answer import is_mixture
 from rpms_ros.identification.settings import PEOPLE_PRESET
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.verdict import doublings
@@ -28,10 +29,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
 
-FOLLOWING = 'tracking'
-"""What follows a muscle that changed."""
-
-FOLLOWED = f'followed by {FOLLOWING}, since no constant muscle explains the whole recording'
+FOLLOWED = f'followed by {FOLLOWER}, since no constant muscle explains the whole recording'
 """Reason of estimates that were made in place of those of a fit of everything."""
 
 # So many estimates tell when a muscle changed.
@@ -110,10 +108,12 @@ def identified(
     """
     settings = StreamSettings(estimate_period=_period(recording, most_estimates))
     session = _followed(recording, options, settings, progress)
-    if _may_have_changed(session, options):
+    # a preset of the paper is chosen for its model
+    chosen = options.estimator == 'batch' and options.preset == PEOPLE_PRESET
+    if chosen and is_mixture(session.last):
         most = None if most_estimates is None else max(most_estimates, _COURSE)
         many = StreamSettings(estimate_period=_period(recording, most))
-        other = _followed(recording, replace(options, estimator=FOLLOWING), many, None)
+        other = _followed(recording, replace(options, estimator=FOLLOWER), many, None)
         if _missed(other) < _missed(session):
             estimates = [replace(o, reasons=(*o.reasons, FOLLOWED)) for o in other.estimates]
             session = replace(other, estimates=estimates)
@@ -145,12 +145,6 @@ def _followed(
         save_state=options.save_state,
         foreign=recording.foreign,
     )
-
-
-def _may_have_changed(session: IdentifiedSession, options: IdentificationOptions) -> bool:
-    """Return whether a fit of everything says that it is a mixture of several muscles."""
-    chosen = options.estimator == 'batch' and options.preset == PEOPLE_PRESET
-    return chosen and NO_CONSTANT_MUSCLE in session.last.doubts
 
 
 def _missed(session: IdentifiedSession) -> float:

@@ -14,7 +14,7 @@ from rpms_ros.identification import Estimate
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification import identify
-from rpms_ros.identification.constancy import force_change
+from rpms_ros.identification.constancy.force_change import force_change
 from rpms_ros.identification.simulated_fit import simulated_fit
 from rpms_ros.identification.simulated_fit import simulated_force
 from rpms_ros.identification.simulated_fit import white_noise
