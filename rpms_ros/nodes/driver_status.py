@@ -75,5 +75,5 @@ class DriverView:
         message.operator_id = plain_text(self.authority.operator)
         message.enabled = bool(self.authority.enabled)
         states = self.buttons.states(now_ns)
-        message.button_names = list(states)
-        message.button_states = array('B', [int(state) for state in states.values()])
+        message.button_names = [name for name, _ in states]
+        message.button_states = array('B', [int(state) for _, state in states])

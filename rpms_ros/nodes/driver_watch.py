@@ -218,11 +218,12 @@ class DriverWatch:
         first, self._pressed = pressed and not self._pressed, pressed
         if problem is None:
             self._controller.interlocks.close(EMERGENCY_STOP)
-            return
-        self._open(EMERGENCY_STOP, problem)
-        if first and self._controller.state not in POSSIBLE:
-            # pressed counts in every state
-            self._controller.stop(EMERGENCY_STOP, problem)
+        else:
+            self._open(EMERGENCY_STOP, problem)
+        press = self._buttons.taken_press()
+        # pressed counts in every state, also if it is released again by now
+        if press or (first and self._controller.state not in POSSIBLE):
+            self._controller.stop(EMERGENCY_STOP, press or str(problem))
 
     def _judge_operator(self, now_ns: int) -> None:
         if not self._authority.operator:

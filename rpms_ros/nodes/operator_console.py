@@ -99,7 +99,7 @@ class OperatorConsole(Node):
         self._held = HeldKey(self.settings.key_repeat)
         self._joystick = JoystickButton(self.settings.joy_enable, self.settings.joy_timeout)
         if self._joystick.used:
-            self.create_subscription(Joy, topics.JOY, self._on_joy, qos.LATEST)
+            self.create_subscription(Joy, topics.JOY, self._on_joy, qos.JOYSTICK)
         self.client = OperatorClient(self, self.settings.operator, self.settings.rate)
         self.button = ButtonPublisher(self, rate=self.settings.rate)
         self._configure = self.create_client(ChangeState, f'{self.settings.driver}/change_state')

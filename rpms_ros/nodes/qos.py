@@ -55,8 +55,8 @@ ACCEPTED_SCHEDULE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 # As the subscription of use_sim_time expects: only the newest time matters.
 CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-# Only the newest message of any publisher matters.
-LATEST = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Of a joystick: a press that is released again within a stall counts too.
+JOYSTICK = _profile(100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # Messages that may stop a driver: none is skipped, old ones are not repeated.
 STOP = _profile(10)

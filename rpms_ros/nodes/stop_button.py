@@ -70,7 +70,7 @@ class StopButton(Node):
             self._keyboard = Keyboard()
         self._joystick = JoystickButton(self.settings.joy_button, self.settings.joy_timeout)
         if self._joystick.used:
-            self.create_subscription(Joy, topics.JOY, self._on_joy, qos.LATEST)
+            self.create_subscription(Joy, topics.JOY, self._on_joy, qos.JOYSTICK)
         self._key_pressed = self._keyboard is not None and not self._keyboard.there
         self.button = ButtonPublisher(self, self._wanted(), self.settings.rate)
         self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -85,8 +85,13 @@ class StopButton(Node):
     def _look(self) -> None:
         for key in self._keyboard.read() if self._keyboard is not None else '':
             self._key_pressed = key != RELEASE
+            # each one is said: a key and its release may be read at once
+            self._say()
         if self._keyboard is not None and not self._keyboard.there:
             self._key_pressed = True
+        self._say()
+
+    def _say(self) -> None:
         before = self.button.pressed
         self.button.set(self._wanted())
         if self.button.pressed != before:
@@ -101,7 +106,7 @@ class StopButton(Node):
 
     def _on_joy(self, message: Joy) -> None:
         self._joystick.heard(message.buttons, time.monotonic_ns())
-        self.button.set(self._wanted())
+        self._say()
 
 
 def main() -> int:

@@ -79,6 +79,7 @@ class Authority:
         self._source: bytes | None = None
         self._sequence: int | None = None
         self._seen_ns: int | None = None
+        self._enabled = False
         self._forget_beats()
 
     @property
@@ -133,7 +134,9 @@ class Authority:
             if refusal is not None:
                 return refusal
             self._source, self._sequence = beat.source, beat.sequence
-            self._seen_ns, self._enabled = now_ns, beat.enable
+            # whoever has armed and lets go arms again, also if it was for one heartbeat only
+            held = self._enabled or not self._confirmed
+            self._seen_ns, self._enabled = now_ns, beat.enable and held
             return None
 
     def confirm(self, operator: str, token: str, now_ns: int) -> None:

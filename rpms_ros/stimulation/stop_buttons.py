@@ -27,12 +27,14 @@ class ButtonState(enum.IntEnum):
 class _Button:
     """What one publisher said last.
 
-    ``seen_ns`` is None until it has said something that was not kept for those who come late.
+    ``seen_ns`` is None until it has said something that was not kept for those who come late;
+    ``noted`` is the newest message of a press that was noted.
     """
 
     sequence: int
     pressed: bool
     seen_ns: int | None = None
+    noted: int = -1
 
 
 class StopButtons:
@@ -54,11 +56,12 @@ class StopButtons:
         self._names: dict[bytes, str] = {}
         self._unheard = 0
         self._overrun = ''
+        self._press = ''
 
     def heard(
         self, identity: bytes, sequence: int, pressed: bool, now_ns: int, kept: bool = False
     ) -> None:
-        """Take what a button says, unless it has said something newer.
+        """Take what a button says; of its state the newest counts, of a press every one.
 
         Parameters
         ----------
@@ -74,7 +77,13 @@ class StopButtons:
             Whether it may have been said long ago and was kept: that is no sign of life.
         """
         with self._lock:
-            button = self._buttons.setdefault(identity, _Button(sequence, pressed))
+            button = self._buttons.setdefault(identity, _Button(sequence, pressed=False))
+            # one that was kept may be long over, unless something live came before it
+            new = not kept or (button.seen_ns is not None and sequence > button.sequence)
+            if pressed and new:
+                if sequence > button.noted and not button.pressed:
+                    self._press = f'emergency stop is pressed ({self._name(identity)})'
+                button.noted = max(button.noted, sequence)
             if sequence < button.sequence:
                 return
             button.sequence, button.pressed = sequence, pressed
@@ -93,16 +102,19 @@ class StopButtons:
             # counted, not compared: some middlewares show another identity than they send
             self._unheard = max(0, len(names) - len(self._buttons))
 
-    def states(self, now_ns: int) -> dict[str, ButtonState]:
-        """Return the state of each button by name."""
+    def states(self, now_ns: int) -> list[tuple[str, ButtonState]]:
+        """Return name and state of each button; those of one node have one name."""
         with self._lock:
-            states = {
-                self._name(identity): self._state(button, now_ns)
+            states = [
+                (self._name(identity), self._state(button, now_ns))
                 for identity, button in self._buttons.items()
-            }
-            for identity, name in self._names.items():
-                if self._unheard and identity not in self._buttons:
-                    states[name] = ButtonState.UNKNOWN
+            ]
+            if self._unheard:
+                states += [
+                    (name, ButtonState.UNKNOWN)
+                    for identity, name in self._names.items()
+                    if identity not in self._buttons
+                ]
             return states
 
     @property
@@ -110,6 +122,15 @@ class StopButtons:
         """Whether a button said last that it is pressed."""
         with self._lock:
             return any(button.pressed for button in self._buttons.values())
+
+    def taken_press(self) -> str:
+        """Return that a button was pressed since this was last asked; empty if none was.
+
+        It may be released again: two messages can come between two looks at them.
+        """
+        with self._lock:
+            press, self._press = self._press, ''
+            return press
 
     def problem(self, now_ns: int) -> str | None:
         """Return why no pulse is possible, None if every button says that it is released."""

@@ -5,9 +5,12 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
+from rpms_ros.nodes import stimulator_driver
+from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
@@ -17,6 +20,19 @@ RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.ex
 TOKEN = 'correct-horse-battery'
 # a machine under load may stall for longer than the defaults allow
 PATIENT = {'executor_timeout': 5.0, 'watch_timeout': 5.0, 'stop_button_timeout': 5.0}
+
+
+@pytest.fixture
+def patient_supervision(monkeypatch):
+    """Drivers of this process that a machine under load may hold up for seconds.
+
+    That the limits themselves stop a device that hangs is tested in test/stimulation.
+    """
+
+    def patient(settings):
+        return replace(driver_settings_of(settings), stuck_limit_s=5.0, supervisor_timeout_s=5.0)
+
+    monkeypatch.setattr(stimulator_driver, 'driver_settings_of', patient)
 
 
 @pytest.fixture

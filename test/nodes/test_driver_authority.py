@@ -25,6 +25,7 @@ from rpms_ros.nodes.operator_client import OperatorClient
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
 CODES = RunSchedule.Result
+pytestmark = pytest.mark.usefixtures('patient_supervision')
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
 # a client in a process of its own: arms, starts a train, and waits to be killed
 CLIENT = f"""

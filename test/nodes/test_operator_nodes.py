@@ -21,6 +21,7 @@ from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
 
+pytestmark = pytest.mark.usefixtures('patient_supervision')
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
 
 
@@ -38,11 +39,16 @@ def terminal():
 
 @pytest.fixture
 def said(graph):
-    """What every stop button of the graph says."""
+    """What every stop button of the graph says; `heard` is all of it."""
     heard = []
     node = graph.add(lambda **options: Node('listener', **options))
     node.create_subscription(Bool, topics.EMERGENCY_STOP, heard.append, qos.STOP_LIVE)
-    return lambda: heard[-1].data if heard else None
+
+    def newest():
+        return heard[-1].data if heard else None
+
+    newest.heard = heard
+    return newest
 
 
 def test_any_key_presses_and_one_lets_go(graph, terminal, said):
@@ -52,6 +58,15 @@ def test_any_key_presses_and_one_lets_go(graph, terminal, said):
     os.write(typed, b' ')
     graph.wait_for(lambda: said() is True)
     os.write(typed, b'r')
+    graph.wait_for(lambda: said() is False)
+
+
+def test_a_key_and_its_release_that_are_read_at_once_are_a_press(graph, terminal, said):
+    typed, keyboard = terminal
+    graph.add(lambda **options: StopButton(keyboard, **options))
+    graph.wait_for(lambda: said() is False)
+    os.write(typed, b' r')
+    graph.wait_for(lambda: any(one.data for one in said.heard))
     graph.wait_for(lambda: said() is False)
 
 
@@ -71,6 +86,11 @@ def test_a_joystick_presses_and_its_silence_too(graph, said):
     publisher = stick.create_publisher(Joy, topics.JOY, 10)
     timer = stick.create_timer(0.02, lambda: publisher.publish(Joy(buttons=[0, 0, down[0]])))
     graph.wait_for(lambda: said() is False)
+    said.heard.clear()
+    # nobody takes the first before the second is there
+    for pressed in (1, 0):
+        publisher.publish(Joy(buttons=[0, 0, pressed]))
+    graph.wait_for(lambda: any(one.data for one in said.heard) and not said())
     down[0] = 1
     graph.wait_for(lambda: said() is True)
     down[0] = 0

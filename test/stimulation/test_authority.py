@@ -112,6 +112,14 @@ def test_heartbeat_and_enable_keep_it_armed(authority: Authority) -> None:
     )
     assert ada.beat(SECOND, enable=False) is None
     assert authority.problem(SECOND) == 'expected ada to hold the enable, got it released'
+    # held again before anybody looked: it was released all the same
+    assert ada.beat(SECOND + 1) is None
+    assert authority.problem(SECOND + 1) == 'expected ada to hold the enable, got it released'
+    authority.release()
+    ada.request()
+    ada.beat(SECOND + 2)
+    ada.confirm(SECOND + 2)
+    assert authority.problem(SECOND + 2) is None
 
 
 def test_a_stranger_does_not_keep_it_armed(authority: Authority) -> None:

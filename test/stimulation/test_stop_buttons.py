@@ -23,10 +23,18 @@ def test_a_button_that_is_there_and_says_nothing_counts() -> None:
     buttons = StopButtons(0.3, required=False)
     buttons.present({A: '/desk'})
     assert buttons.problem(0) == 'expected every stop button to speak, got 1 still unknown'
-    assert buttons.states(0) == {'/desk': ButtonState.UNKNOWN}
+    assert buttons.states(0) == [('/desk', ButtonState.UNKNOWN)]
     buttons.heard(A, 1, False, 0)
     buttons.present({A: '/desk'})
     assert buttons.problem(0) is None
+
+
+def test_two_buttons_of_one_node_are_both_told() -> None:
+    buttons = StopButtons(0.3)
+    buttons.present({A: '/desk', B: '/desk'})
+    buttons.heard(A, 1, True, 0)
+    buttons.heard(B, 1, False, 0)
+    assert buttons.states(0) == [('/desk', ButtonState.PRESSED), ('/desk', ButtonState.RELEASED)]
 
 
 def test_silence_counts_as_pressed() -> None:
@@ -36,7 +44,7 @@ def test_silence_counts_as_pressed() -> None:
     assert buttons.problem(LATER_NS) == (
         'expected stop button 61 to say its state every 0.3 s, got silence for 0.3 s'
     )
-    assert buttons.states(LATER_NS) == {'61': ButtonState.SILENT}
+    assert buttons.states(LATER_NS) == [('61', ButtonState.SILENT)]
 
 
 def test_any_one_pressed_counts_whatever_the_others_say() -> None:
@@ -46,6 +54,46 @@ def test_any_one_pressed_counts_whatever_the_others_say() -> None:
         buttons.heard(B, sequence, False, 0)
     assert buttons.problem(0) == 'emergency stop is pressed (61)'
     assert buttons.pressed
+
+
+def test_a_press_counts_that_is_released_before_anybody_looks() -> None:
+    buttons = StopButtons(0.3)
+    buttons.present({A: '/hand'})
+    buttons.heard(A, 1, False, 0)
+    assert buttons.taken_press() == ''
+    buttons.heard(A, 2, True, 0)
+    buttons.heard(A, 3, False, 0)
+    assert not buttons.pressed
+    assert buttons.taken_press() == 'emergency stop is pressed (/hand)'
+    assert buttons.taken_press() == ''
+    # held: one press
+    for sequence in range(4, 10):
+        buttons.heard(A, sequence, True, 0)
+        assert bool(buttons.taken_press()) == (sequence == 4)
+
+
+def test_a_press_counts_once_in_whatever_order_its_copies_come() -> None:
+    buttons = StopButtons(0.3)
+    # a button that is new: its first words come by both ways, the kept ones first
+    for kept in (True, False):
+        buttons.heard(A, 1, True, 0, kept)
+        buttons.heard(A, 2, False, 0, kept)
+    assert buttons.taken_press()
+    # heard by one way only
+    buttons.heard(A, 3, True, 0, kept=True)
+    buttons.heard(A, 4, False, 0, kept=True)
+    assert buttons.taken_press()
+    buttons.heard(A, 3, True, 0)
+    assert buttons.taken_press() == ''
+
+
+def test_a_press_that_was_over_before_anybody_listened_is_none() -> None:
+    buttons = StopButtons(0.3)
+    buttons.heard(A, 1, True, 0, kept=True)
+    buttons.heard(A, 2, False, 0, kept=True)
+    buttons.heard(A, 3, False, 0)
+    assert buttons.taken_press() == ''
+    assert buttons.problem(0) is None
 
 
 def test_a_state_that_was_kept_is_no_sign_of_life() -> None:
@@ -100,7 +148,7 @@ def test_the_newest_of_each_counts_in_whatever_order_they_come(
         for who, *_ in messages
     }
     assert buttons.pressed == any(newest.values())
-    states = buttons.states(0)
+    states = dict(buttons.states(0))
     for who, pressed in newest.items():
         assert (states[who.hex()] is ButtonState.PRESSED) == pressed
     if buttons.problem(0) is None:
