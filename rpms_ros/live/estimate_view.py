@@ -22,7 +22,7 @@ from rpms_ros.pulses import FloatArray
 IDENTIFIABILITY = ('not in the data', 'still moving', 'settled')
 """Words for `NOT_INFORMED`, `INFORMED` and `CONVERGED`."""
 
-MOST_POINTS = 160
+MOST_POINTS = 101
 """Points of a curve that are sent."""
 
 _NANOSECONDS = 1e-9
@@ -88,12 +88,15 @@ def _curve(
     if not len(force) or len(force) != len(along):
         return None
     shown = thinned(len(along), MOST_POINTS)
-    return {
-        'along': numbers(along[shown]),
-        'force': numbers(force[shown]),
-        'lower': numbers(lower[shown]) if len(lower) == len(along) else None,
-        'upper': numbers(upper[shown]) if len(upper) == len(along) else None,
+    parts = {
+        name: line[shown]
+        for name, line in (('along', along), ('force', force), ('lower', lower), ('upper', upper))
+        if len(line) == len(along)
     }
+    values = numbers(np.concatenate(list(parts.values())))
+    count = len(values) // len(parts)
+    each = {name: values[place * count :][:count] for place, name in enumerate(parts)}
+    return {'lower': None, 'upper': None, **each}
 
 
 def _rows(

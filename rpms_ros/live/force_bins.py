@@ -75,23 +75,26 @@ class ForceBins:
 
     def add_block(self, stamp_ns: IntArray, force: FloatArray) -> None:
         """Add samples [ns], [N], each (n,); the bins are those that `add` one by one makes."""
-        place = stamp_ns // BIN_NS
-        steps = np.diff(place, prepend=self._open)
-        steady = self._begun and (steps >= 0).all() and (steps < KEPT).all()
-        if not len(place) or not (steady and np.isfinite(force).all()):
+        if not len(stamp_ns):
+            return
+        # the open bin goes on as two samples of it
+        place = np.concatenate(((self._open, self._open), stamp_ns // BIN_NS))
+        first, last = self._open, int(place[-1])
+        steps = place[1:] - place[:-1]
+        steady = self._begun and last - first < KEPT and steps.min() >= 0
+        if not (steady and np.isfinite(force).all()):
             for stamp, value in zip(stamp_ns.tolist(), force.tolist(), strict=True):
                 self.add(stamp, value)
             return
-        starts = np.append(0, np.flatnonzero(steps[1:]) + 1)
-        low = np.minimum.reduceat(force, starts).tolist()
-        high = np.maximum.reduceat(force, starts).tolist()
-        for bin_place, smallest, largest in zip(place[starts].tolist(), low, high, strict=True):
-            if bin_place != self._open:
-                self._close()
-                self._skip_to(bin_place)
-                self._begin(bin_place, smallest)
-            self._low, self._high = min(self._low, smallest), max(self._high, largest)
-        self.last = float(force[-1])
+        force = np.concatenate(((self._low, self._high), force))
+        starts = np.concatenate(((0,), steps.nonzero()[0] + 1))
+        low, high = np.minimum.reduceat(force, starts), np.maximum.reduceat(force, starts)
+        if last > first:
+            closed = place[starts[:-1]] % KEPT
+            self._values[:, np.arange(first, last) % KEPT] = np.nan
+            self._values[0, closed], self._values[1, closed] = low[:-1], high[:-1]
+            self._open, self.newest, self._strays = last, last - 1, (0, 0)
+        self._low, self._high, self.last = float(low[-1]), float(high[-1]), float(force[-1])
 
     def model(self, first: int, forces: FloatArray) -> None:
         """Put the modelled force [N] of bins from `first` on beside the measured."""

@@ -23,6 +23,8 @@ from rpms_ros.pulses import IntArray
 # More than a second of pulses at the highest rate of a schedule.
 _MOST_PULSES = 2000
 _MOST_TIMES = 5000
+# A response may become longer with the next estimate.
+_LATEST_NS = 1_000_000_000
 
 
 class ModelledForce:
@@ -49,6 +51,7 @@ class ModelledForce:
             return np.full(len(stamp_ns), np.nan)
         time, response = self._estimate.response_time, self._estimate.response_force
         oldest = int(stamp_ns[0]) - math.ceil(float(time[-1]) * 1e9)
+        self._forget(oldest - _LATEST_NS)
         acting = [pulse for pulse in self._pulses if oldest < pulse[0] <= int(stamp_ns[-1])]
         total = np.full(len(stamp_ns), _baseline(self._estimate))
         if acting:
@@ -57,6 +60,11 @@ class ModelledForce:
             after = (stamp_ns[:, None] - onset_ns[None, :]) * 1e-9
             total += np.interp(after, time, response, left=0.0, right=0.0) @ share
         return total
+
+    def _forget(self, stamp_ns: int) -> None:
+        """Forget pulses before a stamp: looking at all of them takes longer than the rest."""
+        while self._pulses and self._pulses[0][0] < stamp_ns:
+            self._pulses.popleft()
 
 
 def warm_up() -> None:

@@ -1,15 +1,17 @@
 /* Copyright 2026 rpms_ros contributors */
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The page: takes frames, draws them, asks for the next.  Texts go into the page as text only. */
+/* The page: takes frames, asks for the next, draws.  Texts go into the page as text only. */
 (function () {
   'use strict';
   const element = (id) => document.getElementById(id);
   const calm = matchMedia('(prefers-reduced-motion: reduce)');
+  // a screen of 60 Hz draws every second time
+  const DRAW_PERIOD = 30;
   const TEXT_PERIOD = 500, CALM_PERIOD = 1000, RETRY = 1000, SILENCE = 3000,
     HIDDEN_PERIOD = 1000;
   const known = { unit: 'N', estimate: null, driver: null, topics: [], stop: { pressed: false, text: '' } };
   let token = '', held = false, canStop = false, socket = null, changed = true;
-  let written = 0, drawn = 0, lastFrame = 0, pressedHere = '';
+  let written = 0, drawn = 0, lastFrame = 0, pressedHere = '', drawnEstimate = null;
 
   const shown = (value, unit = '') => value === null || value === undefined ? 'not known'
     : `${Number(value.toPrecision(4))}${unit && ` ${unit}`}`;
@@ -136,9 +138,10 @@
     }
     writeStop();
   }
-  function draw() {
-    plots.drawForce();
-    if (known.estimate) {
+  function draw(now) {
+    plots.drawForce(now / 1000);
+    if (known.estimate !== drawnEstimate) {
+      drawnEstimate = known.estimate;
       plots.mark(known.estimate.marks);
       plots.drawCurve('curve', known.estimate.curve);
       plots.drawCurve('response', known.estimate.response);
@@ -164,10 +167,19 @@
     changed = true;
   }
   function update(now) {
-    if (!changed) { return; }
-    changed = false;
-    if (!held && now - drawn >= (calm.matches ? CALM_PERIOD : 0)) { drawn = now; draw(); }
-    if (now - written >= TEXT_PERIOD || known.stop.pressed) { written = now; writeTexts(); }
+    if (!held && now - drawn >= (calm.matches ? CALM_PERIOD : DRAW_PERIOD)) {
+      drawn = now;
+      draw(now);
+    }
+    if (changed && (now - written >= TEXT_PERIOD || known.stop.pressed)) {
+      changed = false;
+      written = now;
+      writeTexts();
+    }
+  }
+  function drawing(now) {
+    update(now);
+    requestAnimationFrame(drawing);
   }
 
   function connected(yes, text) {
@@ -183,9 +195,8 @@
     made.onmessage = (event) => {
       lastFrame = performance.now();
       take(JSON.parse(event.data));
-      // the next frame is asked for when this one is on the screen
+      // the next frame is asked for when the screen has drawn
       const next = () => {
-        update(performance.now());
         if (made.readyState === WebSocket.OPEN) { made.send('n'); }
       };
       if (document.hidden) { setTimeout(next, HIDDEN_PERIOD); } else { requestAnimationFrame(next); }
@@ -247,8 +258,6 @@
       for (const one of document.querySelectorAll('[data-span]')) {
         one.setAttribute('aria-pressed', String(one === button));
       }
-      changed = true;
-      update(performance.now());
     });
   }
   // a token behind # stays in the browser; it is taken out of the address and its history
@@ -256,4 +265,5 @@
   if (given) { history.replaceState(null, '', location.pathname); }
   keep(given || sessionStorage.getItem('token') || '');
   connect();
+  requestAnimationFrame(drawing);
 })();

@@ -11,10 +11,21 @@ const plots = (function () {
   const force = { epoch: -1, first: 0, width: 0.005, time: [], low: [], high: [], modelled: [] };
   const pulses = { time: [], intensity: [] };
   const effort = { time: [], lower: [], upper: [], value: [] };
-  let marks = [], span = 10;
+  // Frames come ten times a second; in between the plot moves on with the clock of the screen, as
+  // far behind the newest bin as a frame may be late [s].
+  const LAG = 0.15, PAUSE = 0.5, FAR = 1;
+  let marks = [], span = 10, edge = 0, moved = 0, fresh = true;
 
   const end = () => force.time.length ? force.time[force.time.length - 1] : 0;
-  const inView = () => [Math.max(0, end() - span), Math.max(span, end())];
+  const inView = () => [Math.max(0, edge - span), Math.max(span, edge)];
+  function moveTo(now) {
+    const passed = Math.max(now - moved, 0), behind = end() - edge, before = edge;
+    moved = now;
+    // after a pause or a jump of the clock there is nothing to glide over
+    edge = passed > PAUSE || behind < 0 || behind > FAR ? end()
+      : Math.min(end(), edge + passed * (1 + 2 * (behind - LAG)));
+    return edge !== before;
+  }
   const axis = (label, size) => ({ label, size, labelSize: 18, labelGap: 0, stroke: colour('--soft'),
     grid: { stroke: colour('--line'), width: 1 }, ticks: { stroke: colour('--line') },
     font: '12px system-ui, sans-serif', labelFont: '12px system-ui, sans-serif' });
@@ -29,7 +40,7 @@ const plots = (function () {
   }
   function stick(u, x, y0, y1, stroke, width) {
     const c = u.ctx, at = Math.round(u.valToPos(x, 'x', true));
-    if (at < u.bbox.left || at > u.bbox.left + u.bbox.width) { return at; }
+    if (at < u.bbox.left || at > u.bbox.left + u.bbox.width) { return null; }
     c.save();
     c.strokeStyle = colour(stroke)();
     c.lineWidth = width * devicePixelRatio;
@@ -39,8 +50,9 @@ const plots = (function () {
   }
   function drawMarks(u) {
     for (const [kind, time] of marks) {
-      if (time === null || time < inView()[0]) { continue; }
+      if (time === null) { continue; }
       const at = stick(u, time, u.bbox.top, u.bbox.top + u.bbox.height, '--change', 2);
+      if (at === null) { continue; }
       u.ctx.save();
       u.ctx.fillStyle = colour('--change')();
       u.ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
@@ -81,6 +93,7 @@ const plots = (function () {
     for (const name of Object.keys(effort)) { effort[name] = []; }
   }
   function addForce(part) {
+    fresh = true;
     const gap = part.first - force.first - force.time.length;
     if (part.epoch !== force.epoch || gap !== 0) {
       clear();
@@ -120,10 +133,12 @@ const plots = (function () {
     }
   }
   const visible = (name) => {
-    const start = Math.max(0, force.time.length - Math.ceil(span / force.width) - 1);
+    const start = Math.max(0, force.time.length - Math.ceil((span + FAR) / force.width) - 1);
     return force[name].slice(start);
   };
-  function drawForce() {
+  function drawForce(now) {
+    if (!moveTo(now) && !fresh) { return; }
+    fresh = false;
     made.force.setData(['time', 'low', 'high', 'modelled'].map(visible));
     made.pulses.setData([[inView()[0], inView()[1]], [0, 0]]);
     const from = Math.max(0, effort.time.findIndex((time) => time >= inView()[0]) - 1);
@@ -159,5 +174,6 @@ const plots = (function () {
   });
   return { addForce, addPulses, addEffort, drawForce, drawCurve, newest, resize, unit, force, pulses,
     effort, made,
-    mark: (list) => { marks = list; }, show: (seconds) => { span = seconds; } };
+    edge: () => edge, mark: (list) => { marks = list; fresh = true; },
+    show: (seconds) => { span = seconds; fresh = true; } };
 })();

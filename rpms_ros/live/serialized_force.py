@@ -56,7 +56,7 @@ def forces_of(
         total = shares[0][0] * read[shares[0][1]]
         for share, part in shares[1:]:
             total = total + share * read[part]
-    return stamp_ns, total.astype(np.float64)
+    return stamp_ns, total.astype(np.float64, copy=False)
 
 
 def _layout(message: bytes) -> tuple[int, bytes, bytes]:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The server of the page, in a thread of its own.
 
-Tornado on an event loop that also hears the topics: twenty times a second it takes what has come,
-and sends a frame to every browser that has drawn its last one.  Nothing is queued for a browser,
+Tornado on an event loop that also hears the topics: ten times a second it takes what has come,
+and sends a frame to every browser that has taken its last one.  Nothing is queued for a browser,
 so a slow one costs nothing; more of them than `MOST_BROWSERS` are turned away.  While no browser
-has drawn its last frame it looks five times a second, so that nothing of the course is missing.
+asks for a frame it looks five times a second, so that nothing of the course is missing.
 """
 
 import asyncio
@@ -30,8 +30,8 @@ from rpms_ros.live.access import Access
 from rpms_ros.live.session import Cursor
 from rpms_ros.live.session import LiveSession
 
-RATE = 20.0
-"""Frames a second at most."""
+RATE = 10.0
+"""Frames a second at most; between them the browser moves the course on by itself."""
 
 IDLE_PERIOD = 0.2
 """Looks at the topics are so far apart while no browser asks for a frame [s]."""
@@ -209,8 +209,7 @@ def _bound(address: str, port: int) -> socket.socket:
     return bound
 
 
-def _encoded(frame: dict[str, object]) -> str:
-    return json.dumps(frame, allow_nan=False, separators=(',', ':'))
+_encoded = json.JSONEncoder(allow_nan=False, separators=(',', ':')).encode
 
 
 class _Server(HTTPServer):
@@ -307,7 +306,7 @@ class _StopHandler(_Guarded):
 
 
 class _Stream(WebSocketHandler, _Guarded):
-    """One browser: gets a frame, draws it, asks for the next."""
+    """One browser: gets a frame, takes it, asks for the next."""
 
     def initialize(self, server: LiveServer, contents: object = None) -> None:
         super().initialize(server, contents)

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Everything that the page shows of one muscle, and what of it a browser does not have yet.
 
-A browser that has drawn one frame asks for the next; what it has is its cursor.  So a slow browser
+A browser that has taken one frame asks for the next; what it has is its cursor.  So a slow browser
 gets larger frames and fewer of them, and nothing is kept for it.
 """
 
 import math
 from collections import deque
 from collections.abc import Mapping
+from itertools import takewhile
 from typing import Any
 from typing import NamedTuple
 
@@ -232,10 +233,10 @@ class LiveSession:
     def _pulse_part(self, cursor: Cursor) -> list[list[float | None]]:
         origin_ns = self._origin_ns
         have = cursor.pulse if cursor.epoch == self._epoch else 0
+        new = takewhile(lambda pulse: pulse[0] > have, reversed(self._pulses))
         return [
             [round((onset_ns - origin_ns) * 1e-9, 4), number(intensity)]
-            for count, onset_ns, intensity in self._pulses
-            if count > have
+            for _, onset_ns, intensity in reversed(list(new))
         ]
 
     def _note_bad_data(self) -> None:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subscriptions of the live page, read without the executor.
 
-A second node, that is in no executor, is read twenty times a second, and less often while nobody
+A second node, that is in no executor, is read ten times a second, and less often while nobody
 looks: a message costs a few microseconds so, where rclpy would wake up a thousand times a second.
 The subscriptions ask for nothing but best effort, so they hear every publisher, and no publisher
 ever waits for them.
@@ -31,6 +31,7 @@ from rpms_ros.live.heard import Endpoint
 from rpms_ros.live.heard import Topic
 from rpms_ros.live.serialized_force import alike
 from rpms_ros.live.serialized_force import forces_of
+from rpms_ros.live.serialized_pulse import pulse_in
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
@@ -55,8 +56,8 @@ TYPES: dict[str, tuple[str, type, float]] = {
 
 # A second at the highest rate of a sensor; what is behind it is taken with the next look.
 _MOST = 20000
-# Curves and tables are looked at, not listened to: five estimates a second are read, the newest.
-_ESTIMATE_PERIOD = 0.2
+# Texts are written twice a second: of the estimates every third look reads the newest.
+_ESTIMATE_PERIOD = 0.25
 
 
 def expected_topics(node: Node) -> dict[str, Topic]:
@@ -111,7 +112,8 @@ class LiveListener:
         if self._unread and now >= self._next_estimate:
             self._next_estimate = now + _ESTIMATE_PERIOD
             self._read(shown.ESTIMATE, self._estimate, self._unread.pop())
-        for data in self._heard(shown.DRIVER, now):
+        # a state replaces the one before it
+        for data in self._heard(shown.DRIVER, now)[-1:]:
             self._read(shown.DRIVER, self._driver, data)
 
     def endpoints(self) -> dict[str, list[Endpoint]]:
@@ -146,7 +148,7 @@ class LiveListener:
         self._session.force(*forces_of(run, self._axis, self._quantity))
 
     def _pulse(self, data: bytes) -> None:
-        self._session.pulse(messages.pulse_of(deserialize_message(data, Pulse)))
+        self._session.pulse(pulse_in(data))
 
     def _estimate(self, data: bytes) -> None:
         self._session.estimate(messages.estimate_of(deserialize_message(data, MuscleEstimate)))

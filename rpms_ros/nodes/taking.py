@@ -97,18 +97,14 @@ class Taker:
             self._free = rcutils.rcutils_uint8_array_fini
         except (OSError, AttributeError) as error:
             raise NodeError(f'expected rcl of ROS 2 Jazzy, got {error}') from error
-        self._take.argtypes = (
-            ctypes.c_void_p,
-            ctypes.POINTER(_Bytes),
-            ctypes.POINTER(_Information),
-            ctypes.c_void_p,
-        )
+        # addresses as numbers: a look at a sensor takes a thousand messages, one call each
+        self._take.argtypes = (ctypes.c_void_p,) * 4
         allocator.restype = _Allocator
         allocate.argtypes = (ctypes.POINTER(_Bytes), ctypes.c_size_t, ctypes.POINTER(_Allocator))
         self._free.argtypes = (ctypes.POINTER(_Bytes),)
         self._bytes, self._information = _Bytes(), _Information()
         self._to_bytes = ctypes.byref(self._bytes)
-        self._to_information = ctypes.byref(self._information)
+        self._places = ctypes.addressof(self._bytes), ctypes.addressof(self._information)
         functions = allocator()
         if allocate(self._to_bytes, _FIRST_BYTES, ctypes.byref(functions)) != _OK:
             raise NodeError('expected memory for a message, got none')
@@ -138,7 +134,7 @@ class Taker:
 
     def _came(self, pointer: int) -> bool:
         """Take the next message into the buffer; return whether there was one."""
-        answer = self._take(pointer, self._to_bytes, self._to_information, None)
+        answer = self._take(pointer, *self._places, None)
         if answer == _NOTHING:
             return False
         if answer != _OK:

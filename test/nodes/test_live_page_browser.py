@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live page with the real nodes in a real browser without a window."""
 
+import itertools
 import json
 
 import pytest
@@ -218,6 +219,44 @@ def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, b
     timer.cancel()
     assert browser.accessibility_faults() == []
     assert browser.complaints() == []
+
+
+GLIDE = """(() => {
+  const bins = (first, count) => {
+    const some = Array(count).fill(1);
+    plots.addForce({ epoch: 7, first, width: 0.005, low: some, high: some, modelled: some });
+  };
+  const found = [];
+  let first = 400, now = 1000;
+  bins(0, first);
+  plots.drawForce(now);
+  // ten frames a second, one of them late, and 30 drawings
+  for (let step = 1; step <= 60; step += 1) {
+    now += 1 / 30;
+    if (step === 46 || step % 3 === 0 && step !== 45) { bins(first, 20); first += 20; }
+    plots.drawForce(now);
+    found.push([plots.edge(), plots.force.time[plots.force.time.length - 1]]);
+  }
+  bins(first, 2000);
+  plots.drawForce(now + 10);
+  found.push([plots.edge(), plots.force.time[plots.force.time.length - 1]]);
+  return found;
+})()"""
+
+
+@pytest.mark.usefixtures('graph')
+def test_between_two_frames_the_plot_moves_on(page, browser):
+    browser.open(page.server.url)
+    # the page itself draws no more
+    browser.evaluate("document.getElementById('hold').click()")
+    found = browser.evaluate(GLIDE)
+    edges = [edge for edge, _ in found]
+    steps = [after - before for before, after in itertools.pairwise(edges[10:-1])]
+    # once it lies behind, it never stands still, never jumps and never shows what has not come
+    assert 0.5 / 30 < min(steps) <= max(steps) < 2.0 / 30
+    assert all(newest - 0.4 < edge <= newest for edge, newest in found)
+    # a tab that was hidden shows the newest at once
+    assert edges[-1] == found[-1][1]
 
 
 NASTY = '<img src=x onerror=alert(1)></td><script>document.title="taken"</script>\u202e'
