@@ -18,7 +18,7 @@ COPY . src/rpms_ros
 ENV PIP_BREAK_SYSTEM_PACKAGES=1
 RUN apt-get update && rosdep update \
     && rosdep install --from-paths src src/rpms_ros/msg_defs --ignore-src -y \
-    && python3 -m pip install --break-system-packages mcap==1.6.0 numba==0.68.1 \
+    && python3 -m pip install --break-system-packages numba==0.68.1 \
     && rm -rf /var/lib/apt/lists/*
 RUN . /opt/ros/jazzy/setup.sh && colcon build --base-paths src src/rpms_ros/msg_defs
 # the image of ROS sources the installation in its entry point; this one is added to it

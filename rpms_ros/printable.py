@@ -1,8 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Text from anybody, on one line of a terminal or in a cell of a table."""
+"""Text from anybody, on one line of a terminal or in a cell of a table; shares near 100 %."""
+
+import math
 
 _FORMULA_STARTS = ('=', '+', '-', '@', '\t', '\r')
+_MOST_DECIMALS = 3
 
 
 def printable(text: str) -> str:
@@ -16,3 +19,15 @@ def printable(text: str) -> str:
 def spreadsheet_text(text: str) -> str:
     """Return text that no spreadsheet takes for a formula: such a one gets an apostrophe."""
     return f"'{text}" if text.startswith(_FORMULA_STARTS) else text
+
+
+def percent_explained(share: float) -> str:
+    """Return a share as per cent, with the decimals that distinguish it from 100 %.
+
+    >>> [percent_explained(share) for share in (0.853, 0.9987, 0.99998, 1.0)]
+    ['85.3', '99.9', '99.998', 'more than 99.999']
+    """
+    missing = 100.0 * (1.0 - share)
+    if missing < 10.0**-_MOST_DECIMALS:
+        return 'more than 99.' + _MOST_DECIMALS * '9'
+    return f'{100.0 * share:.{max(1, math.ceil(-math.log10(missing)))}f}'

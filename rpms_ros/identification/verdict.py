@@ -33,6 +33,7 @@ from rpms_ros.identification.verdict_settings import GRADES
 from rpms_ros.identification.verdict_settings import NO
 from rpms_ros.identification.verdict_settings import Reason
 from rpms_ros.identification.verdict_settings import VerdictSettings
+from rpms_ros.printable import percent_explained
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import ForceTrace
@@ -129,7 +130,7 @@ def verdict_of(
     explained = found.explained >= settings.good_explained
     reasons += verdict_of_estimate.of_the_estimator(session, pulses, settings, explained)
     praise = (
-        f'the identified muscle explains {100 * found.explained:.3g} % of the '
+        f'the identified muscle explains {percent_explained(found.explained)} % of the '
         f'{QUANTITIES[unit]}, its error is {found.error:.2g} {unit}, '
         f'{100 * found.error / span:.2g} % of the range'
     )
@@ -143,7 +144,7 @@ def _of_dynamics(
     explained = 1.0 - (1.0 - dynamics.fit_percent / 100.0) ** 2
     text = (
         f'dynamics only: one intensity shows no recruitment curve; {dynamics.model} explains '
-        f'{100 * explained:.3g} % of the force'
+        f'{percent_explained(explained)} % of the force'
     )
     if explained < settings.good_explained:
         grade = NO if explained < settings.least_explained else DOUBTFUL

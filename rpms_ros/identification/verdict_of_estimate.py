@@ -17,6 +17,7 @@ from rpms_ros.identification.verdict_settings import DOUBTFUL
 from rpms_ros.identification.verdict_settings import NO
 from rpms_ros.identification.verdict_settings import Reason
 from rpms_ros.identification.verdict_settings import VerdictSettings
+from rpms_ros.printable import percent_explained
 from rpms_ros.pulses import PulseTrain
 
 
@@ -78,9 +79,9 @@ def _of_the_explanation(
         grade = DOUBTFUL
     else:
         return
-    share = 100 * max(found.explained, 0.0)
+    share = percent_explained(max(found.explained, 0.0))
     text = (
-        f'the identified muscle explains {share:.2g} % of the {QUANTITIES[unit]}, its '
+        f'the identified muscle explains {share} % of the {QUANTITIES[unit]}, its '
         f'error is {missed:.2g} {unit}, {100 * missed / span:.2g} % of the range'
     )
     if 0.0 < found.gain < 0.8 or found.gain > 1.25:

@@ -7,6 +7,7 @@ import sys
 from argparse import ArgumentParser
 from argparse import RawDescriptionHelpFormatter
 from collections.abc import Callable
+from collections.abc import Iterator
 from collections.abc import Sequence
 from contextlib import suppress
 
@@ -19,14 +20,18 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from rpms_ros import __version__
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.discovery import use_fast_discovery
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.stop_request import StopRequest
+from rpms_ros.report.text import labelled
 
 PARENT_VARIABLE = 'RPMS_ROS_PARENT'
 """Environment variable with the id of the process with which this process is to end."""
+
+_ROS_ARGUMENTS = 'Arguments of ROS: -p NAME:=VALUE, --params-file FILE, -r OLD:=NEW'
 
 _BAD_ARGUMENTS = (
     rclpy_implementation.RCLError,
@@ -84,18 +89,25 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
 
 
 def _refuse_options(build: Callable[[], Node], options: Sequence[str]) -> None:
-    """Print the help, or exit with 2: a node takes ROS arguments only."""
+    """Print help or version, or exit with 2: a node takes ROS arguments only."""
     settings: type[NodeParameters] | None = getattr(build, 'settings_type', None)
-    lines = [
-        f'  {name:<22} {description.doc} {description.conditions()}'.rstrip()
-        for name, description in (descriptions(settings) if settings else {}).items()
-    ]
-    ArgumentParser(
-        usage='%(prog)s [--ros-args -p NAME:=VALUE --params-file FILE -r OLD:=NEW ...]',
-        description=f'{(build.__doc__ or "").partition(";")[0]}.',
-        epilog='\n'.join(['parameters:', *lines]) if lines else None,
+    parser = ArgumentParser(
+        usage='%(prog)s [-h] [--version] [--ros-args ARGUMENTS]',
+        description=f'{(build.__doc__ or "").partition(";")[0]}.\n\n{_ROS_ARGUMENTS}',
+        epilog=f'parameters:\n{labelled(_explained(settings))}' if settings else None,
         formatter_class=RawDescriptionHelpFormatter,
-    ).parse_args(options)
+    )
+    parser.add_argument('--version', action='version', version=f'rpms_ros {__version__}')
+    parser.parse_args(options)
+
+
+def _explained(settings: type[NodeParameters]) -> Iterator[tuple[str, str]]:
+    """Yield name and meaning of each parameter, with what is allowed and the default."""
+    for name, description in descriptions(settings).items():
+        default = getattr(settings, name)
+        shown = list(default) if isinstance(default, tuple) else default
+        facts = (description.conditions(), f'default {shown!r}')
+        yield name, f'{description.doc} ({"; ".join(fact for fact in facts if fact)})'
 
 
 def _spin(node: Node, stop: StopRequest) -> None:

@@ -55,7 +55,7 @@ def _force_columns(analysis: MuscleAnalysis) -> Columns:
         'pulses': str(analysis.pulses),
         'samples': str(analysis.samples),
         'rate [Hz]': f'{analysis.sample_rate_hz:.0f}',
-        'noise [N]': f'{analysis.noise:.3g}',
+        f'noise [{analysis.unit}]': f'{analysis.noise:.3g}',
     }
 
 

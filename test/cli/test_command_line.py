@@ -17,6 +17,7 @@ from rpms_ros.cli import options
 from rpms_ros.report.text import collapsed
 from rpms_ros.report.text import labelled
 from rpms_ros.report.text import noted
+from rpms_ros.report.text import table
 from rpms_ros.report.text import with_interval
 
 Rpms = Callable[..., tuple[int, str, str]]
@@ -136,6 +137,19 @@ def test_a_long_word_is_not_cut_in_two(monkeypatch: pytest.MonkeyPatch) -> None:
     assert labelled([('label of a row', word), ('b', f'one {word}')]) == (
         f'  label of a row\n    {word}\n  b\n    one {word}'
     )
+
+
+def test_the_heading_of_a_wide_table_takes_several_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    head, rows = ('trains', 'number', 'latency, model [ms]'), [('trial', '1', '15.85')]
+    monkeypatch.setenv('COLUMNS', '34')
+    assert table(head, rows).splitlines() == [
+        '                latency,',
+        '                   model',
+        'trains  number      [ms]',
+        'trial        1     15.85',
+    ]
+    monkeypatch.setenv('COLUMNS', '35')
+    assert table(head, rows).splitlines()[0] == 'trains  number  latency, model [ms]'
 
 
 def test_a_text_cannot_command_the_terminal() -> None:

@@ -85,7 +85,8 @@ def test_what_is_right_is_good(trial: Trial, name: str) -> None:
     verdict = judged(trial, name)
     assert verdict.grade == 'good'
     (reason,) = verdict.reasons
-    assert reason.startswith('the identified muscle explains 100 % of the force')
+    # noise of 0.02 N beside a force of some newtons leaves a share that no rounding turns into all
+    assert re.match(r'the identified muscle explains 99\.9\d* % of the force', reason), reason
     assert verdict.line == f'good: {reason}'
 
 

@@ -8,8 +8,16 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+import rpms_ros
+from rpms_ros.nodes.identifier import Identifier
+from rpms_ros.nodes.operator_console import OperatorConsole
+from rpms_ros.nodes.parameters import descriptions
+from rpms_ros.nodes.runner import run
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
 NODE = """
 import sys
@@ -135,8 +143,28 @@ def test_help_tells_the_parameters_and_starts_nothing(domain: int) -> None:
     with start(domain, '--help') as process:
         out, errors = process.communicate(timeout=20)
     assert (process.returncode, errors) == (0, '')
-    assert '  rate                   Rate. [Hz] at least 1.0\n' in out
+    assert '  rate  Rate. ([Hz] at least 1.0; default 20.0)\n' in out
     assert 'running' not in out
+
+
+def test_the_version_is_told_and_nothing_started(domain: int) -> None:
+    with start(domain, '--version') as process:
+        out, errors = process.communicate(timeout=20)
+    assert (process.returncode, out, errors) == (0, f'rpms_ros {rpms_ros.__version__}\n', '')
+
+
+@pytest.mark.parametrize('kind', [Identifier, StimulatorDriver, OperatorConsole])
+def test_the_help_of_a_node_fits_into_a_terminal(
+    kind: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv('COLUMNS', '80')
+    with pytest.raises(SystemExit, match='0'):
+        run(kind, ['node', '--help'])
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    for name, description in descriptions(kind.settings_type).items():
+        assert f'  {name} ' in out
+        assert description.doc.split()[0] in out
 
 
 def test_an_option_that_is_not_of_ros_is_refused(domain: int) -> None:
@@ -146,7 +174,8 @@ def test_an_option_that_is_not_of_ros_is_refused(domain: int) -> None:
     assert 'unrecognized arguments: --rate 20' in errors
 
 
-NAMES = ('identifier', 'live_page', 'plant_simulator', 'recorder', 'stimulator_driver')
+NAMES = ('identifier', 'live_page', 'operator_console', 'plant_simulator', 'recorder')
+NAMES += ('stimulator_driver', 'stop_button')
 
 
 @pytest.mark.parametrize('name', NAMES)
