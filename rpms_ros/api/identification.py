@@ -3,24 +3,27 @@
 """What was found of the muscle: curve, response, parameters, figure, tables."""
 
 import json
+from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
-from statistics import NormalDist
 from typing import TYPE_CHECKING
 from typing import Any
 
 import numpy as np
 
 from rpms_ros.api.session import Session
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.verdict import Verdict
 from rpms_ros.pulses import FloatArray
+from rpms_ros.report.named import interval_of
 from rpms_ros.report.result import Curve
 from rpms_ros.report.result import IdentificationResult
 from rpms_ros.report.result import ImpulseResponse
 from rpms_ros.report.result import Stated
+from rpms_ros.report.text import with_interval
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
@@ -121,15 +124,9 @@ class Identification:
         """
         found = {}
         flags, deviations = self.result.identifiability or {}, self.result.deviation or {}
-        level = self.result.confidence
-        quantile = NormalDist().inv_cdf(0.5 + 0.5 * level) if level else NAN
         for name, value in (self.result.recruitment or {}).items():
-            width = quantile * deviations.get(name, NAN)
-            ends = (value - width, value + width)
-            if name.startswith('alpha') and value > 0:
-                factor = float(np.exp(width / value))
-                ends = (value / factor, value * factor)
-            found[name] = Parameter(value, *ends, '1', flags.get(name, ''))
+            ends = interval_of(name, value, deviations.get(name), self.result.confidence)
+            found[name] = Parameter(value, *(ends or (NAN, NAN)), '1', flags.get(name, ''))
         for name, stated in (self.result.physiology or {}).items():
             found[name] = Parameter(
                 stated.value, stated.lower, stated.upper, _unit(name, self.result.unit)
@@ -257,14 +254,24 @@ class Identification:
 
     def __str__(self) -> str:
         rows = [f'{self.session.name}: {self.estimator}']
-        for name, one in self.parameters.items():
-            unit = '' if one.unit == '1' else f' {one.unit}'
-            text = f'{name} {one.value:.4g}{unit}'
-            if np.isfinite([one.lower, one.upper]).all():
-                text += f' ({one.lower:.4g} to {one.upper:.4g})'
-            rows.append(text + (f', {one.determined}' if one.determined else ''))
+        # What must not be used is not there to be copied.
+        if self.verdict.grade != 'no':
+            rows += self._found()
         rows += [*self.result.notes, *(f'{name}: {count}' for name, count in self.faults.items())]
-        return '\n  '.join(rows)
+        return '\n  '.join([*rows, self.verdict.line])
+
+    def _found(self) -> list[str]:
+        """Return a line for each parameter, and for the force at half and full intensity."""
+        unit, rows = self.result.unit, []
+        for name, one in self.parameters.items():
+            known = {'value': one.value, 'lower': one.lower, 'upper': one.upper}
+            text = with_interval(known, unit='' if one.unit == '1' else f' {one.unit}')
+            rows.append(f'{name}: {text}' + (f', {one.determined}' if one.determined else ''))
+        if self.curve is not None:
+            for share in (0.5, 1.0):
+                text = with_interval(asdict(self.force_at(share)), unit=f' {unit}')
+                rows.append(f'{QUANTITIES[unit]} at intensity {share:g}: {text}')
+        return rows
 
     @property
     def faults(self) -> dict[str, int]:

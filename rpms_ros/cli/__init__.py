@@ -67,14 +67,15 @@ class _Parser(argparse.ArgumentParser):
     """A parser that names what may have been meant."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the message, with the nearest command, choice or option, and exit."""
+        """Print one line: the message, with the nearest command, choice or option; then exit."""
         given = re.search(r"invalid choice: '(.*?)'|unrecognized arguments: (--[\w-]+)", message)
         if given:
             known = re.findall(r'[\w-]+', message[given.end() :]) if given[1] else []
             known += re.findall(r'--[\w-]+', self.format_help()) if given[2] else []
             close = difflib.get_close_matches(given[1] or given[2], known, n=1)
             message += f'; did you mean {close[0]}?' if close else ''
-        super().error(message)
+        # A usage of ten lines would hide it.
+        self.exit(FAILURE, f'{self.prog}: error: {message} ({self.prog} --help)\n')
 
 
 def parser() -> argparse.ArgumentParser:

@@ -51,7 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.stimulation.audit_log import verify
 
     if not arguments.file.is_file():
-        raise StimulationError(f'expected an audit log or a dose ledger, got {arguments.file}')
+        raise StimulationError(
+            f'expected an audit log or a dose ledger, got no regular file at {arguments.file}'
+        )
     key = read_key(arguments.key_file) if arguments.key_file is not None else None
     found = verify(arguments.file, key, purpose=None)
     kinds = frozenset(arguments.only.split(',')) if arguments.only else None

@@ -24,6 +24,9 @@ from rpms_ros.cli.options import told_if_slow
 from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
 from rpms_ros.printable import printable
+from rpms_ros.report.named import label
+from rpms_ros.report.named import recruitment_shown
+from rpms_ros.report.named import shown
 from rpms_ros.report.text import labelled
 from rpms_ros.report.text import with_interval
 
@@ -205,9 +208,10 @@ def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
     unit = document['unit']
     what = QUANTITIES[unit]
     if document['curve']:
-        known = {name: one for name, one in document['recruitment'].items() if one is not None}
-        shown = '  '.join(f'{name} {value:.4g}' for name, value in known.items())
-        rows.append(('recruitment', shown or 'no parameter is determined by the data'))
+        flags, deviations = document.get('identifiability', {}), document.get('deviation', {})
+        for name, value in document['recruitment'].items():
+            known = (deviations.get(name), document.get('confidence'), flags.get(name))
+            rows.append((label(name), recruitment_shown(name, value, *known)))
         rows += [
             (
                 '' if index else f'steady {what} at {document["rate_hz"]:g} Hz',
@@ -220,14 +224,12 @@ def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
     if 'dynamics' in document:
         return rows + _dynamics(document['dynamics'], unit)
     for name, found in document.get('physiology', {}).items():
-        rows.append((name, with_interval(found)))
-    if document['curve'] and 'identifiability' in document:
-        flags = document['identifiability'].items()
-        rows.append(('in the data', ', '.join(f'{name} {flag}' for name, flag in flags)))
+        rows.append((label(name), shown(name, found, unit)))
     response = document['impulse_response']
-    peak = max(response['force'])
-    time_ms = 1e3 * response['time_s'][response['force'].index(peak)]
-    rows.append(('one pulse', f'peak {peak:.4g} {unit} after {time_ms:.0f} ms'))
+    place = response['force'].index(max(response['force']))
+    time_ms = 1e3 * response['time_s'][place]
+    peak = with_interval(_place(response, place), unit=f' {unit}')
+    rows.append(('response to one pulse', f'peak {peak} after {time_ms:.0f} ms'))
     return rows
 
 
@@ -260,8 +262,8 @@ def _dynamics(found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
     return rows
 
 
-def _milliseconds(found: dict[str, float]) -> str:
-    return with_interval(found, 3, 1e3, ' ms')
+def _milliseconds(found: dict[str, float | None]) -> str:
+    return with_interval(found, 1e3, ' ms')
 
 
 def _output_error(document: dict[str, Any]) -> str:
@@ -281,11 +283,13 @@ def _output_error(document: dict[str, Any]) -> str:
 
 def _at(curve: dict[str, list[float]], share: float, unit: str) -> str:
     """Return the force at an intensity, with its interval if there is one."""
-    place = round(share * (len(curve['force']) - 1))
-    force = f'{curve["force"][place]:.4g} {unit}'
-    if 'lower' not in curve:
-        return force
-    return f'{force} ({curve["lower"][place]:.4g} to {curve["upper"][place]:.4g})'
+    return with_interval(_place(curve, round(share * (len(curve['force']) - 1))), unit=f' {unit}')
+
+
+def _place(curve: dict[str, list[float]], place: int) -> dict[str, float | None]:
+    """Return a point of a curve with the ends of its interval if there are any."""
+    names = {'value': 'force', 'lower': 'lower', 'upper': 'upper'}
+    return {end: curve[name][place] if name in curve else None for end, name in names.items()}
 
 
 def _write(

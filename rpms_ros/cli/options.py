@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rpms_ros.recording import Topics
 
 SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
-COMPILING = 'compiling for this machine, once; this takes about half a minute'
+COMPILING = 'compiling for this machine, once; this takes about a minute'
 # Bars appear only for what takes longer [s].
 _BAR_DELAY = 1.0
 

@@ -115,8 +115,13 @@ def _previous(path: Path) -> dict[str, Any]:
     """Return the JSON of an earlier session."""
     try:
         document = json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise ReportError(f'expected the JSON of a session at {path}, got {error}') from error
+    except ValueError as error:
+        raise ReportError(
+            f'expected the JSON of a session at {path}, as `rpms report --json` prints it, got '
+            f'something else ({error})'
+        ) from error
     if not isinstance(document, dict):
         raise ReportError(f'expected one JSON object in {path}, got {type(document).__name__}')
     return document

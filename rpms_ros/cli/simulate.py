@@ -34,6 +34,7 @@ _EXAMPLES = """\
   rpms identify session
 """
 _SUBJECTS = ('simulation', 'rpms', 'fes', 'random')
+_OF_PULSES = ('duration', 'pulse_rate', 'intensity')
 _DISTURBANCES = {
     'noise': 'standard deviation of white noise',
     'offset': 'constant baseline',
@@ -114,6 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     subject = named_subject(arguments.subject, arguments.seed)
     from_file = arguments.schedule not in SCHEDULES
+    _refuse_what_has_no_effect(arguments, from_file)
     fixed_rate = None if arguments.own_rates or from_file else arguments.pulse_rate
     pulses = schedule.pulses(START_NS)
     stamp_ns = sample_times(schedule.length_s, arguments.rate)
@@ -129,6 +131,19 @@ def run(arguments: argparse.Namespace) -> int:
     _write(arguments, pulses, forces, truths, _notes(arguments, schedule, subject))
     print(f'{arguments.out}: {len(pulses)} pulses, {len(forces)} samples, {schedule.length_s:g} s')
     return 0
+
+
+def _refuse_what_has_no_effect(arguments: argparse.Namespace, from_file: bool) -> None:
+    """Refuse options of pulses that the schedule does not follow."""
+    schedule = arguments.schedule
+    unused: tuple[str, ...] = () if schedule == 'constant' else ('intensity',)
+    where = '--schedule constant'
+    if from_file:
+        unused, where = _OF_PULSES, 'a schedule by its name'
+    for name in unused:
+        if getattr(arguments, name) != arguments.parser.get_default(name):
+            option = f'--{name.replace("_", "-")}'
+            raise RecordingError(f'expected {where} with {option}, got --schedule {schedule}')
 
 
 def _scenario(arguments: argparse.Namespace) -> 'Scenario':

@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.cli.study_table import found_recordings
     from rpms_ros.cli.study_work import StudyOptions
     from rpms_ros.cli.study_work import finished
+    from rpms_ros.errors import RecordingError
     from rpms_ros.identification.verdict_settings import GRADES
 
     options = StudyOptions(
@@ -86,7 +87,11 @@ def run(arguments: argparse.Namespace) -> int:
         expected_force=arguments.expected_force,
         reports=str(arguments.out / 'reports') if arguments.reports else None,
     )
-    table = StudyTable(arguments.out, found_recordings(arguments.bags, arguments.out), options)
+    recordings = found_recordings(arguments.bags, arguments.out)
+    if not recordings:
+        given = ', '.join(map(str, arguments.bags))
+        raise RecordingError(f'expected recordings or folders of recordings, got none in {given}')
+    table = StudyTable(arguments.out, recordings, options)
     table.one_person = arguments.one_person
     waiting = table.waiting()
     with progress('identifying', len(waiting), 'recordings', arguments.quiet) as advance:

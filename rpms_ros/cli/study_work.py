@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
-from statistics import NormalDist
 from typing import Any
 
 from rpms_ros.errors import RecordingError
@@ -34,6 +33,7 @@ from rpms_ros.recording import read_recording
 from rpms_ros.recording.reading import held_bytes
 from rpms_ros.report.identified import IdentificationOptions
 from rpms_ros.report.identified import identified
+from rpms_ros.report.named import interval_of
 from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import IdentificationResult
 from rpms_ros.report.result import result_of
@@ -205,10 +205,10 @@ def _threshold_interval(document: dict[str, Any]) -> Row:
     """Return the ends of the interval of the threshold, as far as the data determine it."""
     value = (document['recruitment'] or {}).get('u_thr')
     deviation = (document.get('deviation') or {}).get('u_thr')
-    if value is None or deviation is None or not document.get('confidence'):
-        return {}
-    half = NormalDist().inv_cdf(0.5 + 0.5 * document['confidence']) * deviation
-    return {'u_thr_lower': value - half, 'u_thr_upper': value + half}
+    known = value is not None and interval_of(
+        'u_thr', value, deviation, document.get('confidence')
+    )
+    return dict(zip(('u_thr_lower', 'u_thr_upper'), known, strict=True)) if known else {}
 
 
 def _of_dynamics(found: dict[str, Any]) -> Row:

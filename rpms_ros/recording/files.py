@@ -99,6 +99,8 @@ def _found(path: Path, findings: Findings) -> RecordingFiles:
     named = metadata.get('storage_identifier')
     if not paths:
         other = f' ({NAME} names the storage {named!r:.40})' if named else ''
+        if path.is_file():
+            other = '; `rpms import` makes a recording of a table or of a file of other software'
         raise RecordingError(f'expected .mcap or .db3 files at {path}, got none{other}')
     storage = 'mcap' if _suffix(paths[0]) == '.mcap' else 'sqlite3'
     if named not in (None, storage):

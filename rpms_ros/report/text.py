@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of plain text that stay within the width of a terminal."""
 
+import math
 import re
 import shutil
 import textwrap
@@ -16,6 +17,9 @@ _WIDEST = 100
 _CLOSE = 4
 # Of the upper end of an interval.
 _NEAR = 0.1
+# Narrower and larger numbers are shown with four digits.
+_MOST_PLACES = 9
+_LARGE = 1e6
 
 
 def width() -> int:
@@ -31,15 +35,35 @@ def labelled(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def with_interval(
-    found: Mapping[str, float], digits: int = 4, factor: float = 1.0, unit: str = ''
+    found: Mapping[str, float | None], factor: float = 1.0, unit: str = '', after: str = ''
 ) -> str:
-    """Return a value with its interval; what is near its bound of 0 is *at most* something."""
+    """Return a value with its interval, all with as many decimals as the interval's width.
+
+    Two digits of half the width are shown.  What is near its bound of 0 is *at most* something.
+
+    Parameters
+    ----------
+    found : mapping
+        ``value``, ``lower`` and ``upper``; without ends that are known the value is alone.
+    factor : float
+        Factor before rounding, as 1000 for milliseconds.
+    unit, after : str
+        Text behind the value, and behind all.
+    """
     value, lower, upper = (
-        f'{factor * found[name]:.{digits}g}' for name in ('value', 'lower', 'upper')
+        float('nan') if found.get(name) is None else factor * float(found[name] or 0.0)
+        for name in ('value', 'lower', 'upper')
     )
-    if found['lower'] == 0.0 and found['value'] <= _NEAR * found['upper']:
-        return f'at most {upper}{unit}'
-    return f'{value}{unit} ({lower} to {upper})'
+    half = 0.5 * (upper - lower)
+    if not (math.isfinite(half) and math.isfinite(value)):
+        return f'{value:.4g}{unit}{after}'
+    if lower == 0.0 and value <= _NEAR * upper:
+        return f'at most {upper:.2g}{unit}{after}'
+    places = 1 - math.floor(math.log10(half)) if half > 0.0 else _MOST_PLACES
+    if places >= _MOST_PLACES or abs(value) >= _LARGE:
+        return f'{value:.4g}{unit} ({lower:.4g} to {upper:.4g}){after}'
+    shown = [f'{one:.{max(0, places)}f}' for one in (value, lower, upper)]
+    return f'{shown[0]}{unit} ({shown[1]} to {shown[2]}){after}'
 
 
 def noted(rows: Iterable[tuple[str, str]]) -> str:

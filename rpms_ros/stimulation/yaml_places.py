@@ -57,10 +57,14 @@ def from_file(path: Path, what: str, build: Callable[[object], Built]) -> Built:
     """
     try:
         if not path.is_file():
-            raise FileNotFoundError('no such file')
+            raise FileNotFoundError('no regular file' if path.exists() else 'no such file')
         with path.open('rb') as file:
             # a character has at most four bytes; more is refused unread
             text = file.read(4 * LARGEST_DOCUMENT + 1).decode('utf-8')
+    except UnicodeDecodeError as fault:
+        raise StimulationError(
+            f'expected a readable {what}, got {path}: no text in UTF-8 at byte {fault.start}'
+        ) from fault
     except (OSError, ValueError) as fault:
         raise StimulationError(f'expected a readable {what}, got {path}: {fault}') from fault
     try:

@@ -84,6 +84,14 @@ def test_the_text_names_every_parameter_and_fault(found: Identification) -> None
     assert all(name in text for name in found.parameters)
     assert text.startswith('simulated, uniform_random: batch')
     assert '(nan' not in text
+    assert f'force at intensity 0.5: {found.force_at(0.5).value:.1f}' in text
+    assert text.endswith(found.verdict.line)
+
+
+def test_the_text_of_a_result_that_must_not_be_used_has_no_numbers(simulated: Session) -> None:
+    force = replace(simulated.force, force=-simulated.force.force)
+    wrong = replace(simulated, recording=replace(simulated.recording, forces=force)).identify()
+    assert str(wrong) == f'{wrong.session.name}: batch\n  {wrong.verdict.line}'
 
 
 def test_one_intensity_has_no_curve_but_a_response() -> None:

@@ -149,6 +149,13 @@ def test_files_that_cannot_be_read_or_written(tmp_path, rpms):
     code, _, err = rpms('check', tmp_path / 'absent.yaml', '--device', 'simulated')
     assert code == 2
     assert 'expected a readable schedule file' in err
+    code, _, err = rpms('check', tmp_path, '--device', 'simulated')
+    assert code == 2
+    assert err.endswith(': no regular file\n')
+    (tmp_path / 'bytes').write_bytes(b'segments: \xff\xfe')
+    code, _, err = rpms('check', tmp_path / 'bytes', '--device', 'simulated')
+    assert code == 2
+    assert err.endswith('bytes: no text in UTF-8 at byte 10\n')
     code, _, err = rpms('protocol', 'uniform_random', '--out', tmp_path / 'no' / 'x.yaml')
     assert code == 2
     assert 'expected a file to write' in err

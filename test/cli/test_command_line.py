@@ -94,7 +94,9 @@ def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(
 ) -> None:
     code, _, err = exits(capsys, *arguments)
     assert code == 2
-    assert err.endswith(f'; did you mean {meant}?\n')
+    assert f'; did you mean {meant}? (rpms' in err
+    assert err.endswith(' --help)\n')
+    assert err.count('\n') == 1
 
 
 def test_what_resembles_nothing_is_only_refused(capsys: pytest.CaptureFixture[str]) -> None:
@@ -115,10 +117,26 @@ def test_an_identification_fits_into_a_terminal(
 
 def test_a_number_at_its_bound_is_at_most_something() -> None:
     found = {'value': 0.0, 'lower': 0.0, 'upper': 6.4e-4}
-    assert with_interval(found, 3, 1e3, ' ms') == 'at most 0.64 ms'
+    assert with_interval(found, 1e3, ' ms') == 'at most 0.64 ms'
     found = {'value': 1e-4, 'lower': 0.0, 'upper': 6.4e-4}
-    assert with_interval(found, 3, 1e3, ' ms') == '0.1 ms (0 to 0.64)'
-    assert with_interval({'value': 3.0, 'lower': 2.9, 'upper': 3.1}) == '3 (2.9 to 3.1)'
+    assert with_interval(found, 1e3, ' ms') == '0.10 ms (0.00 to 0.64)'
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'text'),
+    [
+        ((3.0, 2.9, 3.1), '3.00 N (2.90 to 3.10)'),
+        ((9.9981, 9.9932, 10.0031), '9.9981 N (9.9932 to 10.0031)'),
+        ((123.4, 61.0, 186.0), '123 N (61 to 186)'),
+        ((2.0, 2.0, 2.0), '2 N (2 to 2)'),
+        ((3.14159, None, None), '3.142 N'),
+    ],
+)
+def test_a_number_has_the_decimals_of_its_interval(
+    numbers: tuple[float | None, ...], text: str
+) -> None:
+    found = dict(zip(('value', 'lower', 'upper'), numbers, strict=True))
+    assert with_interval(found, unit=' N') == text
 
 
 def test_a_long_text_goes_on_below_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,6 +87,10 @@ def test_a_report_compares_with_an_earlier_one(
     earlier.write_text(rpms('identify', short_session, '--json')[1])
     rpms('report', short_session, '--out', page, '--previous', earlier)
     assert 'Since the last session.' in page.read_text()
+    earlier.write_text('time,force')
+    code, _, err = rpms('report', short_session, '--out', page, '--previous', earlier)
+    assert code == 2
+    assert 'as `rpms report --json` prints it, got something else' in err
     earlier.write_text('[1]')
     code, _, err = rpms('report', short_session, '--out', page, '--previous', earlier)
     assert (code, err) == (

@@ -86,6 +86,18 @@ def test_schedule_from_a_file(rpms: Rpms, tmp_path: Path) -> None:
     assert read_facts(path).custom['schedule'] == 'probe'
 
 
+def test_a_file_says_itself_how_long_and_how_fast(rpms: Rpms, tmp_path: Path) -> None:
+    path = tmp_path / 'schedule.yaml'
+    assert rpms('protocol', 'sinusoid', '--duration', 1, '--out', path)[0] == 0
+    for option in ('--duration', '--pulse-rate', '--intensity'):
+        code, _, err = rpms(
+            'simulate', '--schedule', path, option, '0.5', '--out', tmp_path / 'session'
+        )
+        assert code == 2
+        assert f'expected a schedule by its name with {option}, got --schedule' in err
+        assert not (tmp_path / 'session').exists()
+
+
 def test_truth_is_noted(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'session'
     rpms('simulate', '--out', path, '--duration', 1, '--subject', 'fes', '--drift', 0.5)
@@ -105,6 +117,7 @@ def test_truth_is_noted(rpms: Rpms, tmp_path: Path) -> None:
         (['--rate', '0'], 'expected a rate of the force up to 1e.06 Hz, got 0.0'),
         (['--noise', '-1'], 'expected a noise of at least 0 N, got -1.0'),
         (['--intensity', '2', '--schedule', 'constant'], 'intensity.* got 2'),
+        (['--intensity', '0.5'], 'expected --schedule constant with --intensity, got --sch'),
         (['--storage', 'sqlite3', '--compression', 'lz4'], 'expected compression lz4 or zstd of'),
     ],
 )

@@ -212,6 +212,15 @@ def test_a_verdict_that_is_not_good_is_told(rpms: Rpms, sessions: Path, tmp_path
     assert (row['status'], row['verdict']) == ('ok', 'no')
 
 
+def test_nothing_to_study_is_an_error(rpms: Rpms, tmp_path: Path) -> None:
+    table = tmp_path / 'trial.csv'
+    table.write_text('time,force\n')
+    code, out, err = rpms('study', table, '--out', tmp_path / 'study')
+    assert (code, out) == (2, '')
+    assert f'expected recordings or folders of recordings, got none in {table}' in err
+    assert not (tmp_path / 'study').exists()
+
+
 def test_a_page_has_verdicts_and_links(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
     out = tmp_path / 'out'
     bags = [sessions / 'session_0', sessions / 'session_1', tmp_path / 'nothing']

@@ -110,6 +110,9 @@ def test_what_cannot_be_read(rpms: Rpms, tmp_path: Path) -> None:
     code, out, err = rpms('verify', tmp_path)
     assert (code, out) == (2, '')
     assert err.startswith('rpms: error: expected .mcap or .db3 files at ')
+    (tmp_path / 'trial.csv').write_text('time,force,gate\n')
+    _, _, err = rpms('verify', tmp_path / 'trial.csv')
+    assert '; `rpms import` makes a recording of a table' in err
     pulses, _ = session()
     write_recording(tmp_path / 'bag', pulses, ForceTrace(np.empty(0, np.int64), np.empty(0)))
     code, out, _ = rpms('verify', tmp_path / 'bag')

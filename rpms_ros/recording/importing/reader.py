@@ -37,7 +37,9 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
         If it cannot be read; the message says what was expected and which option decides.
     """
     # A pipe would be waited for without end.
-    if path.exists() and not path.is_file():
+    if not path.exists():
+        raise RecordingError(f'expected a file at {path}, got no such file')
+    if not path.is_file():
         raise RecordingError(f'expected a file at {path}, got no regular file')
     try:
         with path.open('rb') as file:

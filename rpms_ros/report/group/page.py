@@ -14,6 +14,7 @@ from rpms_ros.report.session.page import number
 from rpms_ros.report.templates import image_url
 from rpms_ros.report.templates import page_template
 from rpms_ros.report.templates import shipped
+from rpms_ros.report.text import with_interval
 
 _HERE = Path(__file__).parent
 
@@ -55,8 +56,9 @@ def stated(found: Mapping[str, float | None] | None, sign: bool = False) -> str:
     """Return a number with its interval as text."""
     if found is None:
         return UNKNOWN
-    kind = '+.3g' if sign else '.4g'
-    text = format(found['value'], kind)
+    if not sign:
+        return with_interval(found)
+    text = format(found['value'], '+.3g')
     if found['lower'] is None or found['upper'] is None:
         return text
-    return f'{text} ({format(found["lower"], kind)} to {format(found["upper"], kind)})'
+    return f'{text} ({found["lower"]:+.3g} to {found["upper"]:+.3g})'

@@ -12,6 +12,9 @@ import numpy as np
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.report.named import label
+from rpms_ros.report.named import recruitment_shown
+from rpms_ros.report.named import shown
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.dose import TRAIN_GAP
 from rpms_ros.report.session.figures import as_svg
@@ -64,7 +67,11 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
     document : dict
         Content of the tables, from `as_document`; it is inside the page as JSON too.
     """
-    template = page_template(_HERE, number=number, percent=percent, with_interval=with_interval)
+    filters = {
+        one.__name__: one
+        for one in (number, percent, with_interval, label, shown, recruitment_shown)
+    }
+    template = page_template(_HERE, **filters)
     return template.render(
         document,
         document=document,

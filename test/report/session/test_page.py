@@ -203,7 +203,7 @@ def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
     analysis: SessionAnalysis, page: str
 ) -> None:
     assert 'has no intervals' in page
-    assert 'has no physiology' in page
+    assert 'fits no twitch to it' in page
     last = analysis.session.last
     size = len(last.nonlinear)
     richer = replace(
