@@ -3,6 +3,8 @@
 """What the page shows of an estimate."""
 
 from collections.abc import Iterable
+from collections.abc import Iterator
+from collections.abc import Mapping
 from statistics import NormalDist
 from typing import Any
 
@@ -17,6 +19,10 @@ from rpms_ros.live.numbers import numbers
 from rpms_ros.live.numbers import text
 from rpms_ros.live.numbers import texts
 from rpms_ros.live.numbers import thinned
+from rpms_ros.live.words import PARAMETERS
+from rpms_ros.live.words import RATES
+from rpms_ros.live.words import Label
+from rpms_ros.live.words import label_of
 from rpms_ros.pulses import FloatArray
 
 IDENTIFIABILITY = ('not in the data', 'still moving', 'settled')
@@ -31,13 +37,14 @@ _NANOSECONDS = 1e-9
 def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
     """Return an estimate as JSON takes it; times in s after `origin_ns`.
 
-    Each parameter is a row of name, value, lower and upper bound, and what the data say of it. A
+    Each parameter is a row of label, value, lower and upper bound, and what the data say of it. A
     value that the data do not bound is None: it is the value that the estimator began with.
     """
     stamp = (estimate.stamp_ns - origin_ns) * _NANOSECONDS
+    unit = text(estimate.unit) or 'N'
     return {
         'estimator': text(estimate.estimator),
-        'unit': text(estimate.unit) or 'N',
+        'unit': unit,
         'stamp': number(stamp),
         'samples': estimate.samples,
         'pulses': estimate.pulses,
@@ -56,15 +63,18 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
             estimate.response_lower,
             estimate.response_upper,
         ),
-        'parameters': _parameters(estimate),
+        'parameters': _parameters(estimate, unit),
         'physiology': _rows(
-            estimate.physiology_names,
+            _labels(estimate.physiology_names, PARAMETERS, unit),
             estimate.physiology,
             estimate.physiology_lower,
             estimate.physiology_upper,
         ),
         'rates': _rows(
-            estimate.rate_names, estimate.rate, estimate.rate_lower, estimate.rate_upper
+            _labels(estimate.rate_names, RATES, unit),
+            estimate.rate,
+            estimate.rate_lower,
+            estimate.rate_upper,
         ),
         'changes': estimate.changes,
         'marks': [
@@ -73,10 +83,12 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         ][-MOST_NAMES:],
         'disturbance': number(estimate.disturbance),
         'disturbance_deviation': number(estimate.disturbance_deviation),
-        'doubts': [[text(name), meaning_of_doubt(name)] for name in estimate.doubts[:MOST_NAMES]],
+        'doubts': [
+            [text(name), _plain(meaning_of_doubt(name))] for name in estimate.doubts[:MOST_NAMES]
+        ],
         'reasons': texts(estimate.reasons),
         'faults': [
-            [text(name), int(count), MEANING.get(name, '')]
+            [text(name), int(count), _plain(MEANING.get(name, ''))]
             for name, count in list(estimate.faults.items())[:MOST_NAMES]
         ],
     }
@@ -100,22 +112,31 @@ def _curve(
 
 
 def _rows(
-    names: Iterable[str], values: FloatArray, lower: FloatArray, upper: FloatArray
+    labels: Iterable[Label], values: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> list[list[Any]]:
-    """Return rows of name, value and bounds, None where there are none."""
+    """Return rows of label, value and bounds, None where there are none."""
     bounded = len(lower) == len(upper) == len(values)
     return [
         [
-            text(name),
-            number(value),
-            number(lower[place]) if bounded else None,
-            number(upper[place]) if bounded else None,
+            text(label.text),
+            number(label.factor * value),
+            number(label.factor * lower[place]) if bounded else None,
+            number(label.factor * upper[place]) if bounded else None,
         ]
-        for place, (name, value) in enumerate(zip(names, values, strict=False))
+        for place, (label, value) in enumerate(zip(labels, values, strict=False))
     ][:MOST_NAMES]
 
 
-def _parameters(estimate: Estimate) -> list[list[Any]]:
+def _labels(names: Iterable[str], labels: Mapping[str, Label], unit: str) -> Iterator[Label]:
+    return (label_of(name, labels, unit) for name in names)
+
+
+def _plain(meaning: str) -> str:
+    """Return a meaning as a page shows it: names in it are not marked as in documents."""
+    return meaning.replace('`', '')
+
+
+def _parameters(estimate: Estimate, unit: str) -> list[list[Any]]:
     values, flags = estimate.nonlinear, estimate.nonlinear_identifiability
     empty = np.empty(0)
     lower = upper = empty
@@ -124,7 +145,7 @@ def _parameters(estimate: Estimate) -> list[list[Any]]:
         quantile = NormalDist().inv_cdf(0.5 + estimate.confidence / 2.0)
         half = quantile * np.sqrt(np.where(variance >= 0.0, variance, np.nan))
         lower, upper = values - half, values + half
-    rows = _rows(estimate.nonlinear_names, values, lower, upper)
+    rows = _rows(_labels(estimate.nonlinear_names, PARAMETERS, unit), values, lower, upper)
     for row, flag in zip(rows, flags, strict=False):
         row.append(IDENTIFIABILITY[flag] if 0 <= flag < len(IDENTIFIABILITY) else '')
         if flag == 0:

@@ -15,8 +15,16 @@
 
   const shown = (value, unit = '') => value === null || value === undefined ? 'not known'
     : `${Number(value.toPrecision(4))}${unit && ` ${unit}`}`;
-  const band = (low, high, unit) => low === null || high === null || low === undefined ? ''
-    : `${shown(low)} to ${shown(high, unit)}`;
+  const bounded = (low, high) => typeof low === 'number' && typeof high === 'number';
+  // a number with a band has the places that the band leaves it
+  function within(value, low, high) {
+    const half = (high - low) / 2;
+    if (!bounded(low, high) || value === null || !(half > 0) || half > 1e4) { return shown(value); }
+    const text = value.toFixed(Math.min(Math.max(1 - Math.floor(Math.log10(half)), 0), 9));
+    return Number(text) === 0 ? text.replace('-', '') : text;
+  }
+  const band = (low, high, unit) => bounded(low, high)
+    ? `${within(low, low, high)} to ${within(high, low, high)}${unit && ` ${unit}`}` : '';
   function write(id, text) {
     const place = element(id);
     if (place.textContent !== text) { place.textContent = text; }
@@ -51,36 +59,42 @@
     }));
   }
 
+  // in words first; the name is that of the messages, the log and the documents
+  const explained = ([name, why]) => why ? `${why} (${name})` : name;
   function writeEstimate(one) {
     const level = one.confidence ? `${Math.round(100 * one.confidence)} %` : '';
     write('estimate-text', `${one.estimator}: ${one.samples} samples, ${one.pulses} pulses, `
       + `error of the last second ${shown(100 * (one.output_error || 0), '%')}`);
     rows('parameter-rows', [...one.parameters, ...one.physiology].map(
-      ([name, value, low, high, flag]) => [name, value === null ? '–' : shown(value),
+      ([name, value, low, high, flag]) => [name, value === null ? '–' : within(value, low, high),
         band(low, high, '') || 'none', flag || '']));
     const curve = one.curve, response = one.response, unit = one.unit;
     const last = curve ? curve.force.length - 1 : 0;
     write('curve-text', curve ? `at full intensity, ${shown(one.rate, 'Hz')}: `
-      + `${shown(curve.force[last], unit)}`
-      + (curve.lower ? `; ${level} band ${band(curve.lower[last], curve.upper[last], unit)}`
-        : '; this estimator states no band')
+      + (curve.lower ? `${within(curve.force[last], curve.lower[last], curve.upper[last])} ${unit}; `
+        + `${level} band ${band(curve.lower[last], curve.upper[last], unit)}`
+        : `${shown(curve.force[last], unit)}; this estimator states no band`)
       : 'one intensity only so far: no curve');
     write('response-text', response ? `peak ${shown(Math.max(...response.force), unit)}`
       + (response.lower ? `; band ${level}` : '; this estimator states no band') : 'not known');
     write('disturbance', one.disturbance_deviation
-      ? `force that the stimulation does not cause: ${shown(one.disturbance, unit)}`
-        + ` ± ${shown(one.disturbance_deviation, unit)}` : '');
+      ? `force that the stimulation does not cause: ${within(one.disturbance,
+        -one.disturbance_deviation, one.disturbance_deviation)} ${unit}, 95 % band ${band(
+        one.disturbance - 1.96 * one.disturbance_deviation,
+        one.disturbance + 1.96 * one.disturbance_deviation, unit)}` : '');
     rows('rate-rows', one.rates.map(([name, value, low, high]) =>
-      [name, shown(value), band(low, high, '') || 'none']));
+      [name, within(value, low, high), band(low, high, '') || 'none']));
     write('change-text', one.changes ? `${one.changes} sudden changes since the start`
       : 'no sudden change found');
     list('change-list', one.marks.map(([kind, time]) => `${kind} at ${shown(time, 's')}`));
     write('doubt-text', one.doubts.length
       ? 'The numbers may be wrong by more than their bands say:' : 'no doubts');
     element('doubt-text').classList.toggle('alarm', one.doubts.length > 0);
-    list('doubt-list', one.doubts.map(([name, why]) => why ? `${name}: ${why}` : name));
+    list('doubt-list', one.doubts.map(explained));
+    element('doubtful').hidden = !one.doubts.length;
     list('reason-list', one.reasons);
-    rows('fault-rows', one.faults.map(([name, count, why]) => [name, String(count), why]));
+    rows('fault-rows', one.faults.map(([name, count, why]) => [explained([name, why]),
+      String(count)]));
   }
   function writeDriver(one) {
     const place = element('state'), word = document.createElement('strong');
@@ -97,8 +111,9 @@
       ['pulses', `${one.delivered} delivered, ${one.dropped} dropped, `
         + `${one.unverified} not confirmed by the device`],
       ['dose of the patient', `${one.dose_pulses} pulses, ${shown(one.dose_energy, 'J')}`],
-      ['coil', `${shown(one.coil_energy, 'J')}, ${shown(one.coil_temperature, 'Celsius')}`],
-      ['largest intensity', shown(one.maximum_intensity)],
+      ['coil', `${shown(one.coil_energy, 'J')}, temperature ${shown(one.coil_temperature, '°C')}`],
+      ['largest intensity', one.maximum_intensity === null ? 'not known'
+        : `${shown(100 * one.maximum_intensity, '%')} of the stimulator's maximum`],
       ['largest lateness', shown(1000 * (one.lateness_max || 0), 'ms')],
       ['device', one.device || 'not known'],
       ['operator', one.operator ? `${one.operator}, enable ${one.enabled ? 'held' : 'not held'}`
@@ -109,7 +124,9 @@
   }
   function writeTopics(topics) {
     rows('topic-rows', topics.map((one) => [one.name,
-      one.count ? shown(one.rate, 'Hz') : '–', `${one.state}${one.text ? `: ${one.text}` : ''}`]));
+      one.count ? shown(one.rate, 'Hz') : '–',
+      // the text of a topic that is not ok begins with why
+      one.state === 'ok' ? `ok${one.text ? `; ${one.text}` : ''}` : one.text]));
     const driver = topics[topics.length - 1];
     if (driver && driver.state !== 'ok' && (!known.driver || driver.state !== 'quiet')) {
       const text = known.driver
@@ -122,6 +139,7 @@
   }
   function writeStop() {
     element('controls').hidden = !canStop;
+    element('additional').hidden = !canStop;
     element('read-only').hidden = canStop;
     element('stop').hidden = !token;
     element('unlock').hidden = Boolean(token);

@@ -4,7 +4,7 @@
 const plots = (function () {
   'use strict';
   const KEPT = 6000;
-  const FORCE = 260, PULSES = 130, CURVE = 240;
+  const FORCE = 260, PULSES = 130, EFFORT = 170, CURVE = 240;
   const element = (id) => document.getElementById(id);
   const colour = (name) => () => getComputedStyle(document.documentElement)
     .getPropertyValue(name).trim();
@@ -30,7 +30,7 @@ const plots = (function () {
     grid: { stroke: colour('--line'), width: 1 }, ticks: { stroke: colour('--line') },
     font: '12px system-ui, sans-serif', labelFont: '12px system-ui, sans-serif' });
   const line = (label, stroke, width) => ({ label, stroke: colour(stroke), width,
-    points: { show: false }, spanGaps: false });
+    points: { show: false }, spanGaps: false, pxAlign: 0 });
 
   function make(id, height, xLabel, yLabel, scales, series, bands, hooks) {
     const place = element(id);
@@ -76,7 +76,7 @@ const plots = (function () {
     [{ series: [2, 1], fill: colour('--measured') }], { draw: [drawMarks] }),
     pulses: make('pulse-plot', PULSES, 'time / s', 'intensity', { x, y: { range: [0, 1] } },
       [{}, { show: true, points: { show: false }, stroke: 'transparent' }], [], { draw: [drawPulses] }),
-    effort: make('effort-plot', PULSES, 'time / s', 'force / N', { x },
+    effort: make('effort-plot', EFFORT, 'time / s', 'force / N', { x },
       [{}, line('lower', '--change', 0.5), line('upper', '--change', 0.5),
         line('value', '--change', 2)], [{ series: [2, 1], fill: colour('--changeband') }], { draw: [drawMarks] }),
     curve: make('curve-plot', CURVE, 'intensity', 'force / N',

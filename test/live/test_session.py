@@ -8,11 +8,16 @@ import math
 import numpy as np
 import pytest
 
+from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
+from rpms_ros.identification.tracking.report import RATE_NAMES
 from rpms_ros.live.force_bins import BIN_NS
 from rpms_ros.live.modelled import ModelledForce
 from rpms_ros.live.numbers import LONGEST_TEXT
 from rpms_ros.live.numbers import MOST_NAMES
 from rpms_ros.live.session import Cursor
+from rpms_ros.live.words import PARAMETERS
+from rpms_ros.live.words import RATES
+from rpms_ros.muscle.identified_form import PARAMETER_NAMES
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.identified_form import identified_recruitment
 from rpms_ros.pulses import Pulse
@@ -110,7 +115,7 @@ def test_parameters_have_their_band_and_what_the_data_lack_is_not_printed(sessio
     )
     rows = valid(session.frame(Cursor())[1])['estimate']['parameters']
     # 1.96 standard deviations
-    assert rows[0][:4] == ['u_thr', 0.3, pytest.approx(0.2804), pytest.approx(0.3196)]
+    assert rows[0][:4] == ['threshold u_thr', 0.3, pytest.approx(0.2804), pytest.approx(0.3196)]
     assert [row[4] for row in rows] == ['settled', 'still moving', 'not in the data', '']
     assert rows[2][1:4] == [None, None, None]
 
@@ -136,12 +141,47 @@ def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start
     )
     view = valid(session.frame(Cursor())[1])['estimate']
     assert view['marks'] == [['gain', 0.25], ['thresholds', 0.75]]
-    assert view['rates'] == [['force_percent', -2.0, -3.0, -1.0]]
+    assert view['rates'] == [['steady force [%]', -2.0, -3.0, -1.0]]
     assert (view['changes'], view['disturbance'], view['unit']) == (3, 0.1, 'N')
     assert view['doubts'][0][0] == 'force_spike'
     assert 'not learnt from' in view['doubts'][0][1]
     assert view['faults'][1] == ['of_somebody_else', 1, '']
     assert view['reasons'] == ['one intensity only']
+
+
+def test_quantities_have_words_and_units(session, make_estimate):
+    values = np.array([0.045, 0.008, 3.0, 2.5])
+    session.estimate(
+        make_estimate(
+            unit='N m',
+            physiology_names=PHYSIOLOGY_NAMES,
+            physiology=values,
+            physiology_lower=0.9 * values,
+            physiology_upper=1.1 * values,
+            doubts=('force_unexplained',),
+            faults={'force_out_of_bounds': 1},
+            rate_names=('of {somebody} else',),
+            rate=np.ones(1),
+        )
+    )
+    view = valid(session.frame(Cursor())[1])['estimate']
+    assert view['physiology'] == [
+        ['time constant T_a [ms]', 45.0, 40.5, 49.5],
+        ['latency of the model [ms]', 8.0, 7.2, 8.8],
+        ['order of the response', 3.0, 2.7, 3.3],
+        ['peak after one pulse [N m]', 2.5, 2.25, 2.75],
+    ]
+    assert view['rates'] == [['of {somebody} else', 1.0, None, None]]
+    assert view['doubts'][0][1].startswith('force samples far from their prediction')
+    # no marks of a document
+    assert view['faults'] == [
+        ['force_out_of_bounds', 1, 'force samples beyond largest_force, dropped']
+    ]
+
+
+def test_every_quantity_of_the_estimators_has_words():
+    assert {*PARAMETER_NAMES, *PHYSIOLOGY_NAMES} == set(PARAMETERS)
+    assert set(RATE_NAMES) == set(RATES)
 
 
 def test_the_disturbance_is_a_course_of_its_own(session, make_estimate, start_ns):

@@ -79,6 +79,11 @@ def contrast(browser):
 UNLABELLED = """[...document.querySelectorAll('button, input, [role=img]')].filter((one) =>
   !(one.textContent.trim() || one.getAttribute('aria-label')
     || (one.labels && one.labels.length))).map((one) => one.outerHTML)"""
+IN_SIGHT = """(() => {
+  const one = document.getElementById('%s'), place = one.getBoundingClientRect();
+  const there = document.elementFromPoint(place.x + 5, place.y + place.height / 2);
+  return place.top >= 0 && place.bottom <= innerHeight && one.contains(there);
+})()"""
 UNCAPTIONED = """[...document.querySelectorAll('table')].filter((one) =>
   !one.caption || [...one.querySelectorAll('th')].some((head) => !head.scope)).length"""
 
@@ -114,7 +119,7 @@ def test_the_page_shows_a_living_session(graph, page, browser):
     rows = browser.evaluate(
         "[...document.querySelectorAll('#parameter-rows tr')].map((row) => row.textContent)"
     )
-    assert any(row.startswith('u_thr') for row in rows)
+    assert any(row.startswith('threshold u_thr') for row in rows)
     assert 'delivered' in browser.text('#driver-facts')
     # nothing from elsewhere, nothing to complain of
     assert {address.partition('//')[2].partition('/')[0] for address in browser.requested()} == {
@@ -141,6 +146,12 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
             assert least >= 4.5, (dark, whose)
             assert browser.evaluate('document.documentElement.scrollWidth - innerWidth') <= 0
             assert browser.accessibility_faults() == [], (dark, width)
+            # at the end of the page too, the state and the stop are in sight
+            browser.evaluate('scrollTo(0, document.documentElement.scrollHeight)')
+            browser.wait_for('scrollY > 500')
+            for part in ('state', 'stop'):
+                assert browser.evaluate(IN_SIGHT % part), (part, width)
+            browser.evaluate('scrollTo(0, 0)')
     assert browser.evaluate(UNLABELLED) == []
     assert browser.evaluate(UNCAPTIONED) == 0
     assert browser.evaluate('document.documentElement.lang') == 'en'
@@ -213,7 +224,7 @@ def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, b
     assert half == pytest.approx([0.196] * len(half))
     assert 1.0 <= min(value) <= max(value) <= 2.0
     graph.wait_for(lambda: browser.text('#change-list') == 'gain at 0.75 s', 60.0)
-    assert browser.text('#rate-rows tr') == 'force_percent-2.5-3 to -2'
+    assert browser.text('#rate-rows tr') == 'steady force [%]-2.50-3.00 to -2.00'
     width = "document.querySelector('#effort-plot canvas').getBoundingClientRect().width"
     assert browser.evaluate(width) > 500
     timer.cancel()
@@ -321,12 +332,14 @@ def test_hostile_names_are_text(graph, page, browser):
     hostile(graph)
     browser.open(page.server.url)
     browser.wait_for("document.querySelectorAll('#fault-rows tr').length === 1")
+    browser.wait_for("!document.getElementById('doubtful').hidden")
     browser.wait_for("document.getElementById('state').textContent.includes('onerror')")
     assert browser.evaluate('document.title') == 'Live: /'
     assert browser.evaluate("document.querySelectorAll('img, td script, li script').length") == 0
     assert '<img src=x' in browser.text('#doubt-list')
     assert '\u202e' not in browser.text('#doubt-list')
-    assert browser.text('#fault-rows td') == str(2**64 - 1) or browser.text('#fault-rows td')
+    # 2^64 - 1 as a number of JavaScript
+    assert browser.text('#fault-rows td') == '18446744073709552000'
     assert browser.evaluate('document.documentElement.scrollWidth - innerWidth') <= 0
     assert browser.complaints() == []
 
