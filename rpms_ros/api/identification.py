@@ -165,12 +165,15 @@ class Identification:
     def plot(self, figure: 'Figure | None' = None) -> 'Figure':
         """Draw time courses, force, recruitment curve and response; return the figure.
 
+        Of trains of one intensity: the trains with their models.
+
         Parameters
         ----------
         figure : matplotlib.figure.Figure, optional
             An empty figure to draw into; else one is made by ``matplotlib.pyplot``, which shows
             it in a notebook, and in a script with ``plt.show()``.
         """
+        from rpms_ros.report.result import trains_of
         from rpms_ros.report.session_figure import fill_session_figure
 
         if figure is None:
@@ -178,7 +181,8 @@ class Identification:
 
             figure = plt.figure(figsize=(12.0, 8.4), layout='constrained')
         one = self.session
-        fill_session_figure(figure, self.estimates, one.pulses, self._truth(), one.name)
+        trains = trains_of(one.recording, self.result)
+        fill_session_figure(figure, self.estimates, one.pulses, self._truth(), one.name, trains)
         return figure
 
     def _truth(self) -> 'KnownMuscle | None':

@@ -32,6 +32,7 @@ from rpms_ros.report.text import with_interval
 
 if TYPE_CHECKING:
     from rpms_ros.identification import IdentifiedSession
+    from rpms_ros.identification.analysis import SummationAnalysis
     from rpms_ros.recording import Recording
 
 _DESCRIPTION = """\
@@ -142,6 +143,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.report.identified import history_of
     from rpms_ros.report.identified import identified
     from rpms_ros.report.result import result_of
+    from rpms_ros.report.result import trains_of
     from rpms_ros.schema import plain
 
     settings = VerdictSettings(expected_force=arguments.expected_force)
@@ -165,14 +167,16 @@ def run(arguments: argparse.Namespace) -> int:
         few = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
         most = None if arguments.save_state else few
         session = identified(recording, options, advance, most)
-    document = plain(result_of(recording, session, settings))
+    result = result_of(recording, session, settings)
+    document = plain(result)
     if arguments.json:
         print(json.dumps(document, allow_nan=False))
     else:
         print(f'{printable(str(arguments.bag))}\n{as_text(document)}')
     warn(('warning', text) for text in document['notes'])
     if arguments.out:
-        _write(arguments.out, document, recording, session, str(arguments.bag))
+        trains = trains_of(recording, result)
+        _write(arguments.out, document, recording, session, str(arguments.bag), trains)
     return verdict_code(document['verdict']['grade'], bool(recording.facts.faults))
 
 
@@ -193,7 +197,8 @@ def as_text(document: dict[str, Any]) -> str:
         rows += _found(document)
     if verdict['grade'] != 'no' and 'steadiness' in document:
         rows.append(('the muscle', document['steadiness']))
-    rows.append(('prediction error', _output_error(document)))
+    if 'dynamics' not in document:
+        rows.append(('prediction error', _output_error(document)))
     faults = (f'{name} {count}' for name, count in document['faults'].items())
     rows.append(('faults', ', '.join(faults) or 'none'))
     first, *others = verdict['reasons']
@@ -298,6 +303,7 @@ def _write(
     recording: 'Recording',
     session: 'IdentifiedSession',
     title: str,
+    trains: 'SummationAnalysis | None',
 ) -> None:
     """Write the result and its figure, as pixels and as vectors."""
     from rpms_ros.report.recorded import true_muscle
@@ -310,4 +316,4 @@ def _write(
     except OSError as error:
         raise ReportError(f'expected to write into {folder}, got {error}') from error
     paths = (folder / 'session.png', folder / 'session.svg')
-    draw_session(paths, session, recording.pulses, truth, title)
+    draw_session(paths, session, recording.pulses, truth, title, trains)

@@ -58,9 +58,8 @@ def draw_analysis(folder: Path, analysis: MuscleAnalysis, title: str = '') -> tu
         figures['trains'] = draw_trains(analysis.summation, title)
     if analysis.recruitment:
         figures['recruitment'] = draw_field(analysis.recruitment, title)
-    for axes in (axes for figure in figures.values() for axes in figure.axes):
-        if axes.get_ylabel() == _FORCE:
-            axes.set_ylabel(f'{QUANTITIES[analysis.unit]} [{analysis.unit}]')
+    for figure in figures.values():
+        _label_forces(figure, analysis.unit)
     return tuple(_save(folder / f'{name}.png', figure) for name, figure in figures.items())
 
 
@@ -141,19 +140,36 @@ def _draw_latency(axes: Axes, table: LatencyTable, index: int) -> None:
     )
 
 
-def draw_trains(found: SummationAnalysis, title: str = '') -> Figure:
+def _label_forces(figure: Figure, unit: str) -> None:
+    for axes in figure.axes:
+        if axes.get_ylabel() == _FORCE:
+            axes.set_ylabel(f'{QUANTITIES[unit]} [{unit}]')
+
+
+def draw_trains(found: SummationAnalysis, title: str = '', unit: str = 'N') -> Figure:
     """Return trains with their models, and the gains of their pulses (Figs. 6 to 8).
 
     Every train has a panel; of more than `MOST_TRAINS`, so many are chosen evenly over numbers of
     pulses and rates, and the title says so.
     """
+    figure = _figure(1.0, 1.0, '')
+    fill_train_figure(figure, found, title, unit)
+    return figure
+
+
+def fill_train_figure(
+    figure: Figure, found: SummationAnalysis, title: str = '', unit: str = 'N'
+) -> None:
+    """Draw trains into an empty figure, whose size is set; parameters as of `draw_trains`."""
     picked = _picked(found)
     if len(picked) < len(found.trains):
         chosen = f'{len(picked)} of {len(found.trains)} trains, evenly over pulses and rates'
         title = f'{title}: {chosen}' if title else chosen
     columns = min(3 if len(picked) <= 12 else 4, len(picked))
     rows = -(-len(picked) // columns)
-    figure = _figure(3.9 * columns + 4.0, 2.9 * rows + 0.6, title)
+    figure.set_size_inches(3.9 * columns + 4.0, 2.9 * rows + 0.6)
+    if title:
+        figure.suptitle(title, fontsize=11)
     grid = figure.add_gridspec(rows, columns + 1, width_ratios=[1.0] * columns + [1.1])
     for index, train in enumerate(picked):
         axes = figure.add_subplot(grid[index // columns, index % columns])
@@ -161,7 +177,7 @@ def draw_trains(found: SummationAnalysis, title: str = '') -> Figure:
         if index == 0:
             axes.legend(fontsize=7)
     _draw_gains(figure.add_subplot(grid[:, columns]), found)
-    return figure
+    _label_forces(figure, unit)
 
 
 def _draw_gains(axes: Axes, found: SummationAnalysis) -> None:

@@ -15,8 +15,11 @@ from rpms_ros.identification import INFORMED
 from rpms_ros.identification import NOT_INFORMED
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.analysis import MuscleAnalysis
+from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.identification.analysis import analyze
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
+from rpms_ros.identification.analysis.dynamics import response_to_one_pulse
 from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.informed import informed_parameters
 from rpms_ros.identification.informed import informed_physiology
@@ -153,7 +156,7 @@ def result_of(
     course = course_of(session)
     flags = [IDENTIFIABILITY[flag] for flag in last.nonlinear_identifiability.tolist()]
     variance = np.maximum(np.diag(last.nonlinear_covariance), 0.0)
-    response = impulse_response(recording.pulses, last)
+    response = impulse_response(recording.pulses, last, dynamics)
     if not (np.isfinite(response).all() and np.isfinite(last.curve_force).all()):
         raise ReportError('expected data that lead to finite forces, got a response without')
     return IdentificationResult(
@@ -203,20 +206,38 @@ def result_of(
 
 
 def _dynamics(recording: Recording) -> TrainDynamics | None:
+    analysis = analysis_of(recording)
+    return None if analysis is None else train_dynamics(analysis)
+
+
+def trains_of(recording: Recording, result: IdentificationResult) -> SummationAnalysis | None:
+    """Return the trains that stand for a result without a curve; None for any other result."""
+    analysis = None if result.dynamics is None else analysis_of(recording)
+    return None if analysis is None else analysis.summation
+
+
+def analysis_of(recording: Recording) -> MuscleAnalysis | None:
+    """Return twitches and trains of a recording; None if they cannot be analysed."""
     try:
-        return train_dynamics(analyze(recording.pulses, recording.forces))
+        return analyze(recording.pulses, recording.forces)
     except IdentificationError:
         return None
 
 
-def impulse_response(pulses: PulseTrain, estimate: Estimate) -> FloatArray:
+def impulse_response(
+    pulses: PulseTrain, estimate: Estimate, dynamics: TrainDynamics | None = None
+) -> FloatArray:
     """Return the response to one pulse (times,) [N].
 
     At full intensity; where the recruitment is not known, at the intensity of the pulses, since
-    the response to any other is not determined.
+    the response to any other is not determined.  With `dynamics` it is that of the model of the
+    trains: the estimator states its response for another rate than that of the trains, and takes
+    their pulses for equal.
     """
     if estimate.curve_known:
         return estimate.response_force
+    if dynamics is not None:
+        return response_to_one_pulse(dynamics, estimate.response_time)
     parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
     applied = float(np.median(pulses.intensity))
     share = identified_recruitment(parameters, applied) / identified_recruitment(parameters, 1.0)

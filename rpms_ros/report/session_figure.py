@@ -14,7 +14,9 @@ from matplotlib.gridspec import SubplotSpec
 
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.pulses import PulseTrain
+from rpms_ros.report.analysis_figures import fill_train_figure
 from rpms_ros.report.course import course_of
 from rpms_ros.report.known_muscle import KnownMuscle
 from rpms_ros.report.result import impulse_response
@@ -33,6 +35,7 @@ def draw_session(
     pulses: PulseTrain,
     truth: KnownMuscle | None = None,
     title: str = '',
+    trains: SummationAnalysis | None = None,
 ) -> None:
     """Write the figure of a session; the ending of each path names a format.
 
@@ -48,6 +51,9 @@ def draw_session(
         The true muscle, where it is known; dashed.
     title : str
         Line above the panels.
+    trains : SummationAnalysis or None
+        Trains of one intensity, which are drawn instead: the estimator takes their pulses for
+        equal and tells neither parameters nor a curve.
 
     Raises
     ------
@@ -55,7 +61,7 @@ def draw_session(
         If a file cannot be written.
     """
     figure = Figure(figsize=(12.0, 8.4), layout='constrained', dpi=130)
-    fill_session_figure(figure, session, pulses, truth, title)
+    fill_session_figure(figure, session, pulses, truth, title, trains)
     with style():
         for path in paths:
             try:
@@ -70,8 +76,12 @@ def fill_session_figure(
     pulses: PulseTrain,
     truth: KnownMuscle | None = None,
     title: str = '',
+    trains: SummationAnalysis | None = None,
 ) -> None:
     """Draw a session into an empty figure; parameters as of `draw_session`."""
+    if trains is not None:
+        fill_train_figure(figure, trains, title, session.last.unit)
+        return
     dose = dose_of(pulses, int(session.stamp_ns[0]))
     course = course_of(session)
     rows = len(course_panels(course)) or 2

@@ -350,6 +350,13 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
     found = document['dynamics']
     assert found['twitch_time_constant_s']['value'] == pytest.approx(15e-3, rel=0.01)
     assert found['latency_s']['value'] == pytest.approx(9e-3, abs=2e-4)
+    # the pulse of the trains, not one at the rate for which curves are stated
+    response = document['impulse_response']
+    truth = 2.0 * twitch(np.array(response['time_s']) - 9e-3, 15e-3, 3)
+    # the noise of 1 mN leaves the amplitude uncertain by less than 1 mN, T_a by 0.05 ms
+    np.testing.assert_allclose(response['force'], truth, atol=0.02)
+    # that of the estimator, which is not what is stated
+    assert 'prediction error' not in out
     rpms('study', tmp_path / 'train', '--out', tmp_path / 'table', '--jobs', 1)
     with (tmp_path / 'table' / 'results.csv').open(newline='') as file:
         (row,) = csv.DictReader(file)

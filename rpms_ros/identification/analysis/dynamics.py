@@ -23,12 +23,16 @@ from rpms_ros.identification.analysis.summation import SummationAnalysis
 from rpms_ros.identification.analysis.summation import TrainAnalysis
 from rpms_ros.identification.analysis.train_model import TrainFit
 from rpms_ros.identification.analysis.train_model import fit_deviations
+from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray
 from rpms_ros.schema import documented
 
 CONFIDENCE = 0.95
 # Least improvement of the fit for which the history law, with five more parameters, is taken [%].
 _WORTH = 1.0
+# Fine enough for the saturation of the fastest twitch, T_a of 1 ms [s].
+_STEP = 1e-4
+HISTORY_LAW = 'history law'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +59,9 @@ class TrainDynamics:
     order: int = documented('order of the twitch')
     twitch_time_constant_s: Bounded = documented('T_a of the model [s]')
     latency_s: Bounded = documented('where the twitch of the model begins: a parameter [s]')
+    gain: float = documented(
+        'peak of the twitch of equal pulses; of the history law before its lag; mean of the trains'
+    )
     fit_percent: float = documented('100 (1 - |residual| / |force - mean|), mean of the trains')
     fit_equal_percent: float = documented('the same with equal pulses')
     fit_gains_percent: float = documented('the same with one gain a pulse')
@@ -82,16 +89,37 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
             np.mean([one.force[one.usable].max() - one.baseline for one in responses])
         ),
         onset_s=_onset([force_onset(response) for response in responses]),
-        model='history law' if model == 'law' else 'equal pulses',
+        model=HISTORY_LAW if model == 'law' else 'equal pulses',
         order=found.order,
         twitch_time_constant_s=constant,
         # no muscle answers before its pulse
         latency_s=replace(latency, lower=max(latency.lower, 0.0)),
+        gain=float(np.mean([fit.gains[0] for fit in fits])),
         fit_percent=found.mean_fit(model),
         fit_equal_percent=found.mean_fit('equal'),
         fit_gains_percent=found.mean_fit('gains'),
         law=found.law,
     )
+
+
+def response_to_one_pulse(dynamics: TrainDynamics, time: FloatArray) -> FloatArray:
+    """Return the force of the model after one pulse (times,), in the unit of the recording.
+
+    Parameters
+    ----------
+    dynamics : TrainDynamics
+        What was found.
+    time : ndarray (times,)
+        Ascending times after the pulse, which has the intensity of the trains [s].
+    """
+    lag = np.arange(0.0, time[-1] + _STEP, _STEP)
+    numbers = dynamics.order, dynamics.latency_s.value, dynamics.twitch_time_constant_s.value
+    if dynamics.law is not None and dynamics.model == HISTORY_LAW:
+        shape = dynamics.law.single(lag, *numbers)
+    else:
+        order, latency, constant = numbers
+        shape = twitch(lag - latency, constant, order)
+    return dynamics.gain * np.interp(time, lag, shape)
 
 
 def _model(found: SummationAnalysis) -> str:

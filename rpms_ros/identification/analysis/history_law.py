@@ -15,6 +15,7 @@ import numpy as np
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.train_model import pulse_twitches
 from rpms_ros.identification.history_law import HistoryLaw
+from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray
 
 
@@ -67,6 +68,12 @@ class TrainLaw(HistoryLaw):
         columns = pulse_twitches(response, order, latency, constant)
         activation = columns @ self.gains(response.onset)
         return _lagged(response.lag, self.saturated(activation), self.series_lag)
+
+    def single(self, lag: FloatArray, order: int, latency: float, constant: float) -> FloatArray:
+        """Return the force after a pulse without another before it, in units of G (samples,)."""
+        return _lagged(
+            lag, self.saturated(twitch(lag - latency, constant, order)), self.series_lag
+        )
 
 
 @numba.njit(cache=True)

@@ -14,6 +14,7 @@ from rpms_ros.errors import ReportError
 from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import identify
+from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.pulses import BoolArray
 from rpms_ros.recording import Recording
 from rpms_ros.report.course import Course
@@ -22,6 +23,7 @@ from rpms_ros.report.known_muscle import KnownMuscle
 from rpms_ros.report.known_muscle import known_muscle
 from rpms_ros.report.recorded import RecordedMessages
 from rpms_ros.report.result import IdentificationResult
+from rpms_ros.report.result import trains_of
 from rpms_ros.report.session.checklist import ChecklistItem
 from rpms_ros.report.session.checklist import checklist_of
 from rpms_ros.report.session.dose import DeviceLoad
@@ -118,6 +120,11 @@ class SessionAnalysis:
     remarks: tuple[str, ...]
     headline: Headline
     truth: KnownMuscle | None = None
+
+    @cached_property
+    def trains(self) -> SummationAnalysis | None:
+        """Trains of one intensity, if they stand for a recruitment curve."""
+        return trains_of(self.recording, self.result)
 
     @cached_property
     def course(self) -> Course:

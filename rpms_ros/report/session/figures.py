@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rpms_ros.errors import ReportError
+from rpms_ros.report.analysis_figures import draw_trains
 from rpms_ros.report.session import panels
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.course_panels import course_panels
@@ -52,6 +53,9 @@ FIGURES: dict[str, tuple[Draw, tuple[float, float], tuple[int, int]]] = {
 }
 """How each figure is drawn, its size [inch] and its rows and columns, by name."""
 
+OF_THE_ESTIMATOR = ('parameters', 'residuals', 'held_out')
+"""Those that have no meaning where trains stand for the estimate."""
+
 _STYLE: dict[Any, Any] = {
     'font.size': 9.5,
     'font.family': ['DejaVu Sans'],
@@ -76,8 +80,16 @@ _STYLE: dict[Any, Any] = {
 }
 
 
+def names_of(analysis: SessionAnalysis) -> tuple[str, ...]:
+    """Return the figures that a report has."""
+    left_out = OF_THE_ESTIMATOR if analysis.trains is not None else ()
+    return tuple(name for name in FIGURES if name not in left_out)
+
+
 def draw(name: str, analysis: SessionAnalysis) -> Figure:
     """Return one of `FIGURES`, drawn."""
+    if name == 'force' and analysis.trains is not None:
+        return draw_trains(analysis.trains, unit=analysis.result.unit)
     painter, size, (rows, columns) = FIGURES[name]
     # One estimate has no course: its panels are parameters of different units.
     shared = rows > 1
@@ -125,7 +137,7 @@ def write_figures(folder: Path, analysis: SessionAnalysis) -> list[Path]:
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in FIGURES:
+        for name in names_of(analysis):
             with style():
                 figure = draw(name, analysis)
                 for ending in ('png', 'svg'):

@@ -51,6 +51,9 @@ _ADVICE = (
     ('force_unexplained', 'Look where the residual is largest: effort, spasm or a moved coil.'),
     ('explains', 'Identify again with --estimator batch, and look at the force below.'),
 )
+_USE_DYNAMICS = (
+    'Use onset, T_a and latency. For a recruitment curve, stimulate with several intensities.'
+)
 _USE = 'Use the curve. Keep coil and sensor where they are for the next session.'
 
 
@@ -186,7 +189,7 @@ def _next_steps(result: IdentificationResult, changes: list[Change]) -> list[str
         f'The curve is that of the coil after {at:.0f} s: fix it better.' for at in moved[-1:]
     ]
     if verdict.grade == 'good':
-        return steps or [_USE]
+        return steps or [_USE if result.dynamics is None else _USE_DYNAMICS]
     steps += [step for reason in verdict.reasons for sign, step in _ADVICE if sign in reason]
     return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
 

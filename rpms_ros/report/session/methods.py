@@ -40,10 +40,14 @@ def _version(name: str) -> str:
 def _sentence(analysis: 'SessionAnalysis') -> str:
     result, dose = analysis.result, analysis.dose
     what = QUANTITIES[result.unit]
+    found = result.dynamics
+    identified, by = 'Recruitment and impulse response', f'estimator {result.estimator}'
+    if found is not None:
+        identified, by = 'Dynamics', found.model
     parts = [
         (
-            f'Recruitment and impulse response were identified with rpms_ros {__version__} '
-            f'(estimator {result.estimator}) from {result.pulses} pulses and '
+            f'{identified} were identified with rpms_ros {__version__} '
+            f'({by}) from {result.pulses} pulses and '
             f'{result.samples} samples of isometric {what} over {result.duration_s:.4g} s'
         )
     ]
@@ -52,6 +56,11 @@ def _sentence(analysis: 'SessionAnalysis') -> str:
             f'at {dose.rate_hz["median"]:.4g} Hz and intensities of '
             f'{100 * dose.intensity["lowest"]:.3g} to {100 * dose.intensity["highest"]:.3g} % of '
             'the maximum'
+        )
+    if found is not None:
+        return (
+            f'{" ".join(parts)}. The {found.model} fits {found.fit_percent:.1f} % '
+            f'(100 (1 - |residual| / |force - mean|)) of {found.trains} trains at their own rate.'
         )
     text = ' '.join(parts) + f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
     if result.confidence:

@@ -6,6 +6,7 @@
   const element = (id) => document.getElementById(id);
   const traces = JSON.parse(element('traces').textContent);
   const place = element('plots');
+  if (place === null) { return; }
   const numbers = (text) =>
     new Float32Array(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
 

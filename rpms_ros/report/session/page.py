@@ -17,6 +17,7 @@ from rpms_ros.report.named import recruitment_shown
 from rpms_ros.report.named import shown
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.dose import TRAIN_GAP
+from rpms_ros.report.session.figures import OF_THE_ESTIMATOR
 from rpms_ros.report.session.figures import as_svg
 from rpms_ros.report.session.traces import force_traces
 from rpms_ros.report.templates import image_url
@@ -67,6 +68,8 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
     document : dict
         Content of the tables, from `as_document`; it is inside the page as JSON too.
     """
+    dynamics = analysis.trains is not None
+    hidden = {name.replace('_', '-') for name in OF_THE_ESTIMATOR} if dynamics else set()
     filters = {
         one.__name__: one
         for one in (number, percent, with_interval, label, shown, recruitment_shown)
@@ -75,7 +78,8 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
     return template.render(
         document,
         document=document,
-        sections=SECTIONS,
+        sections={key: text for key, text in SECTIONS.items() if key not in hidden},
+        dynamics=dynamics,
         unknown=UNKNOWN,
         train_gap=TRAIN_GAP,
         start=_start(document['session']['start_ns']),

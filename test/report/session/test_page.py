@@ -20,6 +20,10 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from rpms_ros.errors import ReportError
+from rpms_ros.muscle import twitch
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import write_recording
 from rpms_ros.report.result import result_of
 from rpms_ros.report.session import FIGURES
 from rpms_ros.report.session import SessionAnalysis
@@ -228,3 +232,53 @@ def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
     for shown in ('95 % band', 'latency_s', '2.75 to 3.25', '0.25', 'converged', 'not informed'):
         assert shown in text
     assert embedded(text, 'report')['result']['confidence'] == 0.95
+
+
+@pytest.fixture(scope='module')
+def trains_page(make_analysis: Callable[..., SessionAnalysis], tmp_path_factory: Any) -> str:
+    """A report on three trains of one intensity."""
+    first = np.array([1.0, 3.0, 5.0])
+    onset = np.concatenate([begin + np.arange(8) / 50 for begin in first])
+    time = np.arange(12_000) / 2000
+    force = 2.0 * twitch(time[:, None] - onset - 9e-3, 15e-3, 3).sum(axis=1)
+    force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
+    count = len(onset)
+    pulses = PulseTrain(
+        np.round(1e9 * onset).astype(np.int64),
+        np.full(count, 0.7),
+        np.arange(count),
+        np.full(count, 1e-4),
+    )
+    path = tmp_path_factory.mktemp('trains') / 'trains'
+    write_recording(path, pulses, ForceTrace(500_000 * np.arange(12_000), force))
+    analysis = make_analysis(path)
+    return as_page(analysis, as_document(analysis))
+
+
+def test_trains_of_one_intensity_have_a_report_of_their_own(trains_page: str) -> None:
+    assert 'good</strong> <span>dynamics only' in trains_page
+    assert 'Use onset, T_a and latency.' in trains_page
+    assert 'Use the curve' not in trains_page
+    assert '<q>Dynamics were identified' in trains_page
+    # nothing of the estimator, which takes the pulses for equal ones at 20 Hz
+    for absent in ('Error of prediction', 'id="viewer"', 'id="residuals"', 'id="held-out"',
+                   'id="parameters"', '#held-out'):  # fmt: skip
+        assert absent not in trains_page
+    assert trains_page.count('<section ') == trains_page.count('</section>') == len(SECTIONS) - 3
+    assert len(re.findall(r'<img [^>]*>', trains_page)) == 4
+    twitch_peak = embedded(trains_page, 'report')['twitch']['peak_force']
+    # 2 N at the time grid of the response, 5 ms beside a maximum that is flat over 5 ms
+    assert twitch_peak == pytest.approx(2.0, abs=0.02)
+
+
+def test_a_force_of_one_sample_a_second_has_a_page(
+    make_analysis: Callable[..., SessionAnalysis], tmp_path: Path
+) -> None:
+    """Milliseconds taken for seconds: no lag is short enough for a test of whiteness."""
+    generator = np.random.default_rng(1)
+    pulses = PulseTrain.regular(generator.uniform(0.0, 1.0, 40), 0.05)
+    force = ForceTrace(1_000_000_000 * np.arange(800), generator.standard_normal(800))
+    write_recording(tmp_path / 'slow', pulses, force)
+    analysis = make_analysis(tmp_path / 'slow')
+    page = as_page(analysis, as_document(analysis))
+    assert 'is the time in another unit' in page
