@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How often the 95 % intervals contain the truth: 200 noisy sessions of 15 s each.
+"""How often the 95 % intervals contain the truth, and how wide they are: 200 sessions of 15 s.
 
 `python bench/calibration.py [sessions]`
 """
@@ -24,7 +24,10 @@ SECONDS = 15.0
 
 
 def session(seed, subject, settings):
-    """Return which truths lie in their interval: parameters, curve, response, physiology."""
+    """Return which truths lie in their interval: parameters, curve, response, physiology.
+
+    The last are the standard deviations of physiology that the estimate states.
+    """
     generator = np.random.default_rng(seed)
     count = int(SECONDS * RATE)
     onset = 1_000 + np.arange(count, dtype=np.int64) * 50 * MILLISECOND
@@ -47,6 +50,7 @@ def session(seed, subject, settings):
         _held(estimate.curve_lower, scenario.curve, estimate.curve_upper)[5:].mean(),
         _held(estimate.response_lower, response, estimate.response_upper)[later].mean(),
         _held(estimate.physiology_lower, twitch_truth, estimate.physiology_upper),
+        (estimate.physiology_upper - estimate.physiology_lower) / (2.0 * 1.96),
     )
 
 
@@ -64,12 +68,17 @@ def main():
     print('             u_thr u_sat a_sat a_thr  curve response   T_a latency order peak')
     for name, subject, settings in cases:
         outcomes = [session(seed, subject, settings) for seed in range(sessions)]
-        theta, curve, response, physiology = (
-            np.mean(column, axis=0) for column in zip(*outcomes, strict=True)
-        )
+        columns = list(zip(*outcomes, strict=True))
+        theta, curve, response, physiology = (np.mean(column, axis=0) for column in columns[:4])
+        constant, _, order, _ = np.median(columns[4], axis=0)
         shares = ' '.join(f'{share:5.2f}' for share in theta)
         numbers = ' '.join(f'{share:5.2f}' for share in physiology)
-        print(f'{name:>11}  {shares}  {curve:5.2f} {response:8.2f}  {numbers}', flush=True)
+        print(f'{name:>11}  {shares}  {curve:5.2f} {response:8.2f}  {numbers}')
+        print(
+            f'{"":13}standard deviation, median session: T_a {1e3 * constant:.1f} ms, '
+            f'order {order:.2f}',
+            flush=True,
+        )
 
 
 if __name__ == '__main__':

@@ -7,7 +7,8 @@
 1 % noise, latency 9 ms, 20 Hz, 60 s: largest error of the curve in % of its maximum, median and
 worst seed, and the share of the curve inside its 95 % band.  Then people drawn from the ranges of
 the paper's tables, and a muscle that changes at 40 s (0.5 % noise): how long until the change is
-found, what it is named, and how long until the error of the curve stays below 1 and 2 %.
+found, what it is named, and how long until the error of the curve stays below 1 and 2 %.  Then
+processor time and size of its state.
 """
 
 import sys
@@ -148,13 +149,28 @@ def changed(seeds):
             print(f'{kind:12} {excitation:9} {named:3} of {seeds}   {row}', flush=True)
 
 
+def cost():
+    estimator, spent = followed([(scenario(0, None, 60, known), 0, 60)])[2:]
+    size = sum(part.nbytes for part in arrays(estimator.state()))
+    print(f'\ncost at 1 kHz and 20 Hz: {100 * spent / 60:.2f} % of a core')
+    print(f'its state: {1e-6 * size:.2f} MB of numbers')
+
+
+def arrays(state):
+    """Yield the arrays in a saved state."""
+    if isinstance(state, np.ndarray):
+        yield state
+    elif isinstance(state, dict | list | tuple):
+        for part in state.values() if isinstance(state, dict) else state:
+            yield from arrays(part)
+
+
 def main():
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     table('simulated subject', known, seeds, 60)
     table('people', random_subject, max(seeds, 50) if seeds >= 20 else seeds, 40)
     changed(seeds)
-    spent = followed([(scenario(0, None, 60, known), 0, 60)])[3]
-    print(f'\ncost at 1 kHz and 20 Hz: {100 * spent / 60:.2f} % of a core')
+    cost()
     return 0
 
 

@@ -33,15 +33,23 @@ if TYPE_CHECKING:
 WaitFor = Callable[..., None]
 
 
-def _beside(name: str) -> ModuleType:
-    specification = importlib.util.spec_from_file_location(
-        name, Path(__file__).with_name(f'{name}.py')
-    )
+def _module_at(path: Path) -> ModuleType:
+    specification = importlib.util.spec_from_file_location(path.stem, path)
     assert specification is not None
     assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     return module
+
+
+def _beside(name: str) -> ModuleType:
+    return _module_at(Path(__file__).with_name(f'{name}.py'))
+
+
+@pytest.fixture(scope='session')
+def module_at() -> Callable[[Path], ModuleType]:
+    """Load a script by its path."""
+    return _module_at
 
 
 @pytest.fixture(scope='session')

@@ -25,7 +25,6 @@ FLAGS = (
     '--disable-component-update',
     '--disable-sync',
     '--disable-dev-shm-usage',
-    '--remote-debugging-port=0',
 )
 AXE = Path(__file__).parent / 'axe_core' / 'axe.min.js'
 PATIENCE = 60.0
@@ -54,7 +53,8 @@ class Browser:
         self.events = []
 
     def __enter__(self):
-        command = [browser_program(), *FLAGS, f'--user-data-dir={self._folder}', 'about:blank']
+        own = ('--remote-debugging-port=0', f'--user-data-dir={self._folder}')
+        command = [browser_program(), *FLAGS, *own, 'about:blank']
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from rpms_ros.compiled_cache import key_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,6 +32,17 @@ print(caller(1), sum(caller.stats.cache_hits.values()))
 """
 
 
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package whose one function calls another one's."""
+    package = tmp_path / 'mathematics'
+    package.mkdir()
+    (package / '__init__.py').write_text('')
+    (package / 'caller.py').write_text(CALLER)
+    (package / 'called.py').write_text(CALLED.format(1))
+    return package
+
+
 def result(package: Path) -> list[int]:
     """Return what the compiled function says, and how often it came out of the cache."""
     environment = {**os.environ, 'PYTHONPATH': str(package.parent)}
@@ -45,12 +58,7 @@ def result(package: Path) -> list[int]:
     return [int(word) for word in done.stdout.split()]
 
 
-def test_old_mathematics_do_not_survive_an_edit(tmp_path: Path) -> None:
-    package = tmp_path / 'mathematics'
-    package.mkdir()
-    (package / '__init__.py').write_text('')
-    (package / 'caller.py').write_text(CALLER)
-    (package / 'called.py').write_text(CALLED.format(1))
+def test_old_mathematics_do_not_survive_an_edit(package: Path) -> None:
     assert result(package) == [20, 0]
     assert result(package) == [20, 1]
     (package / 'called.py').write_text(CALLED.format(2))
@@ -68,12 +76,7 @@ def test_the_key_is_that_of_compiled_sources_only(tmp_path: Path) -> None:
     assert key_of(tmp_path) != key
 
 
-def test_remarks_compile_nothing_anew_elsewhere(tmp_path: Path) -> None:
-    package = tmp_path / 'mathematics'
-    package.mkdir()
-    (package / '__init__.py').write_text('')
-    (package / 'caller.py').write_text(CALLER)
-    (package / 'called.py').write_text(CALLED.format(1))
+def test_remarks_compile_nothing_anew_elsewhere(package: Path) -> None:
     assert result(package) == [20, 0]
     remark = '    # added: "why\\n"\n    return'
     for before, after in [

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of simulated muscles, made once."""
 
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -38,15 +37,9 @@ def record() -> Record:
 
 
 @pytest.fixture(scope='session')
-def numpy_recursion() -> ModuleType:
+def numpy_recursion(module_at: Callable[[Path], ModuleType]) -> ModuleType:
     """The plain version of the recursion, which stands beside the benchmarks."""
-    path = Path(__file__).parents[2] / 'bench' / 'numpy_recursion.py'
-    spec = importlib.util.spec_from_file_location('numpy_recursion', path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_at(Path(__file__).parents[2] / 'bench' / 'numpy_recursion.py')
 
 
 @pytest.fixture(scope='session')

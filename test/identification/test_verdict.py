@@ -11,6 +11,7 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import Estimate
+from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification import identify
@@ -48,18 +49,16 @@ def trial() -> Trial:
     return simulated(np.random.default_rng(1).uniform(0.0, 1.0, 20 * SECONDS))
 
 
-def judged(
-    trial: Trial,
-    name: str = 'batch',
-    settings: VerdictSettings | None = None,
-    preset: str = 'people',
-) -> Verdict:
+def identified(trial: Trial, name: str = 'batch', preset: str = 'people') -> IdentifiedSession:
     pulses, forces = trial
     period = period_of_estimates(float(np.ptp(forces.stamp_ns)) / 1e9)
-    session = identify(
+    return identify(
         estimator_by_name(name, preset), pulses, forces, StreamSettings(estimate_period=period)
     )
-    return verdict_of(session, pulses, forces, settings)
+
+
+def judged(trial: Trial, name: str = 'batch', settings: VerdictSettings | None = None) -> Verdict:
+    return verdict_of(identified(trial, name), *trial, settings)
 
 
 def with_force(trial: Trial, change: Callable[[np.ndarray], np.ndarray]) -> Trial:
@@ -239,8 +238,11 @@ def test_the_paper_s_recursion_is_not_called_good_where_it_is_absurd(seed: int) 
     """A slow sinusoid with noise: the twitch comes out ten times as high as it is, or worse."""
     time = np.arange(20 * 36) / 20.0
     slow = simulated(0.5 - 0.5 * np.cos(2.0 * np.pi * time / 9.0), 36, seed)
-    assert judged(slow, 'recursive', preset='paper_table_4').grade != 'good'
-    assert judged(slow, 'batch').grade == 'good'
+    absurd, right = identified(slow, 'recursive', 'paper_table_4'), identified(slow)
+    assert absurd.last.response_force.max() > 10.0 * right.last.response_force.max()
+    assert absurd.output_error.of_range < 0.02
+    assert verdict_of(absurd, *slow).grade != 'good'
+    assert verdict_of(right, *slow).grade == 'good'
 
 
 def test_a_stronger_muscle_can_be_expected(trial: Trial) -> None:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch files: what they describe is started with real nodes; `ros2 launch` where it is there."""
 
-import importlib.util
 import os
 import shutil
 import signal
@@ -78,7 +77,10 @@ class Launched:
 
 @pytest.fixture
 def load(
-    beside: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    beside: Callable[[str], ModuleType],
+    module_at: Callable[[Path], ModuleType],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> Callable[..., Launched]:
     """Read a launch file with these arguments."""
     monkeypatch.setenv('AMENT_PREFIX_PATH', os.environ.get('AMENT_PREFIX_PATH', sys.prefix))
@@ -86,12 +88,7 @@ def load(
 
     def read(name: str, **arguments: str) -> Launched:
         path = ROOT / 'launch' / f'{name}.launch.py'
-        specification = importlib.util.spec_from_file_location(name, path)
-        assert specification is not None
-        assert specification.loader is not None
-        module = importlib.util.module_from_spec(specification)
-        specification.loader.exec_module(module)
-        return Launched(module, tmp_path, **arguments)
+        return Launched(module_at(path), tmp_path, **arguments)
 
     return read
 

@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings made to hurt: a clear line within bounds of memory and time, whatever they hold."""
 
-import importlib.util
 import os
 import random
 import struct
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import pytest
 from backports import zstd
@@ -36,13 +36,9 @@ BENCH = Path(__file__).parents[2] / 'bench' / 'hostile_recordings.py'
 FUZZ_SECONDS = float(os.environ.get('RPMS_FUZZ_SECONDS', '6'))
 
 
-def load_bench() -> Any:
-    specification = importlib.util.spec_from_file_location('hostile_recordings', BENCH)
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+@pytest.fixture(scope='module')
+def bench(module_at: Callable[[Path], ModuleType]) -> ModuleType:
+    return module_at(BENCH)
 
 
 def chunk(content_size: int, packed: bytes, compression: str) -> bytes:
@@ -224,8 +220,7 @@ def test_reading_a_bomb_stays_small(tmp_path: Path) -> None:
     assert int(memory) < 1_000_000_000
 
 
-def test_mutated_recordings_are_read_or_refused(tmp_path: Path) -> None:
-    bench = load_bench()
+def test_mutated_recordings_are_read_or_refused(bench: ModuleType, tmp_path: Path) -> None:
     paths = bench.simulated(tmp_path)
     end = time.monotonic() + FUZZ_SECONDS
     seed = random.randrange(2**32)
@@ -252,8 +247,7 @@ def test_mutated_files_of_every_other_kind_are_read_or_refused() -> None:
     assert done.returncode == 0, f'seed {seed}\n{done.stdout}{done.stderr}'
 
 
-def test_mutated_tables_are_read_or_refused(tmp_path: Path) -> None:
-    bench = load_bench()
+def test_mutated_tables_are_read_or_refused(bench: ModuleType, tmp_path: Path) -> None:
     rows = ''.join(f'{0.001 * i:.3f},{i % 7},{5 * (i % 50 < 2)}\n' for i in range(400))
     path = tmp_path / 'trial.csv'
     generator = random.Random(4)

@@ -211,10 +211,31 @@ def fake(instrument):
 
 
 @pytest.fixture
-def device(fake):
+def patient_device():
+    """Build a serial device that waits for a machine under load: instrument, guard and test."""
+
+    def build(port, **options):
+        return SerialDevice(port, timeout_s=5.0, beat_limit_s=20.0, **options)
+
+    return build
+
+
+@pytest.fixture
+def device(fake, patient_device):
     """The serial device on it, open."""
-    # a machine under load may hold up the instrument, the guard or the test
-    real = SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0)
+    real = patient_device(fake.port)
     real.open()
     yield real
     real.close()
+
+
+@pytest.fixture
+def armed():
+    """Arm a device and prepare a pulse; return it."""
+
+    def arm(device, intensity=0.5):
+        device.arm()
+        device.prepare(intensity)
+        return device
+
+    return arm

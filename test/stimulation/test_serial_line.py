@@ -10,20 +10,11 @@ import time
 
 import pytest
 
+from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices import DeviceStatus
 from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
-
-WIDTH = 100e-6
-# a machine under load may hold up the instrument, the guard or the test
-PATIENT = {'timeout_s': 5.0, 'beat_limit_s': 20.0}
-
-
-def armed(device, intensity=0.5):
-    device.arm()
-    device.prepare(intensity)
-    return device
 
 
 def test_opening_takes_control_at_intensity_zero_disarmed(fake, device):
@@ -38,7 +29,7 @@ def test_pulse_has_the_intensity_that_was_asked_for_and_read_back(fake, device):
     assert fake.percent == 0
     assert device.prepare(0.5).intensity == 0.5
     before = time.monotonic_ns()
-    given = device.fire(0.5, WIDTH)
+    given = device.fire(0.5, MAGNETIC_PULSE_WIDTH)
     # three bytes of ten bits at 9600 baud from the writing of the trigger to the onset
     frame_ns = 3_125_000
     assert device.trigger_s == pytest.approx(frame_ns / 1e9)
@@ -52,67 +43,71 @@ def test_intensities_are_rounded_downwards(fake, device):
     device.arm()
     for share in (0.455, 0.555, 0.29, 1.0):
         device.prepare(share)
-        device.fire(share, WIDTH)
+        device.fire(share, MAGNETIC_PULSE_WIDTH)
     assert fake.fired() == [45, 55, 29, 100]
     assert device.quantized(0.455) == 0.45
 
 
 @pytest.mark.parametrize(('version', 'read_back'), [('5.0.0', 21), ('7.1', 22), ('11.0.0', 24)])
-def test_intensity_is_read_back_from_every_published_version(instrument, version, read_back):
+def test_intensity_is_read_back_from_every_published_version(
+    instrument, version, read_back, armed, patient_device
+):
     fake = instrument(version=version, watchdog_s=20.0)
-    device = SerialDevice(fake.port, **PATIENT)
+    device = patient_device(fake.port)
     device.open()
     assert device._parameters_length == read_back
-    assert armed(device, 0.37).fire(0.37, WIDTH).unverified == {'delivery'}
+    assert armed(device, 0.37).fire(0.37, MAGNETIC_PULSE_WIDTH).unverified == {'delivery'}
     device.close()
 
 
-def test_instrument_that_does_not_tell_its_version_leaves_the_intensity_unverified(instrument):
+def test_instrument_that_does_not_tell_its_version_leaves_the_intensity_unverified(
+    instrument, patient_device
+):
     fake = instrument(watchdog_s=20.0)
     fake.refuse = {b'ND': b'S'}
-    device = SerialDevice(fake.port, **PATIENT)
+    device = patient_device(fake.port)
     device.open()
     assert device.arm().intensity is None
     assert device.prepare(0.4).intensity is None
-    assert device.fire(0.4, WIDTH).unverified == {'delivery', 'intensity'}
+    assert device.fire(0.4, MAGNETIC_PULSE_WIDTH).unverified == {'delivery', 'intensity'}
     assert b'\\@' not in fake.frames
     device.close()
 
 
-def test_what_does_not_fit_before_the_pulse_is_left_out_and_said(fake):
+def test_what_does_not_fit_before_the_pulse_is_left_out_and_said(fake, armed, patient_device):
     # a clock that stands still: only the time that the line needs counts
-    device = SerialDevice(fake.port, clock=lambda: 10**9, **PATIENT)
+    device = patient_device(fake.port, clock=lambda: 10**9)
     device.open()
     armed(device).prepare(0.5, spare_s=0.01)
     assert fake.frames[-1] == b'@050'
-    assert device.fire(0.5, WIDTH).unverified == {'delivery', 'intensity'}
+    assert device.fire(0.5, MAGNETIC_PULSE_WIDTH).unverified == {'delivery', 'intensity'}
     # enough for the temperature or for the intensity, not for both
     device._temperature_ns = None
     fake.temperatures = '311', '320'
     assert device.prepare(0.5, spare_s=0.025).temperature == 32.0
     assert fake.frames[-2:] == [b'@050', b'F@']
-    assert device.fire(0.5, WIDTH).unverified == {'delivery', 'intensity'}
+    assert device.fire(0.5, MAGNETIC_PULSE_WIDTH).unverified == {'delivery', 'intensity'}
     device.prepare(0.5, spare_s=0.05)
     assert fake.frames[-2:] == [b'@050', b'\\@']
-    assert device.fire(0.5, WIDTH).unverified == {'delivery'}
+    assert device.fire(0.5, MAGNETIC_PULSE_WIDTH).unverified == {'delivery'}
     device.close()
 
 
 def test_foreign_command_between_two_pulses_gives_no_pulse_of_its_intensity(
-    fake, device, wait_for
+    fake, device, wait_for, armed
 ):
-    armed(device, 0.2).fire(0.2, WIDTH)
+    armed(device, 0.2).fire(0.2, MAGNETIC_PULSE_WIDTH)
     # not even an answer shows it
     fake.foreign(b'@100', answered=False)
     device.prepare(0.2)
-    assert device.fire(0.2, WIDTH).intensity == 0.2
+    assert device.fire(0.2, MAGNETIC_PULSE_WIDTH).intensity == 0.2
     assert fake.fired() == [20, 20]
     # after the preparation its answer shows it
     device.prepare(0.2)
     fake.foreign(b'@100')
     wait_for(lambda: bool(fake.disarmed))
     with pytest.raises(DeviceError, match=r'expected a .*line, got'):
-        device.fire(0.2, WIDTH)
+        device.fire(0.2, MAGNETIC_PULSE_WIDTH)
     assert fake.fired() == [20, 20]
 
 
@@ -121,14 +116,14 @@ def test_intensity_that_the_instrument_does_not_take(fake, device, wait_for):
     fake.deaf = True
     with pytest.raises(DeviceError, match='expected intensity 20 % in the device, got 0 %'):
         device.prepare(0.2)
-    assert device.fire(0.2, WIDTH) is None
+    assert device.fire(0.2, MAGNETIC_PULSE_WIDTH) is None
     wait_for(lambda: not fake.armed)
     assert fake.fired() == []
 
 
 def test_trigger_without_an_armed_device(fake, device):
     with pytest.raises(DeviceError, match='expected an armed device with an intensity, got none'):
-        device.fire(0.2, WIDTH)
+        device.fire(0.2, MAGNETIC_PULSE_WIDTH)
     assert b'EH' not in fake.frames
 
 
@@ -141,35 +136,35 @@ def test_trigger_without_an_armed_device(fake, device):
     ],
 )
 def test_what_the_instrument_says_is_looked_at_in_every_answer(
-    fake, device, wait_for, change, said
+    fake, device, wait_for, change, said, armed
 ):
     armed(device)
     for name, value in change.items():
         setattr(fake, name, value)
     with pytest.raises(DeviceError, match=f'expected a device in order with a coil, got {said}'):
-        device.fire(0.5, WIDTH)
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH)
     wait_for(lambda: not fake.armed)
     # one trigger was on the line before the instrument could say so; none follows
     assert fake.fired() == [50]
-    assert device.fire(0.5, WIDTH) is None
+    assert device.fire(0.5, MAGNETIC_PULSE_WIDTH) is None
     with pytest.raises(DeviceError, match=f'expected a device in order with a coil, got {said}'):
         device.arm()
     assert fake.fired() == [50]
     assert not fake.armed
 
 
-def test_coil_of_a_disarmed_device_may_be_changed(fake, device):
+def test_coil_of_a_disarmed_device_may_be_changed(fake, device, armed):
     fake.coil, fake.replace = False, True
     status = device.keep_alive()
     assert (status.armed, status.coil_present, status.replace_coil) == (False, False, True)
     fake.coil, fake.replace = True, False
-    assert armed(device).fire(0.5, WIDTH) is not None
+    assert armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH) is not None
     fake.coil = False
     with pytest.raises(DeviceError, match='got no coil: status'):
         device.keep_alive()
 
 
-def test_preparation_sees_it_before_any_trigger(fake, device, wait_for):
+def test_preparation_sees_it_before_any_trigger(fake, device, wait_for, armed):
     armed(device)
     fake.coil = False
     with pytest.raises(DeviceError, match='got no coil: status'):
@@ -180,25 +175,25 @@ def test_preparation_sees_it_before_any_trigger(fake, device, wait_for):
 
 @pytest.mark.parametrize('letter', [b'S', b'?'])
 @pytest.mark.parametrize('command', [b'EH', b'@', b'EB', b'Q@', b'\\@'])
-def test_refusal_is_never_a_delivery_nor_a_status(fake, device, command, letter):
+def test_refusal_is_never_a_delivery_nor_a_status(fake, device, command, letter, armed):
     fake.refuse = {command: letter}
     with pytest.raises(DeviceError, match='expected the instrument to obey'):
-        armed(device).fire(0.5, WIDTH)
+        armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH)
     assert fake.fired() == []
 
 
-def test_pulse_that_was_acknowledged_and_not_given_is_not_said_to_be_sure(fake, device):
+def test_pulse_that_was_acknowledged_and_not_given_is_not_said_to_be_sure(fake, device, armed):
     armed(device)
     fake.acknowledge_only = True
-    assert 'delivery' in device.fire(0.5, WIDTH).unverified
+    assert 'delivery' in device.fire(0.5, MAGNETIC_PULSE_WIDTH).unverified
     assert fake.fired() == []
 
 
-def test_instrument_that_disarmed_by_itself(fake, device):
+def test_instrument_that_disarmed_by_itself(fake, device, armed):
     armed(device)
     fake.self_disarm()
     with pytest.raises(DeviceError, match='expected the instrument to obey EH, got S'):
-        device.fire(0.5, WIDTH)
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH)
     armed(device)
     fake.self_disarm()
     with pytest.raises(DeviceError, match='got a device that has disarmed by itself'):
@@ -206,18 +201,20 @@ def test_instrument_that_disarmed_by_itself(fake, device):
     assert fake.fired() == []
 
 
-def test_trigger_that_comes_too_late_is_not_written(fake, device):
+def test_trigger_that_comes_too_late_is_not_written(fake, device, armed):
     armed(device)
     with pytest.raises(TooLate, match='expected a trigger to be written in time'):
-        device.fire(0.5, WIDTH, latest_ns=time.monotonic_ns() - 1)
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH, latest_ns=time.monotonic_ns() - 1)
     assert b'EH' not in fake.frames
-    assert device.fire(0.5, WIDTH, latest_ns=time.monotonic_ns() + 10**10) is not None
+    assert (
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH, latest_ns=time.monotonic_ns() + 10**10) is not None
+    )
 
 
-def test_device_that_does_not_charge(instrument, monkeypatch):
+def test_device_that_does_not_charge(instrument, monkeypatch, patient_device):
     fake = instrument(charge_s=60.0, watchdog_s=20.0)
     monkeypatch.setattr('rpms_ros.stimulation.devices.serial_line._CHARGE_S', 0.05)
-    device = SerialDevice(fake.port, **PATIENT)
+    device = patient_device(fake.port)
     device.open()
     with pytest.raises(DeviceError, match=r'expected a device that is ready within 0\.05 s'):
         device.arm()
@@ -225,24 +222,24 @@ def test_device_that_does_not_charge(instrument, monkeypatch):
     assert not fake.armed
 
 
-def test_instrument_that_is_not_ready_gives_no_pulse(instrument):
+def test_instrument_that_is_not_ready_gives_no_pulse(instrument, armed, patient_device):
     fake = instrument(recharge_s=60.0, watchdog_s=20.0)
-    device = SerialDevice(fake.port, **PATIENT)
+    device = patient_device(fake.port)
     device.open()
-    armed(device).fire(0.5, WIDTH)
+    armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH)
     with pytest.raises(DeviceError, match='got S: a command that does not suit its state'):
-        device.fire(0.5, WIDTH)
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH)
     device.close()
     assert fake.fired() == [50]
 
 
-def test_rest_is_intensity_zero_and_stays_armed(fake, device):
+def test_rest_is_intensity_zero_and_stays_armed(fake, device, armed):
     armed(device)
     device.rest()
     assert (fake.percent, fake.armed) == (0, True)
 
 
-def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for):
+def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for, armed):
     armed(device)
     fake.hang = True
     returned = []
@@ -261,21 +258,21 @@ def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for):
     assert fake.percent == 0
     rest = fake.frames[fake.frames.index(b'@050') :]
     assert rest.index(b'@000') < rest.index(b'EA')
-    assert device.fire(0.5, WIDTH) is None
+    assert device.fire(0.5, MAGNETIC_PULSE_WIDTH) is None
     assert device.prepare(0.5) is None
     assert fake.fired() == []
 
 
-def test_rearming_after_a_silence_starts_from_zero(fake, device):
-    armed(device, 0.9).fire(0.9, WIDTH)
+def test_rearming_after_a_silence_starts_from_zero(fake, device, armed):
+    armed(device, 0.9).fire(0.9, MAGNETIC_PULSE_WIDTH)
     device.silence()
     device.arm()
     assert fake.percent == 0
-    assert armed(device, 0.1).fire(0.1, WIDTH).intensity == 0.1
+    assert armed(device, 0.1).fire(0.1, MAGNETIC_PULSE_WIDTH).intensity == 0.1
     assert fake.fired() == [90, 10]
 
 
-def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fake, device):
+def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fake, device, armed):
     armed(device)
     device.silence()
     assert device.keep_alive()[:2] == (False, False)
@@ -305,24 +302,24 @@ def test_temperature_is_asked_for_every_two_seconds(fake, device):
         ({'hang': True}, 'expected an answer .* within .* got none'),
     ],
 )
-def test_noise_silence_and_half_answers(fake, wrong, match, wait_for):
+def test_noise_silence_and_half_answers(fake, wrong, match, wait_for, armed):
     device = SerialDevice(fake.port, timeout_s=0.3, beat_limit_s=20.0)
     device.open()
     armed(device)
     for name, value in wrong.items():
         setattr(fake, name, value)
     with pytest.raises(DeviceError, match=match):
-        device.fire(0.5, WIDTH)
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH)
     for name in wrong:
         setattr(fake, name, None if name == 'cut' else False)
     device.close()
     wait_for(lambda: not fake.armed)
 
 
-def test_noise_on_a_line_on_which_nobody_has_asked(fake, device, wait_for):
+def test_noise_on_a_line_on_which_nobody_has_asked(fake, device, wait_for, armed):
     armed(device)
     fake.noise(b'\xff\x00\x7f')
     wait_for(lambda: not fake.armed)
     with pytest.raises(DeviceError, match=r'that nobody has asked for|silenced'):
-        device.fire(0.5, WIDTH)
-    assert armed(device).fire(0.5, WIDTH) is not None
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH)
+    assert armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH) is not None

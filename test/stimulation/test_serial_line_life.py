@@ -15,21 +15,12 @@ import serial
 
 from rpms_ros.guard.port import open_port
 from rpms_ros.guard.process import main
+from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
-WIDTH = 100e-6
-# a machine under load may hold up the instrument, the guard or the test
-PATIENT = {'timeout_s': 5.0, 'beat_limit_s': 20.0}
 
-
-def armed(device, intensity=0.5):
-    device.arm()
-    device.prepare(intensity)
-    return device
-
-
-def test_cable_that_is_pulled(fake, device):
+def test_cable_that_is_pulled(fake, device, armed):
     armed(device)
     fake.vanish()
     with pytest.raises(DeviceError, match='expected'):
@@ -38,9 +29,9 @@ def test_cable_that_is_pulled(fake, device):
         device.silence()
 
 
-def test_failed_opening_lets_go_of_the_port(fake):
+def test_failed_opening_lets_go_of_the_port(fake, patient_device):
     fake.refuse = {b'Q@': b'S'}
-    device = SerialDevice(fake.port, **PATIENT)
+    device = patient_device(fake.port)
     for _ in range(2):
         with pytest.raises(DeviceError, match='expected the instrument to obey Q@, got S'):
             device.open()
@@ -55,8 +46,8 @@ def test_failed_opening_lets_go_of_the_port(fake):
     device.close()
 
 
-def test_port_is_held_by_one_driver(fake, device):
-    second = SerialDevice(fake.port, **PATIENT)
+def test_port_is_held_by_one_driver(fake, device, patient_device):
+    second = patient_device(fake.port)
     with pytest.raises(DeviceError, match=r'expected a serial port, got .*lock'):
         second.open()
     with pytest.raises(DeviceError, match=r'expected .* to be closed, got an open one'):
@@ -87,10 +78,10 @@ def test_line_that_is_a_trigger_on_some_cables_is_off(fake, monkeypatch):
     assert asked == [False]
 
 
-def test_triggers_above_the_bound_do_not_pass_the_guard(fake, wait_for):
-    device = SerialDevice(fake.port, maximum_intensity=0.405, **PATIENT)
+def test_triggers_above_the_bound_do_not_pass_the_guard(fake, wait_for, armed, patient_device):
+    device = patient_device(fake.port, maximum_intensity=0.405)
     device.open()
-    armed(device, 0.4).fire(0.4, WIDTH)
+    armed(device, 0.4).fire(0.4, MAGNETIC_PULSE_WIDTH)
     with pytest.raises(DeviceError, match='expected at most 40 percent, got 41'):
         device.prepare(0.41)
     wait_for(lambda: not fake.armed)
@@ -103,7 +94,9 @@ def test_a_child_of_the_driver_inherits_nothing_that_keeps_it_alive(device):
     assert not any(os.get_inheritable(descriptor.number) for descriptor in held)
 
 
-def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(fake, device, wait_for):
+def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(
+    fake, device, wait_for, armed
+):
     armed(device)
     first = device.guard_pid
     os.kill(first, signal.SIGKILL)
@@ -122,10 +115,10 @@ def test_after_the_guard_is_gone_the_device_is_closed_and_opened_anew(fake, devi
     device.close()
     device.open()
     assert device.guard_pid != first
-    assert armed(device).fire(0.5, WIDTH) is not None
+    assert armed(device).fire(0.5, MAGNETIC_PULSE_WIDTH) is not None
 
 
-def test_a_guard_that_is_stopped_does_not_keep_the_port(fake, device, wait_for):
+def test_a_guard_that_is_stopped_does_not_keep_the_port(fake, device, wait_for, armed):
     armed(device)
     stopped = device.guard_pid
     os.kill(stopped, signal.SIGSTOP)
@@ -179,16 +172,16 @@ def by_hand(fake, tmp_path, wait_for):
         guard.kill()
 
 
-def test_guard_that_was_started_by_hand(fake, by_hand, wait_for):
+def test_guard_that_was_started_by_hand(fake, by_hand, wait_for, armed, patient_device):
     guard, path = by_hand
     assert path.stat().st_mode & 0o077 == 0
     for second in (path, path.with_name('second')):
         assert main(['--port', fake.port, '--socket', str(second)]) == 2
     for _ in range(2):
-        device = SerialDevice(str(path), **PATIENT)
+        device = patient_device(str(path))
         device.open()
         assert device.guard_pid == guard.pid
-        assert armed(device, 0.3).fire(0.3, WIDTH) is not None
+        assert armed(device, 0.3).fire(0.3, MAGNETIC_PULSE_WIDTH) is not None
         device.close()
         wait_for(lambda: not fake.armed)
     # the bound is the guard's, whatever the driver was given

@@ -4,9 +4,7 @@
 
 import html
 import json
-import os
 import re
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -23,15 +21,7 @@ from rpms_ros.report.session import as_page
 from rpms_ros.report.session import traces
 from rpms_ros.report.session.page import SECTIONS
 
-BROWSERS = ('chromium', 'chromium-browser', 'google-chrome-stable', 'google-chrome', 'chrome')
 FLAGS = (
-    '--headless',
-    '--no-sandbox',
-    '--disable-gpu',
-    '--no-first-run',
-    '--disable-background-networking',
-    '--disable-component-update',
-    '--disable-sync',
     '--hide-scrollbars',
     '--force-device-scale-factor=1',
     '--window-size=1100,1600',
@@ -99,37 +89,35 @@ document.body.append(element);
 </script>"""
 
 
+Open = Callable[..., str]
+
+
 @pytest.fixture(scope='module')
-def browser() -> str:
-    """A browser: the program that RPMS_BROWSER names, or one of the usual names."""
-    names = [os.environ['RPMS_BROWSER']] if os.environ.get('RPMS_BROWSER') else BROWSERS
-    found = next((path for name in names if (path := shutil.which(name))), None)
-    if found is None:
-        pytest.skip(f'RPMS_BROWSER: no browser of {", ".join(names)} on this machine')
-    return found
-
-
-def opened(browser: str, path: Path, *flags: str) -> str:
+def opened(beside: Callable[[str], ModuleType]) -> Open:
     """Open a page with a fresh profile; return what the browser prints."""
-    done = subprocess.run(
-        [browser, *FLAGS, f'--user-data-dir={path.parent / "profile"}', *flags, path.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=True,
-        stdin=subprocess.DEVNULL,
-    )
-    return done.stdout
+    devtools = beside('devtools')
+    command = [devtools.browser_program(), *devtools.FLAGS, *FLAGS]
+
+    def open_page(path: Path, *flags: str) -> str:
+        done = subprocess.run(
+            [*command, f'--user-data-dir={path.parent / "profile"}', *flags, path.as_uri()],
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=True,
+            stdin=subprocess.DEVNULL,
+        )
+        return done.stdout
+
+    return open_page
 
 
-def probed(browser: str, folder: Path, page: str) -> dict[str, Any]:
+def probed(opened: Open, folder: Path, page: str) -> dict[str, Any]:
     """Return what the probe notes on a page."""
     path = folder / 'report.html'
     page = page.replace('<head>', f'<head>{LISTEN}', 1).replace('</body>', f'{PROBE}</body>')
     path.write_text(page, encoding='utf-8')
-    found = re.search(
-        r'<pre id="noted">(.*?)</pre>', opened(browser, path, '--dump-dom'), re.DOTALL
-    )
+    found = re.search(r'<pre id="noted">(.*?)</pre>', opened(path, '--dump-dom'), re.DOTALL)
     assert found, 'the probe did not come to its end'
     noted = json.loads(html.unescape(found.group(1)))
     assert isinstance(noted, dict)
@@ -137,8 +125,8 @@ def probed(browser: str, folder: Path, page: str) -> dict[str, Any]:
 
 
 @pytest.fixture(scope='module')
-def noted(browser: str, tmp_path_factory: pytest.TempPathFactory, page: str) -> dict[str, Any]:
-    return probed(browser, tmp_path_factory.mktemp('browser'), page)
+def noted(opened: Open, tmp_path_factory: pytest.TempPathFactory, page: str) -> dict[str, Any]:
+    return probed(opened, tmp_path_factory.mktemp('browser'), page)
 
 
 def test_nothing_fails_and_nothing_is_fetched(noted: dict[str, Any]) -> None:
@@ -205,7 +193,7 @@ def test_nobody_is_kept_from_reading_it(
 
 
 def test_a_long_session_shows_its_envelope_until_every_sample_fits(
-    browser: str,
+    opened: Open,
     tmp_path: Path,
     analysis: SessionAnalysis,
     document: dict[str, Any],
@@ -214,7 +202,7 @@ def test_a_long_session_shows_its_envelope_until_every_sample_fits(
     monkeypatch.setattr(traces, 'MOST_SAMPLES', 5000)
     monkeypatch.setattr(traces, 'ENVELOPE_BINS', 500)
     monkeypatch.setattr(traces, 'WINDOW', 2.0)
-    noted = probed(browser, tmp_path, as_page(analysis, document))
+    noted = probed(opened, tmp_path, as_page(analysis, document))
     assert noted['errors'] == []
     assert noted['labels'][:4] == ['all', 'start', 'largest residual', 'end']
     assert noted['shownAll'].endswith('envelope')
@@ -222,10 +210,10 @@ def test_a_long_session_shows_its_envelope_until_every_sample_fits(
     assert noted['last'] == pytest.approx([8.0, 9.999], abs=2e-3)
 
 
-def test_the_page_is_painted(browser: str, tmp_path: Path, page: str) -> None:
+def test_the_page_is_painted(opened: Open, tmp_path: Path, page: str) -> None:
     path, picture = tmp_path / 'report.html', tmp_path / 'page.png'
     path.write_text(page, encoding='utf-8')
-    opened(browser, path, f'--screenshot={picture}')
+    opened(path, f'--screenshot={picture}')
     light = imread(picture)[..., :3].min(axis=2)
     assert light.shape == (1600, 1100)
     # mostly paper, with letters and lines on it
