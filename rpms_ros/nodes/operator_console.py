@@ -9,9 +9,11 @@ stops.
 
 import time
 from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock
@@ -26,9 +28,12 @@ from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.diagnostics import Health
 from rpms_ros.nodes.keyboard import Keyboard
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.operator_client import OperatorClient
+from rpms_ros.nodes.operator_diagnostics import DiagnosticsTimer
+from rpms_ros.nodes.operator_diagnostics import button_health
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import parameter
@@ -112,6 +117,7 @@ class OperatorConsole(Node):
             DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS_LATEST
         )
         self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        DiagnosticsTimer(self, 'operator', 'terminal', self._health)
         logger_of(self).info(
             f'{ASK} asks for a token, hold {ENABLE} to arm and run, {RELEASE} resets, '
             'any other key stops'
@@ -191,6 +197,21 @@ class OperatorConsole(Node):
             client.call_async(request)
         else:
             self._say('expected a driver, got none')
+
+    def _health(self) -> Health:
+        lost = [] if self._keyboard.there else ['terminal']
+        found = button_health(self.button.pressed, lost, self.button.listeners)
+        silent = self._joystick.used and self._joystick.down(time.monotonic_ns()) is None
+        if silent and not lost:
+            found = replace(
+                found, message='joystick lost: not enabled', level=DiagnosticStatus.ERROR
+            )
+        figures = {
+            'operator': self.settings.operator,
+            'enable held': self.client.enable,
+            'token': 'given' if self.client.token else 'none',
+        }
+        return replace(found, figures={**found.figures, **figures})
 
     @property
     def _busy(self) -> bool:

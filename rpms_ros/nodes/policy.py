@@ -100,7 +100,7 @@ NODES: dict[str, Interfaces] = {
         subscribe=(topics.EMERGENCY_STOP, topics.HEARTBEAT), plain=True
     ),
     'operator_console': Interfaces(
-        publish=(topics.EMERGENCY_STOP, topics.HEARTBEAT),
+        publish=(topics.EMERGENCY_STOP, topics.HEARTBEAT, topics.DIAGNOSTICS),
         subscribe=(topics.DRIVER_STATUS, topics.JOY),
         call=(
             topics.REQUEST_ARMING,
@@ -110,7 +110,9 @@ NODES: dict[str, Interfaces] = {
         ),
         start=(topics.RUN_SCHEDULE,),
     ),
-    'stop_button': Interfaces(publish=(topics.EMERGENCY_STOP,), subscribe=(topics.JOY,)),
+    'stop_button': Interfaces(
+        publish=(topics.EMERGENCY_STOP, topics.DIAGNOSTICS), subscribe=(topics.JOY,)
+    ),
     'identifier': Interfaces(
         publish=(topics.ESTIMATE, topics.DISTURBANCE, topics.DIAGNOSTICS),
         serve=('~/hold', '~/load_state', '~/reset', '~/resume', '~/save_state'),

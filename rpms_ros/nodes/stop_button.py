@@ -18,8 +18,11 @@ from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.diagnostics import Health
 from rpms_ros.nodes.keyboard import Keyboard
 from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.operator_diagnostics import DiagnosticsTimer
+from rpms_ros.nodes.operator_diagnostics import button_health
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import parameter
@@ -74,6 +77,9 @@ class StopButton(Node):
         self._key_pressed = self._keyboard is not None and not self._keyboard.there
         self.button = ButtonPublisher(self, self._wanted(), self.settings.rate)
         self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        inputs = ['terminal'] if self._keyboard is not None else []
+        inputs += ['joystick'] if self._joystick.used else []
+        DiagnosticsTimer(self, 'stop button', ' and '.join(inputs), self._health)
         logger_of(self).info(f'any key presses, {RELEASE} releases: {self._word()}')
 
     def destroy_node(self) -> None:
@@ -100,6 +106,12 @@ class StopButton(Node):
     def _wanted(self) -> bool:
         down = self._joystick.down(time.monotonic_ns()) if self._joystick.used else False
         return self._key_pressed or down is not False
+
+    def _health(self) -> Health:
+        lost = [] if self._keyboard is None or self._keyboard.there else ['terminal']
+        if self._joystick.used and self._joystick.down(time.monotonic_ns()) is None:
+            lost.append('joystick')
+        return button_health(self.button.pressed, lost, self.button.listeners)
 
     def _word(self) -> str:
         return 'pressed' if self.button.pressed else 'released'

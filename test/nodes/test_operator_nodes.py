@@ -7,6 +7,8 @@ import pty
 import time
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -97,6 +99,54 @@ def test_a_joystick_presses_and_its_silence_too(graph, said):
     graph.wait_for(lambda: said() is False)
     timer.cancel()
     graph.wait_for(lambda: said() is True)
+
+
+@pytest.fixture
+def diagnosed(graph):
+    """Level and message that a node of this name published last on /diagnostics."""
+    newest = {}
+    node = graph.add(lambda **options: Node('reader', **options))
+
+    def take(message):
+        newest.update({one.name: one for one in message.status})
+
+    node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, take, 100)
+    return lambda name: (newest[name].level, newest[name].message) if name in newest else None
+
+
+def test_a_button_says_in_diagnostics_whether_it_is_pressed_lost_or_heard(
+    graph, terminal, diagnosed
+):
+    typed, keyboard = terminal
+    name = '/left/stop_button: stop button'
+    graph.add(lambda **options: StopButton(keyboard, namespace='left', **options))
+    alone = (DiagnosticStatus.WARN, 'released; no driver listens')
+    graph.wait_for(lambda: diagnosed(name) == alone)
+    ear = graph.add(lambda **options: Node('ear', namespace='left', **options))
+    ear.create_subscription(Bool, topics.EMERGENCY_STOP, lambda _: None, qos.STOP_LIVE)
+    graph.wait_for(lambda: diagnosed(name) == (DiagnosticStatus.OK, 'released'))
+    os.write(typed, b' ')
+    graph.wait_for(lambda: diagnosed(name) == (DiagnosticStatus.WARN, 'pressed'))
+    os.write(typed, b'r')
+    graph.wait_for(lambda: diagnosed(name) == (DiagnosticStatus.OK, 'released'))
+    os.close(typed)
+    lost = (DiagnosticStatus.ERROR, 'terminal lost: pressed')
+    graph.wait_for(lambda: diagnosed(name) == lost)
+
+
+def test_a_joystick_that_is_silent_is_an_error_of_button_and_console(graph, terminal, diagnosed):
+    graph.add(StopButton, keyboard=False, joy_button=2)
+    graph.add(
+        lambda **options: OperatorConsole(terminal[1], **options), operator='ada', joy_enable=1
+    )
+    lost = (DiagnosticStatus.ERROR, 'joystick lost: pressed')
+    graph.wait_for(lambda: diagnosed('/stop_button: stop button') == lost)
+    graph.wait_for(
+        lambda: (
+            diagnosed('/operator_console: operator')
+            == (DiagnosticStatus.ERROR, 'joystick lost: not enabled')
+        )
+    )
 
 
 def test_a_button_without_a_key_is_refused(graph):

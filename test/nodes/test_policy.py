@@ -95,7 +95,7 @@ def test_policies_are_written_and_allow_what_the_table_says(tmp_path):
     assert heard == ['emergency_stop', 'heartbeat']
     (button,) = ET.parse(tmp_path / 'stop_button.xml').findall('.//profile')
     spoken = [topic.text for topic in button.findall('topics[@publish="ALLOW"]/topic')]
-    assert spoken == ['/parameter_events', '/rosout', 'emergency_stop']
+    assert spoken == ['/diagnostics', '/parameter_events', '/rosout', 'emergency_stop']
     assert button.find('actions') is None
 
 

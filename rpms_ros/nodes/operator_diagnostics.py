@@ -1,0 +1,71 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Health of the nodes of the person who stimulates: stop button and console."""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.node import Node
+
+from rpms_ros.nodes import topics
+from rpms_ros.nodes.diagnostics import PERIOD_S
+from rpms_ros.nodes.diagnostics import Health
+from rpms_ros.nodes.diagnostics import diagnostics_message
+
+
+def button_health(pressed: bool, lost: Sequence[str], listeners: int) -> Health:
+    """Return the health of a stop button.
+
+    An error while an input is lost, which counts as pressed; a warning while it is pressed or no
+    driver hears it; ok otherwise.
+
+    Parameters
+    ----------
+    pressed : bool
+        What it publishes.
+    lost : sequence of str
+        Inputs that are gone or silent.
+    listeners : int
+        Subscriptions of its topic.
+    """
+    figures = {'pressed': pressed, 'listeners': listeners}
+    if lost:
+        return Health(f'{" and ".join(lost)} lost: pressed', DiagnosticStatus.ERROR, figures)
+    if pressed:
+        return Health('pressed', DiagnosticStatus.WARN, figures)
+    if not listeners:
+        return Health('released; no driver listens', DiagnosticStatus.WARN, figures)
+    return Health('released', DiagnosticStatus.OK, figures)
+
+
+class DiagnosticsTimer:
+    """Publishes the health of a node once a second, in its executor.
+
+    Parameters
+    ----------
+    node : Node
+        Whose health it is.
+    task : str
+        What the node does.
+    hardware : str
+        What it does it with.
+    health : callable
+        Returns the health.
+    """
+
+    def __init__(self, node: Node, task: str, hardware: str, health: Callable[[], Health]) -> None:
+        self._node = node
+        self._health = health
+        name = node.get_fully_qualified_name()
+        self._name, self._hardware = f'{name}: {task}', f'{hardware} of {name}'
+        self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        node.create_timer(PERIOD_S, self._say, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _say(self) -> None:
+        stamp = self._node.get_clock().now().to_msg()
+        message = diagnostics_message(self._name, self._hardware, stamp, self._health())
+        self._publisher.publish(message)
