@@ -28,6 +28,9 @@ FLAGS = (
 )
 AXE = Path(__file__).parent / 'axe_core' / 'axe.min.js'
 PATIENCE = 60.0
+# what can be used and is shown
+CONTROLS = """[...document.querySelectorAll('button, input, a[href], summary, [tabindex="0"]')]
+  .filter((one) => !one.disabled && one.checkVisibility())"""
 
 
 def browser_program():
@@ -138,6 +141,34 @@ class Browser:
                 windowsVirtualKeyCode=code,
                 text=text if kind == 'keyDown' else '',
             )
+
+    def to_the_top(self):
+        """Have the Tab key begin anew; a blur would leave it where it was."""
+        self.evaluate(
+            'scrollTo(0, 0); document.body.tabIndex = -1; document.body.focus();'
+            'document.body.removeAttribute("tabindex")'
+        )
+
+    def beyond_the_keyboard(self):
+        """Return the controls that the Tab key does not reach, or where its place is not seen."""
+        self.to_the_top()
+        for _ in range(self.evaluate(f'(window.controls = {CONTROLS}).length') + 1):
+            self.press('Tab')
+            self.evaluate(
+                """(() => {
+  const one = document.activeElement, style = getComputedStyle(one);
+  // where the browser scrolls to by and by
+  one.scrollIntoView({ block: 'nearest', behavior: 'instant' });
+  // of a link over two lines the first
+  const place = one.getClientRects()[0];
+  const middle = (from, to, end) => (Math.max(from, 0) + Math.min(to, end)) / 2;
+  one.reached ||= style.outlineStyle !== 'none' && one.contains(document.elementFromPoint(
+    middle(place.left, place.right, innerWidth), middle(place.top, place.bottom, innerHeight)));
+})()"""
+            )
+        return self.evaluate(
+            'controls.filter((one) => !one.reached).map((one) => one.outerHTML.slice(0, 200))'
+        )
 
     def accessibility_faults(self):
         """Return what axe-core finds wrong with the page as it is now: rule and first element.

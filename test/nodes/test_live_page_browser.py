@@ -151,11 +151,11 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
             browser.wait_for('scrollY > 500')
             for part in ('state', 'stop'):
                 assert browser.evaluate(IN_SIGHT % part), (part, width)
-            browser.evaluate('scrollTo(0, 0)')
+            assert browser.beyond_the_keyboard() == [], (dark, width)
     assert browser.evaluate(UNLABELLED) == []
     assert browser.evaluate(UNCAPTIONED) == 0
     assert browser.evaluate('document.documentElement.lang') == 'en'
-    browser.evaluate('document.activeElement.blur()')
+    browser.to_the_top()
     for _ in range(2):
         browser.press('Tab')
     # the link that skips, then the stop
@@ -176,6 +176,9 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
         'html-has-lang',
         'role-img-alt',
     }
+    browser.evaluate("document.getElementById('hold').tabIndex = -1")
+    (beyond,) = browser.beyond_the_keyboard()
+    assert beyond.startswith('<button type="button" id="hold"')
 
 
 def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, browser):
@@ -389,6 +392,9 @@ def test_a_page_that_was_killed_says_so_and_comes_back(page_process, browser):
     process.communicate()
     browser.wait_for("document.body.classList.contains('lost')")
     assert 'what is shown is old' in browser.text('#connection')
+    for dark in (False, True):
+        browser.screen(1100, dark=dark)
+        assert browser.accessibility_faults() == [], dark
     again, _ = page_process('--namespace', '/left', '--port', port)
     browser.wait_for("document.getElementById('connection').textContent === 'connected'")
     assert browser.text('#title') == '/left'

@@ -172,6 +172,14 @@ def test_a_browser_shows_it_on_a_phone(beside: Callable[[str], Any], tmp_path: P
             assert browser.evaluate('document.documentElement.scrollWidth <= innerWidth')
             assert browser.evaluate('document.images[0].naturalWidth > 0')
             assert browser.evaluate('document.images[0].alt.length > 20')
+            for width in (390, 1100):
+                browser.screen(width, dark=dark)
+                browser.evaluate(
+                    'document.querySelectorAll("details").forEach((one) => { one.open = true; })'
+                )
+                assert browser.accessibility_faults() == [], (width, dark)
+                assert browser.beyond_the_keyboard() == [], (width, dark)
+        browser.open(f'file://{tmp_path}/index.html')
         asked = [one for one in browser.requested() if not one.startswith(('file:', 'data:'))]
         assert asked == []
         assert browser.evaluate('document.querySelectorAll("details[open]").length') == 0

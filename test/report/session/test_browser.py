@@ -183,13 +183,8 @@ def test_nobody_is_kept_from_reading_it(
             shown.open(path.as_uri())
             assert shown.accessibility_faults() == [], width
         # every control can be reached and is seen where it is
-        controls = shown.evaluate(
-            'document.querySelectorAll(\'button:not([disabled]), a[href], [tabindex="0"]\').length'
-        )
-        shown.press('Tab')
-        assert shown.evaluate('document.activeElement !== document.body')
-        assert controls > 3
-        assert shown.evaluate('getComputedStyle(document.activeElement).outlineStyle') != 'none'
+        assert shown.beyond_the_keyboard() == []
+        assert shown.evaluate('controls.length') > 3
 
 
 def test_a_long_session_shows_its_envelope_until_every_sample_fits(
