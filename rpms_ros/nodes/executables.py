@@ -47,5 +47,8 @@ def _run(name: str) -> int:
     except ModuleNotFoundError as error:
         print(f'error: {error}; {name} needs ROS 2 Jazzy and rpms_msgs', file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        # importing takes seconds, on a machine that is busy many
+        return 0
     code: int = module.main()
     return code

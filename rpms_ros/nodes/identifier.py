@@ -41,7 +41,9 @@ from rpms_ros.nodes.identifier_parameters import build_stream
 from rpms_ros.nodes.identifier_parameters import stream_settings
 from rpms_ros.nodes.identifier_publishers import Publishers
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.logger import COMPILING
 from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.logger import told_if_slow
 from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import follow_parameters
@@ -62,7 +64,8 @@ class Identifier(Node):
         super().__init__('identifier', **options)
         self.settings = declare_parameters(self, IdentifierParameters)
         # nothing may be left to compile while force comes in
-        warm_up(lambda: build_stream(self.settings).estimator)
+        with told_if_slow(self, COMPILING):
+            warm_up(lambda: build_stream(self.settings).estimator)
         self.stream = build_stream(self.settings)
         self._axis = messages.axis_of(self.settings.axis, self.settings.sign)
         self._unit = UNITS[self.settings.quantity]

@@ -30,7 +30,9 @@ from rpms_ros.nodes.diagnostics import Health
 from rpms_ros.nodes.diagnostics import RecentChange
 from rpms_ros.nodes.diagnostics import diagnostics_message
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.logger import COMPILING
 from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.logger import told_if_slow
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.plant_parameters import PlantParameters
 from rpms_ros.nodes.plant_parameters import build_plant
@@ -52,7 +54,8 @@ class PlantSimulator(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('plant_simulator', **options)
         self.settings = declare_parameters(self, PlantParameters)
-        _warm_up(self.settings)
+        with told_if_slow(self, COMPILING):
+            _warm_up(self.settings)
         self.plant = build_plant(self.settings)
         self._begun = False
         self._recent = RecentChange()

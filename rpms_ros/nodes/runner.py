@@ -10,6 +10,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import NameValidationException
@@ -65,6 +66,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     use_fast_discovery()
     stop = StopRequest()
     node: Node | None = None
+    hook, sys.unraisablehook = sys.unraisablehook, _without_interrupts
     try:
         rclpy.init(
             args=None if args is None else list(args),
@@ -81,11 +83,23 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         line = ' '.join(str(error).split())
         print(f'error: {line}', file=sys.stderr)
         return 2
+    except Exception:
+        # while it is built, what fails after a signal fails because of it: compilation discards
+        # the interrupt and goes on without what was interrupted
+        if node is not None or not stop.made:
+            raise
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        sys.unraisablehook = hook
     return 0
+
+
+def _without_interrupts(discarded: Any) -> None:
+    """Say what a callback from C has discarded, unless it is an interrupt: that is stored."""
+    if discarded.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(discarded)
 
 
 def _refuse_options(build: Callable[[], Node], options: Sequence[str]) -> None:

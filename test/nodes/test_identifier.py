@@ -25,6 +25,7 @@ from rpms_ros.identification import identify
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import simulation_subject
+from rpms_ros.nodes import identifier as identifier_module
 from rpms_ros.nodes import qos
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
@@ -345,6 +346,23 @@ def test_the_log_says_when_the_estimate_is_not_to_be_trusted(
     assert 'the estimate is not to be trusted: ' in ''.join(said)
     bench.identifier._begin(build_stream(bench.identifier.settings))
     graph.wait_for(lambda: heard('nothing speaks against the estimate any more'))
+
+
+def test_who_waits_for_the_compilation_is_told(
+    graph, wait_for, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+
+    def slow(_: object) -> None:
+        def told() -> bool:
+            said.append(capfd.readouterr().err)
+            return 'compiling, once on a machine' in ''.join(said)
+
+        wait_for(told)
+
+    monkeypatch.setattr(identifier_module, 'warm_up', slow)
+    graph.add(Identifier)
+    assert 'identifying with' not in ''.join(said)
 
 
 def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import rpms_ros
+from rpms_ros.nodes import executables
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.parameters import descriptions
@@ -137,6 +138,55 @@ def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(
     # rcl may log a line of its own before ours
     assert errors.splitlines()[-1].startswith('error: ')
     assert 'Traceback' not in errors
+
+
+COMPILING = """
+import ctypes, os, signal, sys
+from rpms_ros.nodes.runner import run
+
+def build():
+    # as where a signal comes while LLVM calls back: ctypes discards the exception
+    ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))()
+    raise RuntimeError('no compiled object yet')
+
+sys.exit(run(build))
+"""
+
+
+def test_a_signal_while_something_is_compiled_is_no_traceback(domain: int) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', COMPILING],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+def test_a_node_that_fails_without_a_signal_says_why(domain: int) -> None:
+    code = COMPILING.replace('signal.SIGINT', '0')
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert 'RuntimeError: no compiled object yet' in done.stderr
+
+
+def test_a_signal_while_modules_are_imported_is_no_traceback(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(_: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(executables, 'import_module', interrupted)
+    assert executables.identifier() == 0
 
 
 def test_help_tells_the_parameters_and_starts_nothing(domain: int) -> None:
