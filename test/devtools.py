@@ -152,7 +152,11 @@ class Browser:
     def beyond_the_keyboard(self):
         """Return the controls that the Tab key does not reach, or where its place is not seen."""
         self.to_the_top()
-        for _ in range(self.evaluate(f'(window.controls = {CONTROLS}).length') + 1):
+        count = self.evaluate(
+            f'window.controls = {CONTROLS}; controls.forEach((one) => {{ one.reached = false; }});'
+            'controls.length'
+        )
+        for _ in range(count + 1):
             self.press('Tab')
             self.evaluate(
                 """(() => {
