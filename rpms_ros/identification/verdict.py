@@ -116,7 +116,7 @@ def verdict_of(
     if any(grade == NO for grade, _ in reasons):
         return of_reasons(reasons, '')
     if dynamics is not None and not session.last.curve_known:
-        return _of_dynamics(reasons, dynamics, settings)
+        return _of_dynamics(reasons, dynamics, settings, unit)
     part = _looked_at(session, pulses)
     if np.count_nonzero(part) < 3:
         return of_reasons([*reasons, (NO, 'there is no force to judge by while pulses act')], '')
@@ -138,9 +138,15 @@ def verdict_of(
 
 
 def _of_dynamics(
-    reasons: list[Reason], dynamics: TrainDynamics, settings: VerdictSettings
+    reasons: list[Reason], dynamics: TrainDynamics, settings: VerdictSettings, unit: str
 ) -> Verdict:
     """Return the verdict on trains of one intensity, which give dynamics but no curve."""
+    if dynamics.gain < 0.0:
+        text = (
+            f'the {QUANTITIES[unit]} of a pulse comes out negative, {dynamics.gain:.3g} {unit}: '
+            'sign or axis of the sensor is wrong (--sign, --axis)'
+        )
+        return of_reasons([*reasons, (NO, text)], '')
     explained = 1.0 - (1.0 - dynamics.fit_percent / 100.0) ** 2
     text = (
         f'dynamics only: one intensity shows no recruitment curve; {dynamics.model} explains '

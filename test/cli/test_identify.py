@@ -357,6 +357,12 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
     np.testing.assert_allclose(response['force'], truth, atol=0.02)
     # that of the estimator, which is not what is stated
     assert 'prediction error' not in out
+    code, out, _ = rpms('identify', tmp_path / 'train', '--sign', -1)
+    assert code == 3
+    assert 'no: the force of a pulse comes out negative, -2 N: sign or axis' in ' '.join(
+        out.split()
+    )
+    assert 'T_a' not in out
     rpms('study', tmp_path / 'train', '--out', tmp_path / 'table', '--jobs', 1)
     with (tmp_path / 'table' / 'results.csv').open(newline='') as file:
         (row,) = csv.DictReader(file)

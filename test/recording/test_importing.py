@@ -17,8 +17,10 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import GateSettings
 from rpms_ros.recording.importing import Ambiguous
 from rpms_ros.recording.importing import ImportChoices
+from rpms_ros.recording.importing import ImportOptions
 from rpms_ros.recording.importing import converted
 from rpms_ros.recording.importing import guessed
+from rpms_ros.recording.importing import import_file
 from rpms_ros.recording.importing import read_signals
 
 h5py = pytest.importorskip('h5py')
@@ -383,3 +385,52 @@ def test_a_package_that_is_missing_is_named(
 def test_choices_that_cannot_be(given: dict[str, float], message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         ImportChoices(GateSettings(), **given)
+
+
+def table(path: Path, **columns: np.ndarray) -> Path:
+    """Write a table of the session with other columns."""
+    known = {'time': TIME, 'force': FORCE, 'stim': GATE} | columns
+    pd.DataFrame(dict(zip(HEAD, known.values(), strict=True))).to_csv(path, index=False)
+    return path
+
+
+def test_times_that_step_back_are_told_with_their_place(tmp_path: Path) -> None:
+    late = TIME.copy()
+    late[150:] -= 0.1
+    path = table(tmp_path / 'trial.csv', time=late)
+    with pytest.raises(Ambiguous, match=r"'Time \[s\]' with 0\.149 and then 0\.05 in row 151"):
+        imported(path)
+
+
+def test_a_force_without_a_number_is_no_force(tmp_path: Path) -> None:
+    path = table(tmp_path / 'trial.csv', force=np.full(COUNT, np.nan))
+    with pytest.raises(
+        RecordingError, match=r"expected numbers in column 'Force \[N\]' of .*none"
+    ):
+        imported(path)
+
+
+def test_what_is_missing_or_not_stated_is_told(tmp_path: Path) -> None:
+    force = FORCE.copy()
+    force[20:25] = np.nan
+    names = dict(zip(('time', 'force', 'pulse'), HEAD, strict=True))
+    found = import_file(table(tmp_path / 'trial.csv', force=force), ImportOptions(**names))
+    assert ('missing', '5 samples of the force are no finite number') in found.facts
+    assert found.guessed
+    # everything is named, and the units stand in the names
+    assert not import_file(table(tmp_path / 'whole.csv'), ImportOptions(**names)).guessed
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'sheet': 'Tabelle1'}, r'expected a workbook with --sheet, got .*trial\.csv'),
+        ({'block': 2}, r'expected a LabChart file with --block, got .*trial\.csv'),
+    ],
+)
+def test_options_of_other_files_are_refused(
+    tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
+    path = table(tmp_path / 'trial.csv')
+    with pytest.raises(RecordingError, match=message):
+        import_file(path, ImportOptions(**options))

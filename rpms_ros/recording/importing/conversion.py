@@ -66,6 +66,10 @@ def converted(
     scale = choices.force_scale
     newton = SENSOR_UNITS[guess.force_unit] if scale is None else scale
     stamp_ns = _stamps(file, force, guess, choices)
+    if not np.isfinite(force.values).any():
+        raise RecordingError(
+            f'expected numbers in column {guess.force!r} of {file.path}, got none that is finite'
+        )
     trace = ForceTrace(stamp_ns, newton * force.values)
     events = {one.name: one.time for one in file.events}
     if guess.pulse in events:

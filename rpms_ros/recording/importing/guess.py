@@ -197,7 +197,7 @@ def _time(file: SignalFile) -> str:
     named = [one for one in rising if _TIME.search(one.name)]
     chosen = named or rising
     if len(chosen) != 1:
-        found = ', '.join(repr(one.name) for one in chosen) or 'none'
+        found = ', '.join(repr(one.name) for one in chosen) or _why_none(file)
         raise Ambiguous(
             f'expected one column of rising times in {file.path}, got {found}: '
             '--time COL or --sampling-rate HZ decides',
@@ -205,6 +205,19 @@ def _time(file: SignalFile) -> str:
             [one.name for one in chosen or file.signals],
         )
     return chosen[0].name
+
+
+def _why_none(file: SignalFile) -> str:
+    """Return where the first column that has the name of a time does not rise."""
+    for one in file.signals:
+        late = np.flatnonzero(~(np.diff(one.values) > 0.0))
+        if _TIME.search(one.name) and late.size:
+            place = int(late[0])
+            return (
+                f'{one.name!r} with {one.values[place]:.9g} and then '
+                f'{one.values[place + 1]:.9g} in row {place + 2}'
+            )
+    return 'none'
 
 
 def _rises(signal: Signal) -> bool:

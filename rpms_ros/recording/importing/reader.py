@@ -47,14 +47,25 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
     except OSError as error:
         raise RecordingError(f'expected a file at {path}, got {error}') from error
     if head.startswith(_ZIP):
+        _unused(path, 'a LabChart file with --block', block)
         return read_excel(path, sheet)
-    if head.startswith(_XDF):
-        return read_xdf(path)
+    _unused(path, 'a workbook with --sheet', sheet)
+    known = read_xdf if head.startswith(_XDF) else None
     if head.startswith((_HDF5, _MATLAB)) or path.suffix.lower() == '.mat':
-        return read_matlab(path)
+        known = read_matlab
+    if known is not None:
+        _unused(path, 'a LabChart file with --block', block)
+        return known(path)
     text, _ = decoded(path)
     if is_labchart(text):
         return read_labchart(path, block)
+    _unused(path, 'a LabChart file with --block', block)
     if is_spike2(text):
         return read_spike2(path)
     return read_table(path)
+
+
+def _unused(path: Path, expected: str, given: object) -> None:
+    """Refuse an option that has no meaning for a file."""
+    if given is not None:
+        raise RecordingError(f'expected {expected}, got {path}')

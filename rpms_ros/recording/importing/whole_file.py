@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
+
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import RecordingError
@@ -151,5 +153,8 @@ def import_file(
     guess = decide(file, options)
     pulses, forces = converted(file, guess, choices)
     read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons)
+    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
+        read = (*read, ('missing', f'{missing} samples of the force are no finite number'))
     named = None not in (options.time, options.force, options.pulse)
-    return Imported(pulses, forces, read, guessed=not named, quantity=guess.quantity)
+    told = missing or any(text.endswith('decides)') for _, text in guess.reasons)
+    return Imported(pulses, forces, read, bool(told or not named), guess.quantity)
