@@ -208,3 +208,13 @@ class PredictingEstimator(Estimator, Protocol):
 
         The state does not change; every pulse up to the last stamp has been added.
         """
+
+
+def recruiting_range(intensity: FloatArray, known: tuple[float, float]) -> tuple[float, float]:
+    """Return the least and the highest intensity above 0 of some pulses (pulses,) and of `known`.
+
+    Recruitment at intensity 0 is 0 for all parameters, so it does not inform about them.
+    """
+    low, high = known
+    recruiting = intensity[intensity > 0.0]
+    return float(recruiting.min(initial=low)), float(recruiting.max(initial=high))

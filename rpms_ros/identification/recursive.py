@@ -13,6 +13,7 @@ from rpms_ros.identification.estimate import CURVE_INTENSITY
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import SMALLEST_INTENSITY_SPAN
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.estimate import recruiting_range
 from rpms_ros.identification.faults import FACTORISATION_FAILED
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.plausibility import PlausibilityCheck
@@ -117,13 +118,7 @@ class RecursiveEstimator(RestorableWithSettings):
         self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
         self._intensity = np.concatenate((self._intensity, intensity))
         self._make_room()
-        low, high = self._intensity_range
-        # Recruitment at intensity 0 is 0 for all parameters, so it does not inform about them.
-        recruiting = intensity[intensity > 0.0]
-        self._intensity_range = (
-            float(recruiting.min(initial=low)),
-            float(recruiting.max(initial=high)),
-        )
+        self._intensity_range = recruiting_range(intensity, self._intensity_range)
         self._pulses += len(onset_ns)
 
     def forget_pulses(self) -> None:

@@ -22,14 +22,12 @@ class Surroundings:
         Efforts, disturbances and sensor faults.
     seed : int
         Seed of the noise.
-    start_ns : int
-        Start of the session [ns].
     """
 
-    def __init__(self, scenario: Scenario, seed: int = 0, start_ns: int = 0) -> None:
+    def __init__(self, scenario: Scenario, seed: int = 0) -> None:
         self.scenario = scenario
         self._seed = seed
-        self.begin(start_ns)
+        self.begin(0)
 
     def begin(self, start_ns: int) -> None:
         """Begin the session at `start_ns` [ns]: the times of events count from there."""

@@ -41,19 +41,14 @@ class Truth:
     effort: float
 
 
-def truth_at(
-    muscle: Muscle,
-    surroundings: Surroundings,
-    stamp_ns: int,
-    repetition_rate: float = REFERENCE_RATE,
-) -> Truth:
+def truth_at(muscle: Muscle, surroundings: Surroundings, stamp_ns: int) -> Truth:
     """Return the true state at a time [ns] up to which the force has been computed."""
     intensity = np.linspace(0.0, 1.0, CURVE_POINTS)
     return Truth(
         stamp_ns=stamp_ns,
         state=muscle.state(stamp_ns),
-        repetition_rate=repetition_rate,
+        repetition_rate=REFERENCE_RATE,
         curve_intensity=intensity,
-        curve_force=muscle.steady_force(stamp_ns, intensity, repetition_rate),
+        curve_force=muscle.steady_force(stamp_ns, intensity, REFERENCE_RATE),
         effort=float(surroundings.effort(np.array([stamp_ns]))[0]),
     )

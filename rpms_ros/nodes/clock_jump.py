@@ -4,22 +4,16 @@
 
 import time
 
-from rpms_ros.pulses import nanoseconds
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 
-LARGEST_STEP = 1.0
+# Largest difference of two steps that is no jump.
+_LARGEST_STEP_NS = NANOSECONDS_PER_SECOND
 
 
 class JumpDetector:
-    """Compares the steps of a clock with those of the steady clock.
+    """Compares the steps of a clock with those of the steady clock."""
 
-    Parameters
-    ----------
-    largest : float
-        Largest difference of two steps that is no jump [s].
-    """
-
-    def __init__(self, largest: float = LARGEST_STEP) -> None:
-        self._largest_ns = nanoseconds(largest)
+    def __init__(self) -> None:
         self._last: tuple[int, int] | None = None
 
     def at(self, now_ns: int, steady_ns: int | None = None) -> bool:
@@ -28,4 +22,4 @@ class JumpDetector:
         last, self._last = self._last, (now_ns, steady_ns)
         if last is None:
             return False
-        return abs((now_ns - last[0]) - (steady_ns - last[1])) > self._largest_ns
+        return abs((now_ns - last[0]) - (steady_ns - last[1])) > _LARGEST_STEP_NS

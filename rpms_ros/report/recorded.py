@@ -19,7 +19,6 @@ from rpms_ros.muscle.truth import Truth
 from rpms_ros.recording.definitions import MUSCLE_ESTIMATE
 from rpms_ros.recording.definitions import types_of
 from rpms_ros.recording.reading import held_bytes
-from rpms_ros.recording.scan import Progress
 from rpms_ros.recording.scan import Scan
 from rpms_ros.report.known_muscle import KnownMuscle
 from rpms_ros.report.known_muscle import known_muscle
@@ -89,7 +88,6 @@ class RecordedMessages:
 
 def recorded_messages(
     path: Path | str,
-    progress: Progress | None = None,
     memory: int | None = None,
     held: int = 0,
     only: tuple[str, ...] = _TYPES,
@@ -100,8 +98,6 @@ def recorded_messages(
     ----------
     path : Path or str
         Folder or file.
-    progress : callable, optional
-        Called with the number of messages read.
     memory : int, optional
         What reading may take, as of `read_recording` [bytes].
     held : int
@@ -121,7 +117,7 @@ def recorded_messages(
     unreadable = 0
     scan = Scan(Path(path), memory)
     scan.budget.hold(held)
-    for topic, type_name, size, message in _decoded(scan, progress, only):
+    for topic, type_name, size, message in _decoded(scan, only):
         try:
             if type_name == DRIVER_STATUS:
                 totals.take(message)
@@ -172,11 +168,9 @@ def true_muscle(
     return known_muscle(truths, facts.custom, rate_hz)
 
 
-def _decoded(
-    scan: Scan, progress: Progress | None, only: tuple[str, ...]
-) -> Iterator[tuple[str, str, int, Any]]:
+def _decoded(scan: Scan, only: tuple[str, ...]) -> Iterator[tuple[str, str, int, Any]]:
     """Yield topic, type, size [bytes] and message, None in place of one that cannot be decoded."""
-    for channel, records in scan.blocks(progress):
+    for channel, records in scan.blocks():
         if channel.type_name not in only:
             continue
         try:

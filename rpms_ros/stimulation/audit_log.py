@@ -15,7 +15,6 @@ from typing import Self
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.chained_file import ChainedFile
-from rpms_ros.stimulation.clocks import Clocks
 from rpms_ros.stimulation.record_chain import Chain
 from rpms_ros.stimulation.record_chain import ChainError
 from rpms_ros.stimulation.record_chain import Record
@@ -39,8 +38,6 @@ class AuditLog:
         Of the file; made if it is not there.
     key : bytes, optional
         Secret of the hashes (HMAC-SHA-256): without it nobody can forge a chain.
-    clocks : Clocks
-        Whose time the records carry.
 
     Raises
     ------
@@ -48,9 +45,9 @@ class AuditLog:
         If somebody else has it open, if it cannot be written, or if it is damaged.
     """
 
-    def __init__(self, path: Path, key: bytes | None = None, clocks: Clocks | None = None) -> None:
+    def __init__(self, path: Path, key: bytes | None = None) -> None:
         self.path = path
-        self._file = ChainedFile(path, PURPOSE, key, clocks)
+        self._file = ChainedFile(path, PURPOSE, key)
 
     def append(self, kind: str, **fields: object) -> None:
         """Add a record; it is on the disk when this returns.

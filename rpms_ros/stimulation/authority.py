@@ -13,7 +13,6 @@ against intent there is only a secured network (SROS2).
 import hmac
 import secrets
 import threading
-from collections.abc import Callable
 from typing import NamedTuple
 
 from rpms_ros.pulses import nanoseconds
@@ -58,19 +57,11 @@ class Authority:
         Longest silence of the heartbeat [s].
     valid_s : float
         From the request of a token to its confirmation [s].
-    make_token : callable
-        Returns a new secret.
     """
 
-    def __init__(
-        self,
-        timeout_s: float,
-        valid_s: float = 10.0,
-        make_token: Callable[[], str] = lambda: secrets.token_hex(_TOKEN_BYTES),
-    ) -> None:
+    def __init__(self, timeout_s: float, valid_s: float = 10.0) -> None:
         self.valid_s = valid_s
         self._timeout_s = timeout_s
-        self._make_token = make_token
         self._lock = threading.RLock()
         self._operator = ''
         self._token = ''
@@ -115,7 +106,7 @@ class Authority:
             pending = bool(self._token) and now_ns <= self._until_ns
             if self._confirmed or (pending and name != self._operator):
                 raise Refused(AUTHORITY, f'expected no other operator, got {self._operator}')
-            self._operator, self._token = name, self._make_token()
+            self._operator, self._token = name, secrets.token_hex(_TOKEN_BYTES)
             self._until_ns = now_ns + nanoseconds(self.valid_s)
             self._forget_beats()
             return self._token

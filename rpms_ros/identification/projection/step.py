@@ -18,8 +18,6 @@ functions have a condition number below 1e4 (1e8 squared), so eight digits are l
 be added to and removed from a sum, but not from a QR factorisation.
 """
 
-import math
-
 import numba
 from numba.extending import register_jitable
 
@@ -35,6 +33,8 @@ from rpms_ros.identification.projection.normal_equations import gradient_pass
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.projection.problem import Problem
+from rpms_ros.identification.projection.theta_step import move_theta
+from rpms_ros.identification.projection.theta_step import room_for_steps
 from rpms_ros.identification.small_matrix import factorise_positive
 from rpms_ros.identification.small_matrix import solve_factorised
 from rpms_ros.pulses import FloatArray
@@ -82,34 +82,13 @@ def _reduced_hessian(fit: Fit, prior: Prior, hessian: FloatArray) -> bool:
 
 @register_jitable
 def _room(problem: Problem, fit: Fit, low: FloatArray, high: FloatArray) -> None:
-    """Write the least and greatest steps of the coordinates (4,) within the bounds."""
-    prior = problem.prior
-    for place in range(PARAMETERS):
-        here = coordinate(fit.theta, place)
-        low[place] = coordinate(prior.lower, place) - here
-        high[place] = coordinate(prior.upper, place) - here
-
-
-@numba.njit(cache=True)
-def _part(prior: Prior, candidate: FloatArray) -> None:
-    """Move u_thr and u_sat apart to their least distance if they are closer."""
-    lacking = prior.separation - (candidate[1] - candidate[0])
-    if lacking > 0.0:
-        candidate[0] = max(candidate[0] - 0.5 * lacking, prior.lower[0])
-        candidate[1] = candidate[0] + prior.separation
+    room_for_steps(fit.theta, problem.prior, low, high)
 
 
 @register_jitable
 def _move(problem: Problem, fit: Fit, step: FloatArray, trial: Fit) -> None:
     """Take a step (4,), keep u_thr below u_sat, and solve the linear unknowns there."""
-    prior = problem.prior
-    for place in range(PARAMETERS):
-        value = coordinate(fit.theta, place) + step[place]
-        value = math.exp(value) if place >= 2 else value
-        trial.theta[place] = min(max(value, prior.lower[place]), prior.upper[place])
-    _part(prior, trial.theta)
-    for place in range(PARAMETERS):
-        step[place] = coordinate(trial.theta, place) - coordinate(fit.theta, place)
+    move_theta(fit.theta, problem.prior, step, trial.theta)
     trial.variance[0] = fit.variance[0]
     trial.failures[0] = 0.0
     fit_linear(problem, trial, False)

@@ -21,6 +21,7 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimate import DEFAULT_RATE
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.estimate import recruiting_range
 from rpms_ros.identification.faults import FACTORISATION_FAILED
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.plausibility import PlausibilityCheck
@@ -148,13 +149,7 @@ class ExactRecursion(RestorableWithSettings):
         self._plausibility.add_pulses(onset_ns, intensity)
         self._delay_line.add(onset_ns, intensity)
         self._pulses += len(onset_ns)
-        low, high = self._intensity_range
-        # Recruitment at intensity 0 is 0 for all parameters, so it does not inform about them.
-        recruiting = intensity[intensity > 0.0]
-        self._intensity_range = (
-            float(recruiting.min(initial=low)),
-            float(recruiting.max(initial=high)),
-        )
+        self._intensity_range = recruiting_range(intensity, self._intensity_range)
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""

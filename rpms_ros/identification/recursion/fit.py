@@ -13,21 +13,21 @@ cost is not taken.  No schedule of delta and no rule about condition numbers is 
 prior with the variance of the residuals as weight keeps H positive.
 """
 
-import math
-
 import numba
 import numpy as np
 
+from rpms_ros.identification.levenberg_marquardt import bounded_step
 from rpms_ros.identification.projection.fit import LEAST_ENERGY
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import coordinate
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Prior
+from rpms_ros.identification.projection.theta_step import move_theta
+from rpms_ros.identification.projection.theta_step import room_for_steps
 from rpms_ros.identification.recursion.knots import recruitment_at_knots
 from rpms_ros.identification.recursion.memory import Memory
 from rpms_ros.identification.small_matrix import dot
 from rpms_ros.identification.small_matrix import solve_positive
-from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 
 # The variance of the residuals is estimated with a prior value, this share of the mean square of
@@ -165,74 +165,6 @@ def _reduced(
 
 
 @numba.njit(cache=True)
-def _bounded_step(
-    theta: FloatArray,
-    prior: Prior,
-    hessian: FloatArray,
-    slope: FloatArray,
-    damping: float,
-    step: FloatArray,
-) -> bool:
-    """Write the step (4,); components that would leave the bounds end at them."""
-    held = np.zeros(PARAMETERS, dtype=np.bool_)
-    for _ in range(PARAMETERS):
-        matrix = hessian.copy()
-        right = slope.copy()
-        for place in range(PARAMETERS):
-            matrix[place, place] *= 1.0 + damping
-            if held[place]:
-                continue
-            for other in range(PARAMETERS):
-                if held[other]:
-                    right[place] -= hessian[place, other] * step[other]
-        _hold(matrix, right, held, step)
-        if not solve_positive(matrix, right):
-            return False
-        step[:] = right
-        left = False
-        for place in range(PARAMETERS):
-            here = coordinate(theta, place)
-            low = coordinate(prior.lower, place) - here
-            high = coordinate(prior.upper, place) - here
-            if not held[place] and not low <= step[place] <= high:
-                step[place] = low if step[place] < low else high
-                held[place] = True
-                left = True
-        if not left:
-            break
-    return True
-
-
-@numba.njit(cache=True)
-def _hold(matrix: FloatArray, right: FloatArray, held: BoolArray, step: FloatArray) -> None:
-    """Replace the equations of the held components by their values."""
-    for place in range(PARAMETERS):
-        if held[place]:
-            matrix[place] = 0.0
-            matrix[:, place] = 0.0
-            matrix[place, place] = 1.0
-            right[place] = step[place]
-
-
-@numba.njit(cache=True)
-def _move(theta: FloatArray, prior: Prior, step: FloatArray, candidate: FloatArray) -> float:
-    """Write theta after the step, u_sat kept above u_thr; return its largest component."""
-    for place in range(PARAMETERS):
-        value = coordinate(theta, place) + step[place]
-        candidate[place] = math.exp(value) if place >= 2 else value
-        candidate[place] = min(max(candidate[place], prior.lower[place]), prior.upper[place])
-    lacking = prior.separation - (candidate[1] - candidate[0])
-    if lacking > 0.0:
-        candidate[0] = max(candidate[0] - 0.5 * lacking, prior.lower[0])
-        candidate[1] = candidate[0] + prior.separation
-    largest = 0.0
-    for place in range(PARAMETERS):
-        step[place] = coordinate(candidate, place) - coordinate(theta, place)
-        largest = max(largest, abs(step[place]))
-    return largest
-
-
-@numba.njit(cache=True)
 def go_to(fit: Fit, other: Fit) -> None:
     """Copy parameters, equations and cost of `other` to `fit`; damping and counters stay."""
     fit.theta[:] = other.theta
@@ -254,16 +186,18 @@ def improve(memory: Memory, prior: Prior, fit: Fit, trial: Fit, steps: int) -> N
     """
     hessian = np.zeros((PARAMETERS, PARAMETERS))
     slope, step = np.zeros(PARAMETERS), np.zeros(PARAMETERS)
+    low, high = np.zeros(PARAMETERS), np.zeros(PARAMETERS)
     for _ in range(steps):
         damping = fit.damping[0]
         if not _reduced(memory, prior, fit, hessian, slope):
             fit.failures[0] += 1.0
             return
-        if not _bounded_step(fit.theta, prior, hessian, slope, damping, step):
+        room_for_steps(fit.theta, prior, low, high)
+        if not bounded_step(hessian, slope, damping, low, high, step):
             fit.failures[0] += 1.0
             fit.damping[0] = min(max(10.0 * damping, 1e-6), MOST_DAMPING)
             continue
-        size = _move(fit.theta, prior, step, trial.theta)
+        size = move_theta(fit.theta, prior, step, trial.theta)
         trial.variance[0] = fit.variance[0]
         trial.linear[:] = fit.linear
         if not evaluate(memory, prior, trial):

@@ -29,9 +29,7 @@ _DAY_NS = 86_400 * NANOSECONDS_PER_SECOND
 FAILED = 'failed'
 
 
-def group_document(
-    rows: Sequence[Row], title: str, one_person: bool, remarks: Sequence[str] = ()
-) -> dict[str, Any]:
+def group_document(rows: Sequence[Row], title: str, one_person: bool) -> dict[str, Any]:
     """Return the content of the page.
 
     Parameters
@@ -43,8 +41,6 @@ def group_document(
     one_person : bool
         Whether the recordings are sessions of one person: then they are ordered by their dates,
         and changes are stated; else their spread.
-    remarks : sequence of str
-        Warnings.
     """
     if one_person and all(_dated(row) for row in rows):
         rows = sorted(rows, key=lambda row: int(row['start_ns']))
@@ -63,7 +59,7 @@ def group_document(
         'recordings': shown,
         'spread': [_spread(rows, one, confidence) for one in compared],
         'changes': [_change(shown, one) for one in compared] if one_person else [],
-        'remarks': [*remarks, *_remarks(rows, one_person)],
+        'remarks': _remarks(rows, one_person),
     }
 
 
