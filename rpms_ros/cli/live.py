@@ -3,12 +3,18 @@
 """``rpms live``: a running session as one page in a browser."""
 
 import argparse
+import socket
 import sys
+from functools import partial
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.errors import LiveError
+
+EVERYWHERE = '0.0.0.0'
+"""Stands for every address of the machine."""
 
 _DESCRIPTION = """\
 Serves one page that shows a running session: force measured and modelled, pulses, recruitment
@@ -74,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         'quantity': arguments.quantity,
     }
     topics = {'force': arguments.force_topic, 'pulses': arguments.pulses_topic}
-    return serve(namespace, token, parameters, topics, print_address)
+    return serve(namespace, token, parameters, topics, partial(print_address, arguments.address))
 
 
 def _only_namespace() -> str:
@@ -98,6 +104,33 @@ def _only_namespace() -> str:
     return found[0] if found else '/'
 
 
-def print_address(url: str, token: str) -> None:
-    """Print where the page is: a token goes behind ``#``, which browsers never send."""
-    print(f'{url}#token={token}' if token else url, flush=True)
+def print_address(listening: str, url: str, token: str) -> None:
+    """Print where the page is: a token goes behind ``#``, which browsers never send.
+
+    Parameters
+    ----------
+    listening : str
+        Address that was asked for: if it is every address of the machine, the one for others is
+        printed too.
+    url : str
+        Address of the page on this machine.
+    token : str
+        What presses its stop; empty for a page that only shows.
+    """
+    fragment = f'#token={token}' if token else ''
+    print(f'{url}{fragment}', flush=True)
+    if listening == EVERYWHERE:
+        port = urlsplit(url).port
+        print(f'elsewhere: http://{address_for_others()}:{port}/{fragment}', flush=True)
+
+
+def address_for_others() -> str:
+    """Return this machine's address in its network, or what stands for it where there is none."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            # of an address for documents, to which nothing is sent: it chooses the interface
+            probe.connect(('192.0.2.1', 9))
+        except OSError:
+            return '<address of this machine>'
+        found: str = probe.getsockname()[0]
+        return found

@@ -113,8 +113,13 @@ const plots = (function () {
     for (const [time, intensity] of part) {
       pulses.time.push(time); pulses.intensity.push(intensity);
     }
-    const old = pulses.time.findIndex((time) => time >= end() - KEPT * force.width);
-    if (old > 0) { pulses.time.splice(0, old); pulses.intensity.splice(0, old); }
+    forget(pulses);
+  }
+  /* Drops what is older than the force that is kept, all of it where nothing is newer. */
+  function forget(course) {
+    const old = course.time.findIndex((time) => time >= end() - KEPT * force.width);
+    const count = Math.max(old < 0 ? course.time.length : old, course.time.length - KEPT);
+    for (const values of Object.values(course)) { values.splice(0, count); }
   }
   /* The band is that of 95 %: twice the standard deviation, nearly. */
   function addEffort(part) {
@@ -125,8 +130,7 @@ const plots = (function () {
       effort.time.push(time); effort.value.push(value);
       effort.lower.push(value - 1.96 * deviation); effort.upper.push(value + 1.96 * deviation);
     }
-    const old = effort.time.findIndex((time) => time >= end() - KEPT * force.width);
-    if (old > 0) { for (const name of Object.keys(effort)) { effort[name].splice(0, old); } }
+    forget(effort);
     if (element('effort').hidden && effort.time.length) {
       element('effort').hidden = false;
       resize();

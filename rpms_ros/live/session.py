@@ -22,6 +22,7 @@ from rpms_ros.live.driver_view import driver_view
 from rpms_ros.live.estimate_view import estimate_view
 from rpms_ros.live.force_bins import BIN_NS
 from rpms_ros.live.force_bins import ForceBins
+from rpms_ros.live.heard import OK
 from rpms_ros.live.heard import Topic
 from rpms_ros.live.modelled import ModelledForce
 from rpms_ros.live.numbers import number
@@ -37,6 +38,8 @@ _KEPT_PULSES = 2000
 # The modelled force waits so long for pulses that come after their force [bins].
 _HOLD = 20
 _TOPICS_PERIOD = 0.5
+# The force begins anew after a jump of the clock or a pause: pulses farther away are not with it.
+_NEAR_NS = 10_000_000_000
 
 
 class Cursor(NamedTuple):
@@ -104,8 +107,15 @@ class LiveSession:
 
     @property
     def stopped(self) -> bool:
-        """Whether the driver says that a stop is latched."""
+        """Whether the newest state of the driver is that a stop is latched."""
         return self.state == STOPPED
+
+    def confirms_stop(self, now: float) -> bool:
+        """Return whether a driver that is heard at `now` [s], a steady clock, has stopped.
+
+        One that is not heard may have ended, or have been started again.
+        """
+        return self.stopped and self.topics[DRIVER].state(now) == OK
 
     def force(self, stamp_ns: IntArray, force: FloatArray) -> None:
         """Take force samples [ns], [N], each (n,)."""
@@ -147,6 +157,7 @@ class LiveSession:
         if self._epoch != self.bins.epoch or self._ready < self.bins.origin - 1:
             self._epoch = self.bins.epoch
             self._ready = self.bins.origin - 1
+            self._forget_pulses()
         last = self.bins.newest - _HOLD
         if last > self._ready:
             first = max(self._ready + 1, self.bins.oldest)
@@ -159,6 +170,11 @@ class LiveSession:
             self._topic_views = [topic.view(now) for topic in self.topics.values()]
             self._note_bad_data()
             self._topic_count += 1
+
+    def _forget_pulses(self) -> None:
+        """Forget pulses of another clock than that of the force, which has begun anew."""
+        near = (pulse for pulse in self._pulses if abs(pulse[1] - self._origin_ns) < _NEAR_NS)
+        self._pulses = deque(near, maxlen=_KEPT_PULSES)
 
     def frame(self, cursor: Cursor) -> tuple[Cursor, dict[str, Any] | None]:
         """Return what a browser does not have, as JSON takes it, and its new cursor.

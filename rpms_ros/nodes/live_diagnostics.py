@@ -23,7 +23,7 @@ def live_health(session: LiveSession, browsers: int, now: float) -> Health:
         level, text = DiagnosticStatus.STALE, 'no force'
     if refused:
         level, text = DiagnosticStatus.WARN, f'cannot show all of {", ".join(refused)}'
-    if session.stop_pressed and not session.stopped:
+    if session.stop_pressed and not session.confirms_stop(now):
         level, text = DiagnosticStatus.WARN, 'stop pressed, not confirmed by the driver'
     figures: dict[str, object] = {'browsers': browsers, 'driver': session.state or 'not heard'}
     for topic in session.topics.values():

@@ -154,7 +154,7 @@ class LivePage(Node):
             )
 
     def _is_stopped(self) -> bool:
-        return self.session.stopped
+        return self.session.confirms_stop(time.monotonic())
 
     def _tell(self, pressed: bool, text: str) -> None:
         self.server.call(lambda: self.session.stop(pressed, text))

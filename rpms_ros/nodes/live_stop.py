@@ -40,7 +40,7 @@ class LiveStop:
     node : Node
         The page's; its executor serves the timer and the service's client.
     stopped : callable
-        Tells whether the driver says that a stop is latched.
+        Tells whether a driver that is heard says that a stop is latched.
     tell : callable
         Told, in the executor's thread, whether it is pressed, and what to show.
     """

@@ -139,6 +139,13 @@ def test_a_page_without_a_token_has_no_stop(session, feed):
     assert feed.told == []
 
 
+def test_only_the_own_address_of_this_machine_is_listened_on(server):
+    assert server.address == '127.0.0.1'
+    # another of its addresses, which needs no network either
+    with pytest.raises(ConnectionRefusedError, match='refused'):
+        socket.create_connection(('127.0.0.2', server.port), timeout=10)
+
+
 def test_a_port_that_is_taken_is_one_line(server, session, feed):
     taken = rf'expected to listen on port {server.port} of 127\.0\.0\.1'
     with pytest.raises(LiveError, match=taken):

@@ -264,6 +264,30 @@ def test_a_response_that_cannot_be_drawn_is_left_out(session, make_estimate, len
     assert frame['estimate']['response'] is None
 
 
+def test_a_driver_that_is_not_heard_any_more_confirms_no_stop(session, make_status):
+    session.driver(make_status(state=4, reason='emergency stop'))
+    session.topics['driver_status'].heard(1, 10.0)
+    assert session.confirms_stop(10.5)
+    # it may have ended, or have been started again
+    assert session.stopped
+    assert not session.confirms_stop(11.5)
+
+
+def test_pulses_from_before_a_jump_of_the_clock_are_not_sent_again(session, start_ns):
+    feed(session, start_ns, 0, 1000)
+    for index in range(20):
+        session.pulse(Pulse(start_ns + 50 * index * MILLISECOND, 0.5, index))
+    session.advance(0.0)
+    cursor, first = session.frame(Cursor())
+    assert len(first['pulses']) == 20
+    session.pulse(Pulse(start_ns - 10**12 + 30 * MILLISECOND, 0.25, 20))
+    feed(session, start_ns - 10**12, 0, 1000)
+    session.advance(0.0)
+    _, again = session.frame(cursor)
+    # the epoch begins with the fifth sample of the new clock
+    assert again['pulses'] == [[pytest.approx(0.03, abs=0.005), 0.25]]
+
+
 def test_the_driver_is_sent_when_it_changes(session, make_status):
     session.driver(make_status())
     cursor, frame = session.frame(Cursor())

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live page with the real nodes."""
 
+import socket
 import subprocess
 import sys
 import time
@@ -16,8 +17,10 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_msgs.msg import Float64
 
+from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
 from rpms_ros import messages
+from rpms_ros.cli import live
 from rpms_ros.errors import LiveError
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
@@ -103,6 +106,20 @@ def test_a_stop_that_no_driver_confirms_says_so(graph, page):
     listener.create_subscription(Bool, topics.EMERGENCY_STOP, heard.append, qos.STOP_LIVE)
     graph.wait_for(lambda: len(heard) > 3)
     assert all(message.data for message in heard)
+
+
+def test_a_driver_that_has_ended_confirms_no_stop(graph, page):
+    other = graph.add(lambda **options: Node('other', **options))
+    publisher = other.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
+    graph.wait_for(lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(DriverStatus(state=DriverStatus.STOPPED, reason='emergency stop'))
+    graph.wait_for(lambda: page.session.stopped)
+    # nothing comes any more, and another driver may have taken its place
+    driver = page.session.topics['driver_status']
+    graph.wait_for(lambda: driver.state(time.monotonic()) == 'silent')
+    assert post(page.server.url, 'stop', TOKEN) == 200
+    graph.wait_for(lambda: page.session._stop == {'pressed': True, 'text': UNCONFIRMED})
+    assert page.session.stopped
 
 
 def test_it_says_what_is_not_heard_and_why(graph, page, stranger):
@@ -197,6 +214,20 @@ def test_the_command_finds_the_namespace_and_names_several(graph, page_process):
         'expected one namespace with a session, got /left, /right; choose one with --namespace\n'
     )
     assert process.returncode == 2
+
+
+def test_the_address_for_a_phone_is_printed_where_the_network_may_look(capsys):
+    live.print_address('127.0.0.1', 'http://127.0.0.1:8765/', '')
+    assert capsys.readouterr().out == 'http://127.0.0.1:8765/\n'
+    live.print_address('0.0.0.0', 'http://127.0.0.1:8765/', 'correct-horse')
+    own, others = capsys.readouterr().out.splitlines()
+    assert own == 'http://127.0.0.1:8765/#token=correct-horse'
+    place = live.address_for_others()
+    assert others == f'elsewhere: http://{place}:8765/#token=correct-horse'
+    # it is one of this machine, or it says that there is none
+    if not place.startswith('<'):
+        with socket.create_server((place, 0)) as bound:
+            assert bound.getsockname()[0] == place
 
 
 def test_a_port_that_is_taken_is_one_line_and_exit_code_two(page, page_process):
