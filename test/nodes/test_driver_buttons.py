@@ -70,6 +70,7 @@ class Ward:
         return self.change(Transition.TRANSITION_ACTIVATE)
 
     def run(self):
+        self.pulses.clear()
         self.graph.wait_for(self.arms, PATIENCE)
         handle = self.ask(self.goals.send_goal_async(RunSchedule.Goal(schedule=LONG)))
         ended = handle.get_result_async()
