@@ -17,6 +17,7 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -24,6 +25,9 @@ from rclpy.utilities import remove_ros_args
 from rpms_ros import __version__
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.discovery import use_fast_discovery
+from rpms_ros.nodes.logger import logger_of
+from rpms_ros.nodes.parameter_files import files_of
+from rpms_ros.nodes.parameter_files import without_effect
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.stop_request import StopRequest
@@ -73,6 +77,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
             signal_handler_options=SignalHandlerOptions.NO,
         )
         node = build()
+        _say_which_files_were_dropped(given, node)
         at_once = getattr(node, 'stop_at_once', None)
         if at_once is not None:
             stop.call_at_once(at_once)
@@ -80,8 +85,7 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (RpmsError, *_BAD_ARGUMENTS) as error:
-        line = ' '.join(str(error).split())
-        print(f'error: {line}', file=sys.stderr)
+        print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
     except Exception:
         # while it is built, what fails after a signal fails because of it: compilation discards
@@ -94,6 +98,15 @@ def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         rclpy.try_shutdown()
         sys.unraisablehook = hook
     return 0
+
+
+def _say_which_files_were_dropped(arguments: Sequence[str], node: Node) -> None:
+    lines = list(without_effect(arguments, node.get_fully_qualified_name()))
+    # a file for other nodes of a launch is no mistake while another one is for this node
+    alone = len(lines) == len(files_of(arguments))
+    severity = LoggingSeverity.WARN if alone else LoggingSeverity.INFO
+    for line in lines:
+        logger_of(node).log(line, severity)
 
 
 def _without_interrupts(discarded: Any) -> None:

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+from rpms_ros.nodes.live_page import LivePageParameters
 from rpms_ros.nodes.operator_console import ConsoleParameters
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import declare_parameters
@@ -114,6 +115,7 @@ def test_the_dataclass_holds_its_bounds_without_a_node() -> None:
         ConsoleParameters,
         DriverParameters,
         IdentifierParameters,
+        LivePageParameters,
         PlantParameters,
         RecorderParameters,
         StopButtonParameters,

@@ -11,11 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rclpy.context import Context
+from rclpy.node import Node
 
 import rpms_ros
 from rpms_ros.nodes import executables
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.operator_console import OperatorConsole
+from rpms_ros.nodes.parameter_files import is_for
 from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.runner import run
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
@@ -109,6 +112,64 @@ def test_parameters_come_from_a_yaml_file(domain: int, tmp_path: Path) -> None:
         _, errors = process.communicate(timeout=20)
     assert process.returncode == 0
     assert 'parameter rat is unknown here and ignored' in errors
+
+
+def test_a_file_that_has_nothing_for_the_node_is_named(domain: int, tmp_path: Path) -> None:
+    file, general = tmp_path / 'example.yaml', tmp_path / 'general.yaml'
+    file.write_text('/**/example:\n  ros__parameters: {rate: 2.5}\n')
+    general.write_text('/**:\n  ros__parameters: {rate: 5.0}\n')
+    renamed = (
+        '--ros-args',
+        '-r',
+        '__node:=other',
+        '-r',
+        '__ns:=/left',
+        '--params-file',
+        str(file),
+    )
+    said = f'{file} has parameters for /**/example and nothing for /left/other'
+    for arguments, rate, level in (
+        (renamed, 20.0, 'WARN'),
+        ((*renamed, '--params-file', str(general)), 5.0, 'INFO'),
+    ):
+        with start(domain, *arguments) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == f'running at {rate}\n'
+            process.terminate()
+            _, errors = process.communicate(timeout=20)
+        (line,) = [line for line in errors.splitlines() if said in line]
+        assert level in line
+
+
+@pytest.mark.parametrize(
+    ('pattern', 'matches'),
+    [
+        ('/**', True),
+        ('/left/identifier', True),
+        ('left/identifier', True),
+        ('/*/identifier', True),
+        ('/**/identifier', True),
+        ('/left/*', True),
+        ('identifier', False),
+        ('/*', False),
+        ('/**/recorder', False),
+    ],
+)
+def test_a_name_in_a_file_is_compared_as_rcl_does(
+    pattern: str, matches: bool, context: Context, tmp_path: Path
+) -> None:
+    file = tmp_path / 'one.yaml'
+    file.write_text(f'{pattern}:\n  ros__parameters: {{rate: 2.5}}\n')
+    node = Node(
+        'identifier',
+        namespace='left',
+        context=context,
+        cli_args=['--ros-args', '--params-file', str(file)],
+        use_global_arguments=False,
+    )
+    assert ('rate' in node._parameter_overrides) is matches
+    node.destroy_node()
+    assert is_for(pattern, '/left/identifier') is matches
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,63 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Which nodes a file of parameters is for: rcl drops what is for others without a word.
+
+A file for ``/**/identifier`` has nothing for an identifier that was renamed.
+"""
+
+import re
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+_PARAMETERS = 'ros__parameters'
+_PARTS = {'**': '(?:/[^/]+)*', '*': '/[^/]+'}
+
+
+def files_of(arguments: Sequence[str]) -> list[Path]:
+    """Return the files of parameters on a command line."""
+    return [Path(value) for name, value in pairwise(arguments) if name == '--params-file']
+
+
+def nodes_of(path: Path) -> list[str]:
+    """Return the names of nodes, with wildcards, that a file has parameters for.
+
+    Empty if it cannot be read: rcl says so itself.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
+        return []
+    return list(_names(content, '')) if isinstance(content, Mapping) else []
+
+
+def is_for(pattern: str, node: str) -> bool:
+    """Return whether a name with wildcards is that of a node, as rcl compares them.
+
+    >>> [is_for(name, '/left/leg') for name in ('/**', 'left/leg', '/*/leg', '/**/arm', 'leg')]
+    [True, True, True, False, False]
+    """
+    parts = [part for part in pattern.split('/') if part]
+    expression = ''.join(_PARTS.get(part, '/' + re.escape(part)) for part in parts)
+    return re.fullmatch(expression, node) is not None
+
+
+def without_effect(arguments: Sequence[str], node: str) -> Iterator[str]:
+    """Yield a line for each file on a command line that has nothing for a node."""
+    for path in files_of(arguments):
+        names = nodes_of(path)
+        if names and not any(is_for(name, node) for name in names):
+            yield f'{path} has parameters for {", ".join(names)} and nothing for {node}'
+
+
+def _names(content: Mapping[Any, Any], prefix: str) -> Iterator[str]:
+    for key, value in content.items():
+        if key == _PARAMETERS:
+            yield prefix
+        elif isinstance(value, Mapping):
+            yield from _names(value, f'{prefix}/{str(key).strip("/")}')
