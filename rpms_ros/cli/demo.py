@@ -4,6 +4,7 @@
 
 import argparse
 import shutil
+import socket
 import sys
 import time
 from dataclasses import replace
@@ -104,10 +105,11 @@ def run(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path('out') / datetime.now().astimezone().strftime(
         'demo_%Y%m%d_%H%M%S'
     )
-    print(f'three nodes, one recording, in {folder}')
-    if arguments.live is not None:
-        print(f'in the browser: http://127.0.0.1:{arguments.live}/', flush=True)
+    print(f'three nodes, one recording, in {folder}', flush=True)
     with SimulationLauncher(folder, settings) as launcher:
+        if arguments.live is not None:
+            _await_page(launcher, arguments.live)
+            print(f'in the browser: http://127.0.0.1:{arguments.live}/', flush=True)
         _watch(launcher, subject, arguments.duration, arguments.quiet)
         launcher.stop()
     if not launcher.monitor.estimates:
@@ -148,6 +150,21 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
         identifier={'estimator': estimator, 'preset': arguments.preset},
         live_page=None if arguments.live is None else {'port': arguments.live},
     )
+
+
+def _await_page(launcher: 'SimulationLauncher', port: int) -> None:
+    """Return when the live page answers: whoever opens it before sees an error of the browser."""
+    from rpms_ros.nodes.simulation_launcher import STARTUP_LIMIT
+
+    end = time.monotonic() + STARTUP_LIMIT
+    while time.monotonic() < end:
+        try:
+            socket.create_connection(('127.0.0.1', port), timeout=1.0).close()
+        except OSError:
+            launcher.step(0.1)
+        else:
+            return
+    raise NodeError(f'expected the live page to answer within {STARTUP_LIMIT:.0f} s')
 
 
 def _watch(
