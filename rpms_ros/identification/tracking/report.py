@@ -19,6 +19,9 @@ from rpms_ros.pulses import FloatArray
 
 RATE_NAMES = ('force_percent', 'time_constant_percent', 'u_thr', 'u_sat')
 _MINUTE = 60.0
+# A muscle does not tire evenly between two knots: deviation of a rate as a share of it, so that
+# nineteen of twenty intervals hold the mean rate of the last knot (bench/rates.py).
+_UNEVEN = 0.06
 # The disturbance counts as lively above this share of the force, by `LIVELINESS`.
 _LIVELY = 6
 _WIDE = 0.05
@@ -109,7 +112,9 @@ def _rates(
     changed = np.zeros(len(fit.covariance))
     changed[base], changed[base + knots], changed[-2:] = gain, slowing, fit.point.slope
     variance = np.einsum('ij,jk,ik->i', matrix, fit.covariance, matrix)
-    return RATE_NAMES, matrix @ changed, np.sqrt(np.maximum(variance, 0.0))
+    rate = matrix @ changed
+    variance[:2] += np.square(_UNEVEN * rate[:2])
+    return RATE_NAMES, rate, np.sqrt(np.maximum(variance, 0.0))
 
 
 def _reasons(

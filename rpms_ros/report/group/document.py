@@ -20,6 +20,7 @@ from rpms_ros.report.group.measured import Quantity
 from rpms_ros.report.group.measured import Row
 from rpms_ros.report.group.measured import change
 from rpms_ros.report.group.measured import measured
+from rpms_ros.report.group.measured import quantities_of
 from rpms_ros.report.group.measured import spread_of
 from rpms_ros.report.group.measured import usable
 
@@ -45,8 +46,9 @@ def group_document(rows: Sequence[Row], title: str, one_person: bool) -> dict[st
     if one_person and all(_dated(row) for row in rows):
         rows = sorted(rows, key=lambda row: int(row['start_ns']))
     first_ns = min((int(row['start_ns']) for row in rows if _dated(row)), default=0)
-    compared = [one for one in QUANTITIES if any(measured(row, one) for row in rows)]
-    compared = compared or list(QUANTITIES)
+    quantities = quantities_of(rows)
+    compared = [one for one in quantities if any(measured(row, one) for row in rows)]
+    compared = compared or list(quantities)
     shown = [_shown(index, row, first_ns) for index, row in enumerate(rows, 1)]
     counts = Counter(one['verdict'] for one in shown)
     confidence = next((row['confidence'] for row in rows if row.get('confidence')), 0.95)

@@ -2,13 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers of several recordings with their intervals: how they differ, and how they spread."""
 
+from collections.abc import Iterable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+
+from rpms_ros.axis import QUANTITIES as QUANTITY_OF_UNIT
 
 Row = Mapping[str, Any]
 
@@ -41,6 +45,18 @@ QUANTITIES = (
     Quantity('train_peak_force', 'Peak of trains', 'N'),
 )
 """Those that no recording has are left out of a page."""
+
+
+def quantities_of(rows: Iterable[Row]) -> tuple[Quantity, ...]:
+    """Return the quantities of a study: torques in N m where torques were measured."""
+    unit = next((str(row['unit']) for row in rows if row.get('unit')), 'N')
+    if unit == 'N':
+        return QUANTITIES
+    what = QUANTITY_OF_UNIT.get(unit, 'force').capitalize()
+    return tuple(
+        replace(one, label=one.label.replace('Force', what), unit=unit) if one.unit == 'N' else one
+        for one in QUANTITIES
+    )
 
 
 @dataclass(frozen=True)

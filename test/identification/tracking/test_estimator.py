@@ -81,7 +81,10 @@ def test_a_muscle_that_tires(living_sessions):
     last = estimates[-1]
     # the rate is the mean over the last five seconds
     assert last.rate[0] == pytest.approx(100.0 * per_minute, rel=0.2)
-    assert last.rate_lower[0] < last.rate[0] < last.rate_upper[0]
+    # no muscle tires evenly: 1.96 times 6 % of the rate at least (bench/rates.py)
+    half = 0.5 * (last.rate_upper - last.rate_lower)
+    assert half[0] > 0.11 * abs(last.rate[0])
+    assert half[0] < 0.3 * abs(last.rate[0])
     assert last.changes == 0
 
 

@@ -75,6 +75,18 @@ def test_sessions_are_ordered_by_their_dates_and_compared() -> None:
     assert document['remarks'] == []
 
 
+def test_a_study_of_torques_is_in_newton_metres() -> None:
+    document = group_document([row(1, unit='N m'), row(2, unit='N m')], 'Ada', one_person=True)
+    units = {one['label']: one['unit'] for one in document['quantities']}
+    assert units == {
+        'Threshold': '%',
+        'Torque at 50 %': 'N m',
+        'Torque at 100 %': 'N m',
+        'T_a': 'ms',
+    }
+    assert 'Torque at 100 % / N m' in as_group_page(document, Path())
+
+
 def test_what_must_not_be_used_is_not_there() -> None:
     bad = row(3, verdict='no', reasons='wrong sign', steady_force_100=-99.0)
     failed = {'recording': 'ada/x', 'status': 'failed', 'reason': 'nothing', 'verdict': None}
