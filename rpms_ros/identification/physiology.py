@@ -88,13 +88,17 @@ class TwitchReader:
         values = self.basis.evaluate(self._grid)
         return np.asarray(np.linalg.pinv(values), dtype=np.float64)
 
-    def read(self, response: FloatArray, covariance: FloatArray) -> Physiology | None:
+    def read(
+        self, response: FloatArray, covariance: FloatArray, misfit: float = MISFIT
+    ) -> Physiology | None:
         """Fit the twitch.
 
         Parameters
         ----------
         response, covariance : ndarray (functions,), (functions, functions)
             Coefficients of the response at full intensity, and their covariance.
+        misfit : float
+            Error of the basis, relative to the norm of the coefficients.
 
         Returns
         -------
@@ -104,7 +108,7 @@ class TwitchReader:
         length = float(np.linalg.norm(response))
         if not length > 2.0 * float(np.sqrt(max(np.trace(covariance), 0.0))):
             return None
-        noise = covariance + (MISFIT * length) ** 2 * np.eye(len(response))
+        noise = covariance + (misfit * length) ** 2 * np.eye(len(response))
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
         found = Coefficients(self._grid, whiten @ self._projection, whiten @ response, self._prior)
         match = match_twitch(found)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates from a fit: curve, response, physiology, each with its interval."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,7 @@ from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.physiology import TwitchReader
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.identifiability import identifiability
+from rpms_ros.identification.projection.missing_area import ResidualSums
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.projection.uncertainty import Uncertainty
@@ -26,6 +28,8 @@ from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.identified_form import identified_recruitment_with_gradient
 from rpms_ros.pulses import FloatArray
 
+BASIS_ERROR = 2e-4
+"""What each of the functions misses of a response, as a share of its size."""
 RESPONSE_STEP = 5e-3
 RESPONSE_DURATION = 0.4
 
@@ -88,13 +92,18 @@ class EstimateBuilder:
         stamp_ns: int,
         fit: Fit,
         prior: Prior,
-        spread: FloatArray,
+        residuals: ResidualSums,
         counters: Counters,
         faults: Mapping[str, int],
     ) -> Estimate:
         """Return the estimate of a fit whose equations are complete."""
-        sure = uncertainty(fit, prior, spread, self._confidence)
-        return self.stated(stamp_ns, fit, sure, prior.deviation, counters, faults)
+        sure = uncertainty(fit, prior, residuals.spread, self._confidence)
+        missing = residuals.missing_area(float(fit.variance[0]))
+        if sure is not None and missing > 0.0:
+            sure = sure.with_misfit(missing / max(self._area(fit), missing), prior.deviation)
+        length = float(np.linalg.norm(fit.linear) * np.linalg.norm(self._basis.area))
+        area_error = math.hypot(BASIS_ERROR * length, missing)
+        return self.stated(stamp_ns, fit, sure, prior.deviation, counters, faults, area_error)
 
     def stated(
         self,
@@ -104,10 +113,12 @@ class EstimateBuilder:
         deviation: FloatArray,
         counters: Counters,
         faults: Mapping[str, int],
+        area_error: float = 0.0,
     ) -> Estimate:
         """Return the estimate of a fit with a given uncertainty.
 
-        `deviation` (4,) is the standard deviation of the prior of theta, alpha as logarithms.
+        `deviation` (4,) is the standard deviation of the prior of theta, alpha as logarithms;
+        `area_error` that of the area of the response by what the functions miss of it [N s].
         """
         count = len(fit.linear)
         names = tuple(f'basis_{index + 1}' for index in range(count))
@@ -122,8 +133,8 @@ class EstimateBuilder:
                 ),
                 'condition_number': _condition(fit),
             }
-        fields |= self._curve(fit, sure, counters.intensity_span)
-        fields |= self._response(fit, sure)
+        fields |= self._curve(fit, sure, counters.intensity_span, area_error)
+        fields |= self._response(fit, sure, area_error)
         return Estimate(
             stamp_ns=stamp_ns,
             estimator=self._name,
@@ -142,7 +153,13 @@ class EstimateBuilder:
             **fields,
         )
 
-    def _curve(self, fit: Fit, sure: Uncertainty | None, span: float) -> dict[str, FloatArray]:
+    def _area(self, fit: Fit) -> float:
+        """Return the size of the area of the response [N s]."""
+        return abs(float(self._basis.area @ fit.linear))
+
+    def _curve(
+        self, fit: Fit, sure: Uncertainty | None, span: float, area_error: float
+    ) -> dict[str, FloatArray]:
         """Return K rho(u) and its bounds [N]; empty if there was one intensity only."""
         if not span >= SMALLEST_INTENSITY_SPAN:
             return {'curve_force': np.empty(0)}
@@ -152,10 +169,11 @@ class EstimateBuilder:
         curve = gain * rho
         if sure is None:
             return {'curve_force': curve}
-        half = sure.half_width(np.hstack((gain * slopes, np.outer(rho, area))))
+        misfit = self._rate_hz * area_error * rho
+        half = sure.half_width(np.hstack((gain * slopes, np.outer(rho, area))), misfit)
         return {'curve_force': curve, 'curve_lower': curve - half, 'curve_upper': curve + half}
 
-    def _response(self, fit: Fit, sure: Uncertainty | None) -> dict[str, Any]:
+    def _response(self, fit: Fit, sure: Uncertainty | None, area_error: float) -> dict[str, Any]:
         """Return the response to a pulse of full intensity, and its physiology."""
         rho, slopes = _recruitment(fit, np.ones(1))
         response = rho[0] * (self._values @ fit.linear)
@@ -164,8 +182,9 @@ class EstimateBuilder:
         to_coefficients = np.hstack(
             (np.outer(fit.linear, slopes[0]), rho[0] * np.eye(len(fit.linear)))
         )
+        share = max(MISFIT, area_error / max(self._area(fit), area_error, 1e-300))
         misfit = (
-            MISFIT * rho[0] * np.linalg.norm(fit.linear) * np.linalg.norm(self._values, axis=1)
+            share * rho[0] * np.linalg.norm(fit.linear) * np.linalg.norm(self._values, axis=1)
         )
         half = sure.half_width(self._values @ to_coefficients, misfit)
         fields: dict[str, Any] = {
@@ -174,7 +193,7 @@ class EstimateBuilder:
             'response_upper': response + half,
         }
         covariance = to_coefficients @ sure.covariance @ to_coefficients.T
-        twitch = self._reader.read(rho[0] * fit.linear, covariance)
+        twitch = self._reader.read(rho[0] * fit.linear, covariance, share)
         if twitch is not None:
             width = sure.quantile * twitch.deviations
             # No muscle answers before its pulse, and none of the others can be negative either.

@@ -15,6 +15,7 @@ from rpms_ros.identification.estimate import recruiting_range
 from rpms_ros.identification.faults import FACTORISATION_FAILED
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.projection.block_statistics import COUNT
+from rpms_ros.identification.projection.block_statistics import TIME
 from rpms_ros.identification.projection.block_statistics import empty_blocks
 from rpms_ros.identification.projection.data_intake import Intake
 from rpms_ros.identification.projection.data_intake import fresh_intake
@@ -23,6 +24,7 @@ from rpms_ros.identification.projection.estimate_builder import Counters
 from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
 from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.fit import empty_fit
+from rpms_ros.identification.projection.missing_area import ResidualSums
 from rpms_ros.identification.projection.prediction import predict
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.problem import BaselineKnots
@@ -31,12 +33,14 @@ from rpms_ros.identification.projection.problem import pass_arrays
 from rpms_ros.identification.projection.pulse_delay_line import PulseDelayLine
 from rpms_ros.identification.projection.residuals import residual_sums
 from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.projection.uncertainty import SHORTEST_CELL_NS
 from rpms_ros.identification.projection.uncertainty import residual_spread
 from rpms_ros.identification.saved_state import RestorableWithSettings
 from rpms_ros.identification.saved_state import State
 from rpms_ros.identification.saved_state import described
 from rpms_ros.identification.saved_state import expect
 from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
@@ -192,7 +196,7 @@ class ProjectionEstimator(RestorableWithSettings):
             stamp_ns,
             self._fit,
             self._problem.prior,
-            self._spread(),
+            self._residuals(),
             self._counters(),
             self._with_own(faults),
         )
@@ -218,17 +222,29 @@ class ProjectionEstimator(RestorableWithSettings):
         own.add(FACTORISATION_FAILED, int(self._fit.failures[0]))
         return own.counts()
 
-    def _spread(self) -> FloatArray:
-        """Return `residual_spread` of the blocks (lengths,) [N^2]."""
+    def _residuals(self) -> ResidualSums:
+        """Return the sums of the residuals of the blocks."""
         blocks, first = self._problem.blocks, self._problem.first
         head, size = int(blocks.head[0]), int(blocks.size[0])
         count = size - first
         if count <= 0:
-            return np.zeros(1)
+            return ResidualSums(np.zeros(1), 0.0, 0.0, 0.0, 0.0)
         sums = np.zeros(count)
         residual_sums(self._problem, size, self._fit, sums)
         order = (head + np.arange(first, size)) % len(blocks.start_ns)
-        return residual_spread(blocks.start_ns[order], blocks.moments[order, COUNT], sums)
+        start_ns, moments = blocks.start_ns[order], blocks.moments[order]
+        recruitment = identified_recruitment(self.parameters, blocks.intensity[order])
+        samples = moments[:, COUNT]
+        some = samples > 0.0
+        # the mean time since a block began is half of its length
+        seconds = 2.0 * float(np.sum(moments[some, TIME] / samples[some]))
+        return ResidualSums(
+            residual_spread(start_ns, samples, sums),
+            float(len(np.unique(start_ns[some] // SHORTEST_CELL_NS))),
+            float(samples.sum()),
+            seconds,
+            float(np.sum((blocks.weight[order] * recruitment)[some] ** 2)),
+        )
 
 
 def _check(problem: Problem, made: Problem, fits: tuple[Fit, Fit], intake: Intake) -> None:

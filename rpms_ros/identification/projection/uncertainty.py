@@ -10,6 +10,7 @@ one.
 """
 
 from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -24,6 +25,10 @@ from rpms_ros.pulses import IntArray
 _ROUNDING = 1e-12
 # Lengths over which residuals are summed to find their correlation [ns].
 _BLOCK_NS = (100_000_000, 500_000_000, 2_000_000_000)
+# Error of theta, alpha as logarithms, where the area of the response is wrong by all of it.
+_TAKEN_UP: FloatArray = np.array([0.1, 0.1, 1.0, 1.0])
+SHORTEST_CELL_NS = _BLOCK_NS[0]
+"""Shortest of them [ns]."""
 
 
 def residual_spread(start_ns: IntArray, count: FloatArray, sums: FloatArray) -> FloatArray:
@@ -85,6 +90,19 @@ class Uncertainty:
     def quantile(self) -> float:
         """Half width of an interval in standard deviations."""
         return float(ndtri(0.5 + 0.5 * self.confidence))
+
+    def with_misfit(self, share: float, deviation: FloatArray) -> 'Uncertainty':
+        """Return the uncertainty where the response is wrong by a share of its area.
+
+        The recruitment takes up a part of what the response lacks.  No standard deviation exceeds
+        that of the prior, `deviation` (4,).
+        """
+        own = np.diag(self.covariance)[:PARAMETERS]
+        most = np.maximum(deviation**2 - own, 0.0)
+        covariance = self.covariance.copy()
+        place = np.arange(PARAMETERS)
+        covariance[place, place] += np.minimum((share * _TAKEN_UP) ** 2, most)
+        return replace(self, covariance=covariance)
 
     def half_width(self, gradient: FloatArray, misfit: FloatArray | float = 0.0) -> FloatArray:
         """Return half the interval (n,) of quantities with this gradient (n, 4 + functions).

@@ -59,12 +59,16 @@ from rpms_ros.identification.saved_state import described
 from rpms_ros.identification.saved_state import expect
 from rpms_ros.identification.tracking.knowledge import knowledge_of
 from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import nanoseconds
 
+# Residuals count for the intervals with this share of the time since the last change as time
+# constant: the first ones are errors of parameters that were not known yet.
+_NEWEST = 0.25
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
 # Period and duration of the attempts to determine the kind of a change.
@@ -223,9 +227,8 @@ class ExactRecursion(RestorableWithSettings):
         own = FaultCounter(dict.fromkeys(faults, ''))
         for name, count in (*faults.items(), (FACTORISATION_FAILED, int(fit.failures[0]))):
             own.add(name, count)
-        spread = self._spread.mean
         estimate = self._builder.make(
-            stamp_ns, fit, self._learner.prior, spread, counters, own.counts()
+            stamp_ns, fit, self._learner.prior, self._spread.sums, counters, own.counts()
         )
         estimate = self._plausibility.examine(estimate)
         if not self._test.changes:
@@ -284,11 +287,13 @@ class ExactRecursion(RestorableWithSettings):
         kept = 1.0
         if acting:
             scale_memory(memory, math.exp(-seconds / settings.memory_time))
-            window = min(max(0.5 * self._test.learnt_s, 1.0), settings.memory_time)
+            window = min(max(_NEWEST * self._test.learnt_s, 1.0), settings.memory_time)
             kept = math.exp(-seconds / window)
         residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
         spread = self._spread.mean
-        self._spread.take(start_ns, residual, samples, kept)
+        weight = float(memory.blocks.weight[here]) / self._input_gain
+        rho = float(identified_recruitment(self.parameters, float(memory.blocks.intensity[here])))
+        self._spread.take(start_ns, seconds, residual, samples, weight * rho, kept)
         drift = settings.drift**2 * seconds
         floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
         suspected = self._test.suspects

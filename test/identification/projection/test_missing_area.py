@@ -1,0 +1,81 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Intervals of horizon and recursion are as wide as a muscle that their functions do not fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification.projection.missing_area import ResidualSums
+from rpms_ros.identification.projection.uncertainty import residual_spread
+from rpms_ros.muscle import simulation_subject
+
+NOISE = 0.05
+# Cells of 0.1 s with one pulse each, sampled at 1 kHz.
+CELLS, SAMPLES = 4000, 100
+
+
+def sums_of(residuals, recruitment):
+    """Return `ResidualSums` of the sums of the residuals in each cell (cells,)."""
+    start_ns = 100_000_000 * np.arange(CELLS)
+    spread = residual_spread(start_ns, np.full(CELLS, float(SAMPLES)), residuals)
+    total = float(CELLS * SAMPLES)
+    return ResidualSums(spread, float(CELLS), total, 1e-3 * total, float(np.sum(recruitment**2)))
+
+
+def test_white_residuals_show_nothing_missing() -> None:
+    generator = np.random.default_rng(1)
+    white = NOISE * np.sqrt(SAMPLES) * generator.standard_normal(CELLS)
+    sums = sums_of(white, generator.uniform(size=CELLS))
+    # The sums of white residuals vary by 2 %; the least that counts is two of these.
+    assert sums.missing_area(NOISE**2) == 0.0
+    assert replace(sums, cells=0.0).missing_area(NOISE**2) == 0.0
+    assert replace(sums, recruited=0.0).missing_area(NOISE**2) == 0.0
+
+
+def test_what_is_missing_is_found_in_newton_seconds() -> None:
+    generator = np.random.default_rng(2)
+    recruitment = generator.choice((-1.0, 1.0), CELLS)
+    areas = np.array([0.03, -0.02, 0.01])
+    missing = np.convolve(recruitment, areas)[:CELLS] / 1e-3
+    white = NOISE * np.sqrt(SAMPLES) * generator.standard_normal(CELLS)
+    found = sums_of(missing + white, recruitment).missing_area(NOISE**2)
+    # 2.5 times what the residuals show; 4000 cells tell it to a few per cent.
+    assert found == pytest.approx(2.5 * np.linalg.norm(areas), rel=0.1)
+
+
+@pytest.mark.parametrize('name', ['horizon', 'recursive'])
+@pytest.mark.parametrize(
+    ('latency', 'time_constant'), [(24e-3, 38e-3), (9e-3, 10e-3), (9e-3, 70e-3)]
+)
+def test_intervals_hold_the_curve_of_a_muscle_that_the_functions_do_not_fit(
+    living_sessions, name, latency, time_constant
+) -> None:
+    muscle = replace(simulation_subject(), latency=latency, time_constant=time_constant)
+    what = living_sessions.session('steady', 'random', 1, 24.0, muscle)
+    estimator = estimator_by_name(name)
+    estimator.add_pulses(what.onset_ns, what.intensity)
+    estimator.update(what.stamp_ns, what.force, np.ones(len(what.force), dtype=bool))
+    estimate = estimator.estimate(0, {})
+    truth = what.curve[-1]
+    error = np.abs(estimate.curve_force - truth).max()
+    half = 0.5 * (estimate.curve_upper - estimate.curve_lower).max()
+    # Without what is missing half of the interval is a quarter to a half of the error.
+    assert error < half < 8.0 * error
+    held = (estimate.curve_lower <= truth) & (truth <= estimate.curve_upper)
+    # The mean of 20 seeds is in bench/misfit.py.
+    assert held[5:].mean() > 0.8
+
+
+@pytest.mark.parametrize('name', ['horizon', 'recursive'])
+def test_intervals_of_a_muscle_that_fits_stay_narrow(living_sessions, name) -> None:
+    what = living_sessions.session('steady', 'random', 2, 24.0)
+    estimator = estimator_by_name(name)
+    estimator.add_pulses(what.onset_ns, what.intensity)
+    estimator.update(what.stamp_ns, what.force, np.ones(len(what.force), dtype=bool))
+    estimate = estimator.estimate(0, {})
+    # Noise of 0.5 % over 20 s leaves 0.05 % of the curve, one standard deviation.
+    half = 0.5 * (estimate.curve_upper - estimate.curve_lower).max()
+    assert half < 0.003 * what.curve[-1].max()
