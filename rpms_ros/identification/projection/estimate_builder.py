@@ -28,8 +28,6 @@ from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.identified_form import identified_recruitment_with_gradient
 from rpms_ros.pulses import FloatArray
 
-BASIS_ERROR = 2e-4
-"""What each of the functions misses of a response, as a share of its size."""
 RESPONSE_STEP = 5e-3
 RESPONSE_DURATION = 0.4
 
@@ -102,7 +100,8 @@ class EstimateBuilder:
         if sure is not None and missing > 0.0:
             sure = sure.with_misfit(missing / max(self._area(fit), missing), prior.deviation)
         length = float(np.linalg.norm(fit.linear) * np.linalg.norm(self._basis.area))
-        area_error = math.hypot(BASIS_ERROR * length, missing)
+        by_basis = MISFIT * length / math.sqrt(len(fit.linear))
+        area_error = math.hypot(by_basis, missing)
         return self.stated(stamp_ns, fit, sure, prior.deviation, counters, faults, area_error)
 
     def stated(

@@ -29,8 +29,9 @@ def test_white_residuals_show_nothing_missing() -> None:
     generator = np.random.default_rng(1)
     white = NOISE * np.sqrt(SAMPLES) * generator.standard_normal(CELLS)
     sums = sums_of(white, generator.uniform(size=CELLS))
-    # The sums of white residuals vary by 2 %; the least that counts is two of these.
-    assert sums.missing_area(NOISE**2) == 0.0
+    # The mean square of sums of white residuals varies by 2.2 %: three of these beyond what counts
+    # as chance are 0.6 mN s, beside a response of half a N s.
+    assert sums.missing_area(NOISE**2) < 6e-4
     assert replace(sums, cells=0.0).missing_area(NOISE**2) == 0.0
     assert replace(sums, recruited=0.0).missing_area(NOISE**2) == 0.0
 
