@@ -3,6 +3,9 @@
 """How often the 95 % intervals contain the truth, and how wide they are: 200 sessions of 15 s.
 
 `python bench/calibration.py [sessions]`
+
+`horizon` on the plant of Table 4 and on people drawn at random; `recursive` and `batch`, which
+finds latency and time constant of its functions itself, on the same people.
 """
 
 import sys
@@ -15,6 +18,7 @@ from scenarios import SIMULATED
 from scenarios import intensities
 from scenarios import record
 
+from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.muscle import random_subject
 from rpms_ros.muscle import simulation_subject
@@ -23,7 +27,7 @@ from rpms_ros.muscle import twitch
 SECONDS = 15.0
 
 
-def session(seed, subject, settings):
+def session(seed, subject, make):
     """Return which truths lie in their interval: parameters, curve, response, physiology.
 
     The last are the standard deviations of physiology that the estimate states.
@@ -34,7 +38,7 @@ def session(seed, subject, settings):
     intensity = intensities(('random', 'sinusoid')[seed % 2], count, generator)
     muscle = subject(generator)
     scenario = record(muscle, onset, intensity, SECONDS, 0.01, generator)
-    estimator = HorizonEstimator(settings)
+    estimator = make()
     estimator.add_pulses(onset, intensity)
     estimator.update(scenario.stamp_ns, scenario.force, np.ones(len(scenario.force), dtype=bool))
     estimate = estimator.estimate(0, {})
@@ -61,13 +65,15 @@ def _held(lower, truth, upper):
 def main():
     sessions = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     cases = (
-        ('paper plant', lambda _: simulation_subject(), SIMULATED),
-        ('people', random_subject, EXPERIMENTAL),
+        ('Table 4', lambda _: simulation_subject(), lambda: HorizonEstimator(SIMULATED)),
+        ('people', random_subject, lambda: HorizonEstimator(EXPERIMENTAL)),
+        ('recursive', random_subject, lambda: estimator_by_name('recursive')),
+        ('batch', random_subject, lambda: estimator_by_name('batch')),
     )
     print('share of 95 % intervals that hold the truth (goal 0.90 to 0.99)')
     print('             u_thr u_sat a_sat a_thr  curve response   T_a latency order peak')
-    for name, subject, settings in cases:
-        outcomes = [session(seed, subject, settings) for seed in range(sessions)]
+    for name, subject, make in cases:
+        outcomes = [session(seed, subject, make) for seed in range(sessions)]
         columns = list(zip(*outcomes, strict=True))
         theta, curve, response, physiology = (np.mean(column, axis=0) for column in columns[:4])
         constant, _, order, _ = np.median(columns[4], axis=0)

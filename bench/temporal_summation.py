@@ -4,9 +4,9 @@
 
 The law is learned on the trains of 4 and 7 pulses; all have a latency, T_a, gain and baseline of
 their own.  Beside it what a law could gain that is fitted to the force by its weights, as an
-estimator could do on line, with a weak prior and on the same trains; and the weights of each place
-in a train that suit all trains of that length in the mean: more no weights can do that depend on the
-intervals alone.  Needs the recordings of RPMS_RECORDINGS.
+estimator could do on line, with a weak prior and on the same trains; and one weight for each place
+in a train, the mean of the gains of all trains of that length.  Needs the recordings of
+RPMS_RECORDINGS.
 
 python bench/temporal_summation.py [--every 1]
 """

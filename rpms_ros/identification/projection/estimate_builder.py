@@ -182,9 +182,7 @@ class EstimateBuilder:
             (np.outer(fit.linear, slopes[0]), rho[0] * np.eye(len(fit.linear)))
         )
         share = max(MISFIT, area_error / max(self._area(fit), area_error, 1e-300))
-        misfit = (
-            share * rho[0] * np.linalg.norm(fit.linear) * np.linalg.norm(self._values, axis=1)
-        )
+        misfit = share * rho[0] * np.linalg.norm(fit.linear) * np.linalg.norm(self._values, axis=1)
         half = sure.half_width(self._values @ to_coefficients, misfit)
         fields: dict[str, Any] = {
             'response_force': response,

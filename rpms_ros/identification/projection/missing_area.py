@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 from rpms_ros.pulses import FloatArray
 
-# What is missing, as a multiple of what the residuals show of it: 2 to 5 with T_a of 10 to 90 ms
-# or a latency 15 ms later than that of functions with T_p = 38 ms, as the largest error of a curve.
+# What is missing, as a multiple of what the residuals show of it: such that intervals hold in
+# bench/misfit.py, with T_a of 10 to 90 ms and latencies up to 24 ms.
 _SHOWN = 2.5
 # Standard deviations by which sums of white residuals vary; what is within them does not count.
 _CHANCE = 1.0
