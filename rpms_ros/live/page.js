@@ -130,7 +130,7 @@
     const driver = topics[topics.length - 1];
     if (driver && driver.state !== 'ok' && (!known.driver || driver.state !== 'quiet')) {
       const text = known.driver
-        ? `${driver.text}; last: ${known.driver.state}` : `driver not heard: ${driver.text}`;
+        ? `driver ${driver.text}; last state: ${known.driver.state}` : `driver not heard: ${driver.text}`;
       write('state', text);
       element('state').classList.toggle('alarm', Boolean(known.driver));
       return false;

@@ -332,7 +332,7 @@ def hostile(graph):
 
 
 def test_hostile_names_are_text(graph, page, browser):
-    hostile(graph)
+    timer = hostile(graph)
     browser.open(page.server.url)
     browser.wait_for("document.querySelectorAll('#fault-rows tr').length === 1")
     browser.wait_for("!document.getElementById('doubtful').hidden")
@@ -344,6 +344,10 @@ def test_hostile_names_are_text(graph, page, browser):
     # 2^64 - 1 as a number of JavaScript
     assert browser.text('#fault-rows td') == '18446744073709552000'
     assert browser.evaluate('document.documentElement.scrollWidth - innerWidth') <= 0
+    # a state is not taken for that of now when it is old
+    timer.cancel()
+    graph.wait_for(lambda: browser.text('#state').startswith('driver silent for '))
+    assert browser.text('#state').endswith('; last state: state 77')
     assert browser.complaints() == []
 
 
