@@ -24,6 +24,8 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.pulses import nanoseconds
 
 LAWS = (None, RateRecruitment())
+_JUDGED_PULSES = 101
+_AFTER_LAST_NS = 500_000_000
 """What estimators make of the interval before a pulse; no estimate says which."""
 # Shorter intervals count as this [ns].
 _SHORTEST_NS = 1_000_000
@@ -94,6 +96,33 @@ def simulated_force(
             lag, estimate.response_time, estimate.response_force
         )
     return force
+
+
+def weight_at_own_rate(
+    estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
+) -> float:
+    """Return the weight of the pulses at their own rate, 1 at the rate of the estimate.
+
+    An estimate is stated for one rate; where the recruitment is not known, only the response at
+    the rate of the recording was measured.  Whether the estimator weighted pulses by their rate
+    shows in which of the simulated forces is nearer to force (samples,) [N] at ascending stamps
+    (samples,) [ns], over the last hundred pulses.
+    """
+    last = pulses[np.argsort(pulses.onset_ns, kind='stable')[-_JUDGED_PULSES:]]
+    if len(last) < 2:
+        return 1.0
+    part = (stamp_ns >= last.onset_ns[0]) & (stamp_ns <= last.onset_ns[-1] + _AFTER_LAST_NS)
+    error = {}
+    for law in LAWS:
+        # the weight of the first pulse is that of a pulse without another before it
+        stated = simulated_force(estimate, last[1:], stamp_ns[part], law)
+        after = stamp_ns[part] >= last.onset_ns[1]
+        residual = (force[part] - stated)[after]
+        error[law] = float(np.var(residual)) if len(residual) else 0.0
+    best = min(LAWS, key=lambda law: error[law])
+    if best is None:
+        return 1.0
+    return float(np.median(_rate_weights(estimate.repetition_rate, last.onset_ns, best)[1:]))
 
 
 def simulated_fit(

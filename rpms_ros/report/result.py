@@ -23,6 +23,7 @@ from rpms_ros.identification.analysis.dynamics import response_to_one_pulse
 from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.informed import informed_parameters
 from rpms_ros.identification.informed import informed_physiology
+from rpms_ros.identification.simulated_fit import weight_at_own_rate
 from rpms_ros.identification.verdict import Verdict
 from rpms_ros.identification.verdict import verdict_of
 from rpms_ros.identification.verdict_settings import VerdictSettings
@@ -156,7 +157,7 @@ def result_of(
     course = course_of(session)
     flags = [IDENTIFIABILITY[flag] for flag in last.nonlinear_identifiability.tolist()]
     variance = np.maximum(np.diag(last.nonlinear_covariance), 0.0)
-    response = impulse_response(recording.pulses, last, dynamics)
+    response = impulse_response(recording.pulses, session, dynamics)
     if not (np.isfinite(response).all() and np.isfinite(last.curve_force).all()):
         raise ReportError('expected data that lead to finite forces, got a response without')
     return IdentificationResult(
@@ -225,15 +226,15 @@ def analysis_of(recording: Recording) -> MuscleAnalysis | None:
 
 
 def impulse_response(
-    pulses: PulseTrain, estimate: Estimate, dynamics: TrainDynamics | None = None
+    pulses: PulseTrain, session: IdentifiedSession, dynamics: TrainDynamics | None = None
 ) -> FloatArray:
     """Return the response to one pulse (times,) [N].
 
-    At full intensity; where the recruitment is not known, at the intensity of the pulses, since
-    the response to any other is not determined.  With `dynamics` it is that of the model of the
-    trains: the estimator states its response for another rate than that of the trains, and takes
-    their pulses for equal.
+    At full intensity; where the recruitment is not known, at intensity and rate of the pulses,
+    since the response to any other is not determined.  With `dynamics` it is that of the model of
+    the trains: the estimator takes their pulses for equal.
     """
+    estimate = session.last
     if estimate.curve_known:
         return estimate.response_force
     if dynamics is not None:
@@ -241,7 +242,10 @@ def impulse_response(
     parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
     applied = float(np.median(pulses.intensity))
     share = identified_recruitment(parameters, applied) / identified_recruitment(parameters, 1.0)
-    return estimate.response_force * float(share)
+    kept = np.flatnonzero(session.usable)
+    kept = kept[np.argsort(session.stamp_ns[kept], kind='stable')]
+    weight = weight_at_own_rate(estimate, pulses, session.stamp_ns[kept], session.force[kept])
+    return estimate.response_force * float(share) * weight
 
 
 def _physiology(estimate: Estimate) -> dict[str, Stated]:

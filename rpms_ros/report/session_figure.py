@@ -95,7 +95,7 @@ def fill_session_figure(
             draw_stated(left, session.last, truth)
         panels.draw_force(_column(figure, grid[0, 1], [1.4, 1.0], shared=True), session, dose)
         panels.draw_recruitment(figure.add_subplot(grid[1, 0]), session, dose, truth)
-        force = impulse_response(pulses, session.last)
+        force = impulse_response(pulses, session)
         panels.draw_response(figure.add_subplot(grid[1, 1]), session, force, truth)
         label(figure)
         figure.suptitle(title, fontsize=12)

@@ -374,6 +374,22 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
         assert lower <= value <= upper
 
 
+def test_single_pulses_of_one_intensity_give_their_response(rpms: Rpms, tmp_path: Path) -> None:
+    """A pulse a second: what was measured, and not what a law says of pulses at 20 Hz."""
+    begin = 1.0 + np.arange(8)
+    time = np.arange(10_000) / 1000
+    force = twitch(time[:, None] - begin - 9e-3, 30e-3, 3).sum(axis=1)
+    force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
+    onset = np.round(1e9 * begin).astype(np.int64)
+    pulses = PulseTrain(onset, np.full(8, 0.8), np.arange(8), np.full(8, 1e-4))
+    write_recording(tmp_path / 'single', pulses, ForceTrace(1_000_000 * np.arange(10_000), force))
+    document = json.loads(rpms('identify', tmp_path / 'single', '--json')[1])
+    assert document['curve'] is None
+    assert 'dynamics' not in document
+    # the grid of the response has 5 ms; the law would make 0.954 of it
+    assert max(document['impulse_response']['force']) == pytest.approx(1.0, abs=0.015)
+
+
 def test_what_is_known_is_saved_and_started_from(
     rpms: Rpms, as_json: AsJson, short_session: Path, tmp_path: Path
 ) -> None:
