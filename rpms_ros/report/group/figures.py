@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from rpms_ros.report.session.figures import style
 
@@ -53,6 +54,8 @@ def _over_dates(document: Mapping[str, Any]) -> Figure:
         place.tick_params(labelbottom=True)
     for place in axes[-1]:
         place.set_xlabel('days after the first session' if dated else 'session')
+        if not dated:
+            place.xaxis.set_major_locator(MaxNLocator(integer=True))
     if at:
         margin = 0.05 * max(max(at) - min(at), 1.0)
         axes[0, 0].set_xlim(min(at) - margin, max(at) + margin)
