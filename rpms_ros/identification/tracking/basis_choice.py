@@ -22,8 +22,8 @@ from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.tracking.intervals import no_change
 from rpms_ros.identification.tracking.knowledge import Knowledge
 from rpms_ros.identification.tracking.raw_samples import RawSamples
+from rpms_ros.identification.tracking.tremor import SEARCHED_NS
 from rpms_ros.identification.tracking.tremor import line_in
-from rpms_ros.identification.tracking.window_fit import Scales
 from rpms_ros.identification.tracking.window_fit import Window
 from rpms_ros.identification.tracking.window_fit import WindowFit
 from rpms_ros.identification.tracking.window_fit import fresh_fit
@@ -31,16 +31,18 @@ from rpms_ros.identification.tracking.window_fit import improved
 from rpms_ros.pulses import FloatArray
 
 TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
-LATENCIES = (0.0, 7e-3, 14e-3, 22e-3)
+LATENCIES = (0.0, 7e-3, 14e-3, 21e-3, 28e-3)
 _RATIO = 1.25
 _SHIFT = 2.5e-3
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
-# Another basis has to be this much better [nat]: nothing is gained by going to and fro.
-_DECISION = 10.0
+# Another basis has to be this much better [nat]: nothing is gained by going to and fro, and a
+# voluntary effort is not quite linear between its knots, which a wrong basis may take for its own.
+_DECISION, _LIVELY_DECISION = 6.0, 50.0
 # A tremor has to make the samples likelier by so much [nat]: it has two unknowns a second.
 _TREMOR_DECISION = 50.0
-_STEPS = 10
+_STEPS, _ROUGH_STEPS = 10, 3
+_FINALISTS = 5
 # From this place on its grid a disturbance is lively: below a ten thousandth of the force.
 LIVELY = 4
 
@@ -59,10 +61,10 @@ def neighbours(basis: LaguerreBasis) -> list[LaguerreBasis]:
     constant, latency = basis.time_constant, basis.latency
     faster, slower = max(constant / _RATIO, _SHORTEST), min(constant * _RATIO, _LONGEST)
     sooner, later = max(latency - _SHIFT, 0.0), min(latency + _SHIFT, _LONGEST_LATENCY)
-    # a slower basis that begins earlier is much like a faster one that begins later
     pairs = (
         *((faster, latency), (slower, latency), (constant, sooner), (constant, later)),
-        *((faster, later), (slower, sooner)),
+        # a slower basis that begins earlier is much like a faster one that begins later
+        *((faster, later), (slower, sooner), (faster, sooner), (slower, later)),
     )
     found = [replace(basis, time_constant=one, latency=two) for one, two in pairs]
     return [one for one in found if one != basis]
@@ -107,6 +109,8 @@ class BasisChoice:
     ----------
     raw : RawSamples
         Samples and pulses.
+    basis : LaguerreBasis
+        The present one.
     fit : WindowFit
         Of the present basis: where the others begin.
     knowledge : Knowledge
@@ -126,6 +130,7 @@ class BasisChoice:
     """
 
     raw: RawSamples
+    basis: LaguerreBasis
     fit: WindowFit
     knowledge: Knowledge
     prior: Prior
@@ -135,68 +140,76 @@ class BasisChoice:
     spacing: float
     lag: float
     rates_hz: FloatArray | None
-    _found: dict[LaguerreBasis, Explained] = field(default_factory=dict)
+    _found: dict[tuple[LaguerreBasis, bool], Explained] = field(default_factory=dict)
 
-    def better(self, basis: LaguerreBasis, everywhere: bool) -> LaguerreBasis:
+    def better(self, everywhere: bool) -> LaguerreBasis:
         """Return the best basis if it is clearly better than the present one, else that.
 
-        The search goes uphill from the present basis, or from the best that people have.
+        The search goes uphill from the present basis, or from the best that people have.  A few
+        steps tell which bases are among the best; these are fitted to the end.
         """
+        basis = self.basis
         candidates = (basis, *grid(len(self.fit.point.linear))) if everywhere else (basis,)
-        best = max(candidates, key=self._likelihood)
+        best = max(candidates, key=self._roughly)
         while True:
-            nearest = max((best, *neighbours(best)), key=self._likelihood)
+            nearest = max((best, *neighbours(best)), key=self._roughly)
             if nearest == best:
                 break
             best = nearest
+        tried = [one for one, rough in self._found if rough]
+        finalists = sorted(tried, key=self._roughly, reverse=True)[:_FINALISTS]
+        best = max((basis, *finalists), key=self._likelihood)
         gain = self._likelihood(best) - self._likelihood(basis)
-        alike = min(self.explained(best).fit.together, self.fit.most_together)
-        return best if gain > _DECISION * alike else basis
+        fit = self.explained(best).fit
+        least = _DECISION if fit.scales.disturbance < LIVELY else _LIVELY_DECISION
+        return best if gain > least * min(fit.together, self.fit.most_together) else basis
 
-    def explained(self, basis: LaguerreBasis) -> Explained:
+    def explained(self, basis: LaguerreBasis, rough: bool = False) -> Explained:
         """Return how well a basis explains the samples, with a tremor or without.
 
         The force of a muscle has lines of its own, and so has what a wrong basis leaves: so a
         tremor has to make the samples much likelier.
         """
-        if basis not in self._found:
-            self._found[basis] = self._judged(basis)
-        return self._found[basis]
+        key = basis, rough
+        if key not in self._found:
+            self._found[key] = self._judged(basis, rough)
+        return self._found[key]
 
     def _likelihood(self, basis: LaguerreBasis) -> float:
         return self.explained(basis).fit.likelihood
 
-    def _judged(self, basis: LaguerreBasis) -> Explained:
-        fit = self._fitted(self.raw, basis)
+    def _roughly(self, basis: LaguerreBasis) -> float:
+        return self.explained(basis, rough=True).fit.likelihood
+
+    def _judged(self, basis: LaguerreBasis, rough: bool) -> Explained:
+        fit = self._fitted(self.raw, basis, rough)
         alone = Explained(fit, self.raw)
         if self.rates_hz is None or not math.isfinite(fit.likelihood):
             return alone
-        stamp_ns, _, rest = self.raw.rest(basis, fit.point.theta, fit.point.linear, self.prior)
+        muscle = basis, fit.point.theta, fit.point.linear, self.prior
+        stamp_ns, _, rest = self.raw.rest(*muscle, self.now_ns - SEARCHED_NS)
         hertz = line_in(stamp_ns, rest, self.rates_hz)
         if hertz == 0.0:
             return alone
-        cleaned = self.raw.without(hertz, rest)
-        without = self._fitted(cleaned, basis)
+        cleaned = self.raw.without(hertz, self.raw.rest(*muscle)[-1])
+        without = self._fitted(cleaned, basis, rough)
         if without.likelihood < fit.likelihood + _TREMOR_DECISION:
             return alone
         return Explained(without, cleaned, hertz)
 
-    def _fitted(self, raw: RawSamples, basis: LaguerreBasis) -> WindowFit:
+    def _fitted(self, raw: RawSamples, basis: LaguerreBasis, rough: bool) -> WindowFit:
         """Return the fit of a basis.
 
-        From a disturbance that is as lively as at present a fit does not find its way to a quiet
-        one, nor the other way round, so both are tried.
+        It begins with the present one.  From a disturbance that is as lively as at present a fit
+        does not find its way to a quiet one, nor the other way round, so both are tried.
         """
-        fit = self.fit
-        functions = len(fit.point.linear)
-        theta = fit.point.theta
-        quiet, lively = (fresh_fit(theta, functions) for _ in range(2))
-        # Likelihoods are comparable only if all weight the samples alike.
-        quiet.most_together = lively.most_together = 1.0
+        present = self.fit
+        theta, functions = present.point.theta, len(present.point.linear)
         problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), self.first_ns, self.prior)
         blocks, first = problem.blocks, problem.first
+        nothing = fresh_fit(theta, functions)
         if int(blocks.size[0]) < 2:
-            return quiet
+            return nothing
         # Blocks end where a pulse begins to act: with the one before, the samples of all bases
         # are the same.
         if first > 0 and blocks.moments[first - 1, COUNT] > 0.0:
@@ -212,10 +225,19 @@ class BasisChoice:
             self.lag,
             no_change(functions),
         )
-        improved(problem, quiet, self.knowledge, window, _STEPS)
-        if fit.scales.disturbance < LIVELY:
-            return quiet
-        lively.scales = Scales(disturbance=fit.scales.disturbance)
-        lively.levels, lively.first = fit.levels.copy(), fit.first
-        improved(problem, lively, self.knowledge, window, _STEPS)
-        return max(quiet, lively, key=lambda one: one.likelihood)
+        linear = conversion(self.basis, basis) @ present.point.linear
+        alike = replace(
+            present,
+            point=present.point._replace(linear=linear),
+            levels=present.levels.copy(),
+            likelihood=-math.inf,
+        )
+        trials = [alike]
+        if present.scales.disturbance >= LIVELY and not rough:
+            trials.append(nothing)
+        for one in trials:
+            # likelihoods are comparable only if all weight the samples alike
+            one.most_together = 1.0
+            steps = _ROUGH_STEPS if rough else _STEPS
+            improved(problem, one, self.knowledge, window, steps)
+        return max(trials, key=lambda one: one.likelihood)

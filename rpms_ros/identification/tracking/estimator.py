@@ -97,8 +97,8 @@ _CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
 _CHOICE_PERIOD_S = 32.0
 # Where all seems well it is compared with its neighbours only, but so often with all that people
 # have: seldom are neighbouring residuals of a basis that fits alike.
-_GRIDS, _ALIKE = 1, 1.3
-_CHOICE_NS = 8 * NANOSECONDS_PER_SECOND
+_GRIDS, _ALIKE = 4, 1.3
+_CHOICE_NS = 16 * NANOSECONDS_PER_SECOND
 # After the first pulse, if no response shows.
 _UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
 
@@ -306,12 +306,13 @@ class TrackingEstimator(ProjectionEstimator):
         self._follow_tremor()
         if not self._holds_samples():
             return
+        basis = self._basis
         self._choose_basis()
         window = self._span()
         self._look_for_change(window)
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
-            steps = _FIRST_STEPS if young else _STEPS
+            steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
             self._challenge(self._span())
             improved(self._problem, self._window, self._knowledge, self._span(), steps)
             self._doubt_what_is_from_before(self._span())
@@ -354,12 +355,13 @@ class TrackingEstimator(ProjectionEstimator):
             self._tremor.accept(explained.tremor, *rest)
             self._begun_ns, self._choices = self._last_ns, 0
         first_ns = self._span().first_ns
-        self._change_basis(basis)
-        assert self._last_ns is not None
-        if not explained.tremor and self._last_ns - first_ns > _CHOICE_NS:
+        if explained.tremor or basis != self._basis:
+            self._change_basis(basis)
+        if not explained.tremor and first_ns < self._compared_from():
             # of the earlier disturbance the fit of the newest samples says nothing
+            fit.point = fit.point._replace(theta=found.point.theta, linear=found.point.linear)
             return
-        fit.point = point_at(found.point.theta, found.point.linear, 0)
+        fit.point = found.point
         fit.scales, fit.variance, fit.together = found.scales, found.variance, found.together
         fit.levels, fit.first = found.levels, found.first
 
@@ -571,22 +573,27 @@ class TrackingEstimator(ProjectionEstimator):
             self._change_basis(self._basis)
         choice = self._choice()
         fit = self._window
-        doubtful = fit.together > _ALIKE or fit.scales.disturbance >= LIVELY
-        found = choice.better(self._basis, done < _GRIDS or doubtful)
+        found = choice.better(done < _GRIDS or fit.together > _ALIKE)
         explained = choice.explained(found)
         quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
         if found != self._basis or explained.tremor or quieter:
             self._take_up(explained, found)
+
+    def _compared_from(self) -> int:
+        """Return the first sample to which bases are fitted [ns]."""
+        assert self._last_ns is not None
+        return max(self._span().first_ns, self._last_ns - _CHOICE_NS)
 
     def _choice(self) -> BasisChoice:
         """Return the choice of a basis for the newest samples."""
         assert self._last_ns is not None
         return BasisChoice(
             self._raw,
+            self._basis,
             self._window,
             self._prior,
             self._problem.prior,
-            max(self._span().first_ns, self._last_ns - _CHOICE_NS),
+            self._compared_from(),
             self._last_ns,
             INTERVAL_NS,
             float(_KNOT_INTERVALS),

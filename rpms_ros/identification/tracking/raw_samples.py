@@ -137,7 +137,12 @@ class RawSamples(Restorable):
         return problem, intake, pending
 
     def rest(
-        self, basis: LaguerreBasis, theta: FloatArray, linear: FloatArray, prior: Prior
+        self,
+        basis: LaguerreBasis,
+        theta: FloatArray,
+        linear: FloatArray,
+        prior: Prior,
+        first_ns: int = -(2**62),
     ) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return stamps [ns], measured force [N] and what a muscle leaves of it [N] (samples,).
 
@@ -149,10 +154,13 @@ class RawSamples(Restorable):
             The muscle.
         prior : Prior
             Of no consequence.
+        first_ns : int
+            The first sample that counts [ns].
         """
-        stamp_ns = self._stamp_ns[: self._size]
-        force = self._measured[: self._size]
-        if not self._size:
+        low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
+        stamp_ns = self._stamp_ns[low : self._size]
+        force = self._measured[low : self._size]
+        if not len(stamp_ns):
             return stamp_ns, force, force
         fit = empty_fit(theta, basis.functions, 2)
         fit.linear[:] = linear

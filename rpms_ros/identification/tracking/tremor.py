@@ -20,6 +20,7 @@ from rpms_ros.pulses import IntArray
 _BIN_NS = 10_000_000
 # Bins that are searched for a line, and to which its amplitude is fitted.
 _SEARCHED, _FITTED = 400, 150
+SEARCHED_NS = _SEARCHED * _BIN_NS
 # After a line was rejected, until it is looked for again.
 _PAUSE = 100
 _LOWEST, _HIGHEST, _RESOLUTION = 3.0, 13.0, 0.25

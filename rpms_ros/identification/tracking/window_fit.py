@@ -373,19 +373,21 @@ def _best_scales(
     return best, solution, tried
 
 
-def _averaged(solution: _Solution, tried: list[_Solution]) -> FloatArray:
-    """Return the covariance of x about a solution, averaged over the likely scales.
+def _averaged(solution: _Solution, tried: list[_Solution]) -> tuple[FloatArray, FloatArray]:
+    """Return the step of x and its covariance, averaged over the likely scales.
 
-    The evidence of neighbouring scales often differs little, and intervals with the best one
-    alone would be too narrow.
+    The evidence of neighbouring scales often differs little: with the best one alone the estimate
+    would jump from one to the next, and intervals would be too narrow.
     """
     likely = [one for one in tried if one.evidence > solution.evidence - _LIKELY]
     weight = np.exp([one.evidence - solution.evidence for one in likely])
+    weight /= weight.sum()
+    step = sum(share * one.step for share, one in zip(weight, likely, strict=True))
     covariance = np.zeros_like(solution.hessian)
-    for share, one in zip(weight / weight.sum(), likely, strict=True):
-        away = one.step - solution.step
+    for share, one in zip(weight, likely, strict=True):
+        away = one.step - step
         covariance += share * (scaled_inverse(one.hessian) + np.outer(away, away))
-    return covariance
+    return step, covariance
 
 
 def improved(
@@ -403,7 +405,7 @@ def improved(
         except np.linalg.LinAlgError:
             fit.failures += 1
             return
-        _move(fit, at, solution, _averaged(solution, tried))
+        _move(fit, at, solution, *_averaged(solution, tried))
         fit.variance, fit.together = noise_of(
             at.intervals,
             at.point,
@@ -430,7 +432,7 @@ def explained(
         solution = _solution(at, reduced, fit.scales)
         if solution is None:
             return False
-        _move(fit, at, solution, scaled_inverse(solution.hessian))
+        _move(fit, at, solution, solution.step, scaled_inverse(solution.hessian))
     return True
 
 
@@ -448,9 +450,15 @@ def _linearised(
     return _Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
 
 
-def _move(fit: WindowFit, at: _Linearised, solution: _Solution, covariance: FloatArray) -> None:
-    """Take the step of a solution, limited to the range in which the model is nearly linear."""
-    step = at.knowledge.bounded(at.point, solution.step, solution.hessian)
+def _move(
+    fit: WindowFit,
+    at: _Linearised,
+    solution: _Solution,
+    step: FloatArray,
+    covariance: FloatArray,
+) -> None:
+    """Take a step, limited to the range in which the model is nearly linear."""
+    step = at.knowledge.bounded(at.point, step, solution.hessian)
     joint, knots = PARAMETERS + len(at.point.linear), len(at.point.gain)
     slowing = step[joint + knots : joint + 2 * knots] / _LARGEST_SLOWING_STEP
     largest = np.abs(np.concatenate((step[:PARAMETERS] / _LARGEST_STEP, slowing)))
