@@ -32,7 +32,7 @@ from rpms_ros.pulses import FloatArray
 
 TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
 LATENCIES = (0.0, 7e-3, 14e-3, 21e-3, 28e-3)
-_RATIO = 1.25
+_RATIO, _DIGITS = 1.25, 5
 _SHIFT = 2.5e-3
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
@@ -66,7 +66,11 @@ def neighbours(basis: LaguerreBasis) -> list[LaguerreBasis]:
         # a slower basis that begins earlier is much like a faster one that begins later
         *((faster, later), (slower, sooner), (faster, sooner), (slower, later)),
     )
-    found = [replace(basis, time_constant=one, latency=two) for one, two in pairs]
+    # rounded, so that a basis reached in two ways is fitted once
+    found = [
+        replace(basis, time_constant=round(one, _DIGITS), latency=round(two, _DIGITS))
+        for one, two in pairs
+    ]
     return [one for one in found if one != basis]
 
 
