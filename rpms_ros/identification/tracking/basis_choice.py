@@ -28,6 +28,7 @@ from rpms_ros.identification.tracking.window_fit import Window
 from rpms_ros.identification.tracking.window_fit import WindowFit
 from rpms_ros.identification.tracking.window_fit import fresh_fit
 from rpms_ros.identification.tracking.window_fit import improved
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 
 TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
@@ -36,9 +37,11 @@ _RATIO, _DIGITS = 1.25, 5
 _SHIFT = 2.5e-3
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
-# Another basis has to be this much better [nat]: nothing is gained by going to and fro, and a
-# voluntary effort is not quite linear between its knots, which a wrong basis may take for its own.
-_DECISION, _LIVELY_DECISION = 6.0, 50.0
+# Another basis has to be this much better [nat]: nothing is gained by going to and fro.  Few
+# samples may be explained by a basis that does not bear a slow change, and a voluntary effort is not
+# quite linear between its knots, which a wrong basis may take for its own.
+_DECISION, _EARLY_DECISION, _LIVELY_DECISION = 6.0, 12.0, 50.0
+_EARLY_NS = 12 * NANOSECONDS_PER_SECOND
 # A tremor has to make the samples likelier by so much [nat]: it has two unknowns a second.
 _TREMOR_DECISION = 50.0
 _STEPS, _ROUGH_STEPS = 10, 3
@@ -165,7 +168,9 @@ class BasisChoice:
         best = max((basis, *finalists), key=self._likelihood)
         gain = self._likelihood(best) - self._likelihood(basis)
         fit = self.explained(best).fit
-        least = _DECISION if fit.scales.disturbance < LIVELY else _LIVELY_DECISION
+        least = _EARLY_DECISION if self.now_ns - self.first_ns < _EARLY_NS else _DECISION
+        if fit.scales.disturbance >= LIVELY:
+            least = _LIVELY_DECISION
         return best if gain > least * min(fit.together, self.fit.most_together) else basis
 
     def explained(self, basis: LaguerreBasis, rough: bool = False) -> Explained:

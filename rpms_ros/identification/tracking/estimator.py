@@ -96,8 +96,9 @@ _YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
 _CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
 _CHOICE_PERIOD_S = 32.0
 # Where all seems well it is compared with its neighbours only, but so often with all that people
-# have: seldom are neighbouring residuals of a basis that fits alike.
+# have.  Neighbouring residuals of a basis that fits are seldom alike: then it is compared sooner.
 _GRIDS, _ALIKE = 4, 1.3
+_AGAIN_NS = 5 * NANOSECONDS_PER_SECOND
 _CHOICE_NS = 16 * NANOSECONDS_PER_SECOND
 # After the first pulse, if no response shows.
 _UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
@@ -126,6 +127,7 @@ class TrackingEstimator(ProjectionEstimator):
     _begun_ns: int | None
     _stimulated_ns: int | None
     _choices: int
+    _compared_ns: int
     _turn: int
     _from_before: bool
     _knowledge: Knowledge
@@ -152,6 +154,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._begun_ns = None
         self._stimulated_ns = None
         self._choices = 0
+        self._compared_ns = -(2**62)
         self._turn = 0
         self._from_before = False
         self._starts = settings.starts()
@@ -217,6 +220,7 @@ class TrackingEstimator(ProjectionEstimator):
         super().forget_pulses()
         self._begin_anew()
         self._begun_ns = self._stimulated_ns = None
+        self._compared_ns = -(2**62)
         self._tremor.forget()
         self._last_ns = None
 
@@ -562,9 +566,12 @@ class TrackingEstimator(ProjectionEstimator):
         seconds = (self._last_ns - since_ns) / NANOSECONDS_PER_SECOND
         done = self._choices
         due = _CHOICES_S[done] if done < len(_CHOICES_S) else _CHOICE_PERIOD_S * (done - 3)
-        if seconds < due:
+        alike = self._window.together > _ALIKE
+        if seconds >= due:
+            self._choices += 1
+        elif not alike or self._last_ns < self._compared_ns + _AGAIN_NS:
             return
-        self._choices += 1
+        self._compared_ns = self._last_ns
         if self._tremor.frequency:
             # the muscle is known better than it was
             point, prior = self._window.point, self._problem.prior
@@ -573,7 +580,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._change_basis(self._basis)
         choice = self._choice()
         fit = self._window
-        found = choice.better(done < _GRIDS or fit.together > _ALIKE)
+        found = choice.better(done < _GRIDS or alike)
         explained = choice.explained(found)
         quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
         if found != self._basis or explained.tremor or quieter:
