@@ -38,8 +38,8 @@ _SHIFT = 2.5e-3
 _SHORTEST, _LONGEST = 5e-3, 0.11
 _LONGEST_LATENCY = 35e-3
 # Another basis has to be this much better [nat]: nothing is gained by going to and fro.  Few
-# samples may be explained by a basis that does not bear a slow change, and a voluntary effort is not
-# quite linear between its knots, which a wrong basis may take for its own.
+# samples may be explained by a basis that does not bear a slow change.  A voluntary effort is not
+# quite linear between its knots, and a wrong basis may explain what is left.
 _DECISION, _EARLY_DECISION, _LIVELY_DECISION = 6.0, 12.0, 50.0
 _EARLY_NS = 12 * NANOSECONDS_PER_SECOND
 # A tremor has to make the samples likelier by so much [nat]: it has two unknowns a second.
