@@ -27,6 +27,7 @@ from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.plausibility import PlausibilityCheck
 from rpms_ros.identification.projection.block_statistics import COUNT
 from rpms_ros.identification.projection.block_statistics import LONGEST_BLOCK_NS
+from rpms_ros.identification.projection.block_statistics import TIME
 from rpms_ros.identification.projection.block_statistics import newest
 from rpms_ros.identification.projection.estimate_builder import Counters
 from rpms_ros.identification.projection.estimate_builder import EstimateBuilder
@@ -293,7 +294,9 @@ class ExactRecursion(RestorableWithSettings):
         spread = self._spread.mean
         weight = float(memory.blocks.weight[here]) / self._input_gain
         rho = float(identified_recruitment(self.parameters, float(memory.blocks.intensity[here])))
-        self._spread.take(start_ns, seconds, residual, samples, weight * rho, kept)
+        # the block may have ended without samples: their mean time is half of what they cover
+        covered = 2.0 * float(memory.blocks.moments[here, TIME]) / samples
+        self._spread.take(start_ns, covered, residual, samples, weight * rho, kept)
         drift = settings.drift**2 * seconds
         floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
         suspected = self._test.suspects

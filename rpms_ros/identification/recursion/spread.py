@@ -51,7 +51,7 @@ class ResidualSpread(Restorable):
         start_ns : int
             Its start [ns].
         seconds : float
-            Its length.
+            The time that its samples cover.
         residual : float
             Sum of its residuals [N].
         samples : float

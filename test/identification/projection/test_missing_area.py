@@ -10,6 +10,7 @@ import pytest
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.projection.missing_area import ResidualSums
 from rpms_ros.identification.projection.uncertainty import residual_spread
+from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import simulation_subject
 
 NOISE = 0.05
@@ -80,3 +81,24 @@ def test_intervals_of_a_muscle_that_fits_stay_narrow(living_sessions, name) -> N
     # Noise of 0.5 % over 20 s leaves 0.05 % of the curve, one standard deviation.
     half = 0.5 * (estimate.curve_upper - estimate.curve_lower).max()
     assert half < 0.003 * what.curve[-1].max()
+
+
+@pytest.mark.parametrize('name', ['horizon', 'recursive'])
+def test_a_pause_without_samples_does_not_widen_the_intervals(name) -> None:
+    """The sensor is off for most of a pause of the stimulation."""
+    intensity = np.random.default_rng(1).uniform(size=200)
+    onset_ns = 50_000_000 * np.arange(200) + np.where(np.arange(200) < 160, 0, 40_000_000_000)
+    muscle = Contraction(replace(simulation_subject(), latency=24e-3))
+    muscle.add_pulses(onset_ns, intensity)
+    stamp_ns = 1_000_000 * np.arange(50_000)
+    force = muscle.force(stamp_ns) + 0.05 * np.random.default_rng(2).standard_normal(50_000)
+    half = []
+    for off_ns in (0, 38_000_000_000):
+        on = np.abs(stamp_ns - 29_000_000_000) >= off_ns / 2
+        estimator = estimator_by_name(name)
+        estimator.add_pulses(onset_ns, intensity)
+        estimator.update(stamp_ns[on], force[on], np.ones(np.count_nonzero(on), dtype=bool))
+        estimate = estimator.estimate(0, {})
+        half.append((estimate.curve_upper - estimate.curve_lower).max())
+    # What is rest differs, and with it how much of the noise is known; the area is the same.
+    assert half[1] < 1.5 * half[0]
