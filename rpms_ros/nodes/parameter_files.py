@@ -15,6 +15,8 @@ from typing import Any
 
 import yaml
 
+from rpms_ros.nodes.plain_text import plain_text
+
 _PARAMETERS = 'ros__parameters'
 _PARTS = {'**': '(?:/[^/]+)*', '*': '/[^/]+'}
 
@@ -27,10 +29,13 @@ def files_of(arguments: Sequence[str]) -> list[Path]:
 def nodes_of(path: Path) -> list[str]:
     """Return the names of nodes, with wildcards, that a file has parameters for.
 
-    Empty if it cannot be read: rcl says so itself.
+    Empty if it cannot be read, of which rcl says so itself, or is a pipe, which rcl has emptied.
     """
+    if not path.is_file():
+        return []
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+        # values stay text: PyYAML would refuse some that rcl takes, as a date with a 13th month
+        content = yaml.load(path.read_text(encoding='utf-8'), Loader=yaml.BaseLoader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
         return []
     return list(_names(content, '')) if isinstance(content, Mapping) else []
@@ -52,7 +57,9 @@ def without_effect(arguments: Sequence[str], node: str) -> Iterator[str]:
     for path in files_of(arguments):
         names = nodes_of(path)
         if names and not any(is_for(name, node) for name in names):
-            yield f'{path} has parameters for {", ".join(names)} and nothing for {node}'
+            yield plain_text(
+                f'{path} has parameters for {", ".join(names)} and nothing for {node}'
+            )
 
 
 def _names(content: Mapping[Any, Any], prefix: str) -> Iterator[str]:

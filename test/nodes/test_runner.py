@@ -19,6 +19,8 @@ from rpms_ros.nodes import executables
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.parameter_files import is_for
+from rpms_ros.nodes.parameter_files import nodes_of
+from rpms_ros.nodes.parameter_files import without_effect
 from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.runner import run
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
@@ -139,6 +141,34 @@ def test_a_file_that_has_nothing_for_the_node_is_named(domain: int, tmp_path: Pa
             _, errors = process.communicate(timeout=20)
         (line,) = [line for line in errors.splitlines() if said in line]
         assert level in line
+
+
+def test_what_is_no_value_of_yaml_is_text_for_rcl_and_no_fault(
+    context: Context, tmp_path: Path
+) -> None:
+    # 13 is no month, and PyYAML refuses it as a date
+    file = tmp_path / 'one.yaml'
+    file.write_text('other:\n  ros__parameters: {session: 2001-13-45}\n')
+    arguments = ['--ros-args', '--params-file', str(file)]
+    Node('other', context=context, cli_args=arguments, use_global_arguments=False).destroy_node()
+    (line,) = without_effect(arguments, '/node')
+    assert line == f'{file} has parameters for /other and nothing for /node'
+
+
+def test_a_file_that_cannot_be_read_twice_is_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    assert nodes_of(pipe) == []
+
+
+def test_a_file_whose_name_is_no_text_is_named(tmp_path: Path) -> None:
+    file = tmp_path / os.fsdecode(b'\xff.yaml')
+    file.write_text('other:\n  ros__parameters: {rate: 2.5}\n')
+    (line,) = without_effect(['--params-file', str(file)], '/node')
+    assert (
+        line.encode()
+        == f'{tmp_path}/?.yaml has parameters for /other and nothing for /node'.encode()
+    )
 
 
 @pytest.mark.parametrize(
