@@ -135,7 +135,7 @@ class OperatorConsole(Node):
             self._on_key(key, now_ns)
         if not self._keyboard.there:
             self.button.set(True)
-        self._enable(self._held.held(now_ns) or self._joystick.down(now_ns) is True)
+        self._enable(self._is_enabled(now_ns))
         self._go_on()
 
     def _on_key(self, key: str, now_ns: int) -> None:
@@ -149,6 +149,9 @@ class OperatorConsole(Node):
         else:
             self.button.set(True)
             self._say('stop pressed')
+
+    def _is_enabled(self, now_ns: int) -> bool:
+        return self._held.held(now_ns) or self._joystick.down(now_ns) is True
 
     def _enable(self, held: bool) -> None:
         changed, self.client.enable = held != self.client.enable, held
@@ -225,7 +228,10 @@ class OperatorConsole(Node):
         self._status = message
 
     def _on_joy(self, message: Joy) -> None:
-        self._joystick.heard(message.buttons, time.monotonic_ns())
+        now_ns = time.monotonic_ns()
+        self._joystick.heard(message.buttons, now_ns)
+        # each one is said: a release may be over before the next look
+        self._enable(self._is_enabled(now_ns))
 
 
 def _text_of(name: str) -> str:

@@ -14,6 +14,7 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from rpms_msgs.msg import DriverStatus
+from rpms_msgs.msg import OperatorHeartbeat
 from rpms_msgs.msg import Pulse
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
@@ -147,6 +148,29 @@ def test_a_joystick_that_is_silent_is_an_error_of_button_and_console(graph, term
             == (DiagnosticStatus.ERROR, 'joystick lost: not enabled')
         )
     )
+
+
+def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(graph, terminal):
+    beats = []
+    stick = graph.add(lambda **options: Node('stick', **options))
+    stick.create_subscription(OperatorHeartbeat, topics.HEARTBEAT, beats.append, qos.STOP_LIVE)
+    publisher = stick.create_publisher(Joy, topics.JOY, 10)
+    console = graph.add(
+        lambda **options: OperatorConsole(terminal[1], **options),
+        operator='ada',
+        joy_enable=1,
+        joy_timeout=5.0,
+    )
+    console.client.token = 'any'
+    graph.wait_for(lambda: publisher.get_subscription_count() > 0 and bool(beats))
+    publisher.publish(Joy(buttons=[0, 1]))
+    graph.wait_for(lambda: beats[-1].enable)
+    beats.clear()
+    # nobody takes the first before the second is there
+    for held in (0, 1):
+        publisher.publish(Joy(buttons=[0, held]))
+    graph.wait_for(lambda: any(not beat.enable for beat in beats))
+    graph.wait_for(lambda: beats[-1].enable)
 
 
 def test_a_button_without_a_key_is_refused(graph):
