@@ -23,6 +23,8 @@ from rpms_ros.pulses import IntArray
 # More than a second of pulses at the highest rate of a schedule.
 _MOST_PULSES = 2000
 _MOST_TIMES = 5000
+# No response lasts so long; a much longer one could not be counted in nanoseconds.
+_LONGEST_S = 100.0
 # A response may become longer with the next estimate.
 _LATEST_NS = 1_000_000_000
 
@@ -42,7 +44,8 @@ class ModelledForce:
         """Take the newest estimate, if it can be drawn."""
         time, force = estimate.response_time, estimate.response_force
         finite = len(time) > 1 and np.isfinite(time).all() and np.isfinite(force).all()
-        if finite and len(time) <= _MOST_TIMES and (np.diff(time) > 0.0).all():
+        bounded = len(time) <= _MOST_TIMES and finite and np.abs(time).max() <= _LONGEST_S
+        if bounded and (np.diff(time) > 0.0).all():
             self._estimate = estimate
 
     def at(self, stamp_ns: IntArray) -> FloatArray:

@@ -95,6 +95,15 @@ def test_the_modelled_force_is_the_sum_of_the_responses(make_estimate, start_ns)
     np.testing.assert_allclose(model.at(stamps), expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize('longest', [1e9, 1e300])
+def test_a_response_without_an_end_is_not_modelled(make_estimate, start_ns, longest):
+    model = ModelledForce()
+    stamps = start_ns + np.arange(2) * BIN_NS
+    for time in ([0.0, longest], [-longest, 0.1]):
+        model.estimate(make_estimate(response_time=np.array(time), response_force=np.ones(2)))
+        assert np.isnan(model.at(stamps)).all()
+
+
 def test_an_estimator_of_another_form_is_modelled_by_its_curve(make_estimate, start_ns):
     model = ModelledForce()
     model.estimate(make_estimate(nonlinear_names=(), nonlinear=np.empty(0), linear_names=()))
