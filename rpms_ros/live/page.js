@@ -8,7 +8,9 @@
   // a screen of 60 Hz draws every second time
   const DRAW_PERIOD = 30;
   const TEXT_PERIOD = 500, CALM_PERIOD = 1000, RETRY = 1000, SILENCE = 3000,
-    HIDDEN_PERIOD = 1000;
+    HIDDEN_PERIOD = 1000, PATIENCE = 2000;
+  const SENDING = 'stop pressed, sending', UNANSWERED = 'NOT STOPPED by this page: its program does '
+    + 'not answer; use the switch of the stimulator';
   const known = { unit: 'N', estimate: null, driver: null, topics: [], stop: { pressed: false, text: '' } };
   let token = '', held = false, canStop = false, socket = null, changed = true;
   let written = 0, drawn = 0, lastFrame = 0, pressedHere = '', drawnEstimate = null;
@@ -237,17 +239,24 @@
   }, 1000);
 
   async function ask(what) {
-    pressedHere = what === 'stop' ? 'stop pressed, sending' : '';
+    pressedHere = what === 'stop' ? SENDING : '';
     writeStop();
+    // for one that hangs a browser waits for minutes
+    setTimeout(() => {
+      if (what === 'stop' && pressedHere === SENDING) { pressedHere = UNANSWERED; writeStop(); }
+    }, PATIENCE);
     try {
       const answer = await fetch(what, { method: 'POST',
         headers: { Authorization: `Bearer ${token}` } });
-      if (answer.ok) { return; }
+      if (answer.ok) {
+        // of a stop that is pressed again the page hears nothing new
+        if (known.stop.pressed) { pressedHere = ''; writeStop(); }
+        return;
+      }
       pressedHere = `NOT STOPPED by this page: ${(await answer.text()).trim()}`;
       if (answer.status === 403) { token = ''; sessionStorage.removeItem('token'); }
     } catch (error) {
-      pressedHere = 'NOT STOPPED by this page: its program does not answer; use the switch of the '
-        + 'stimulator';
+      pressedHere = UNANSWERED;
     }
     if (what !== 'stop') { pressedHere = pressedHere.replace('NOT STOPPED', 'NOT LET GO'); }
     writeStop();

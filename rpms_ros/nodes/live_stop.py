@@ -9,6 +9,7 @@ of the buttons, which a driver hears even while its executor is blocked.  Let go
 "released" and leaves; the driver stays stopped until somebody resets it.
 """
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -26,6 +27,8 @@ _LOOK_S = 0.02
 _REPEAT_S = 0.1
 # How long "released" is said before the button leaves: longer than a driver needs to hear it.
 _FAREWELL_S = 0.5
+# "pressed" is said as long, also if it is let go of sooner: a driver has to find the button first.
+_LEAST_S = 0.5
 # After this time a driver that says nothing of a stop is taken for one that has not heard it.
 _CONFIRMATION_S = 1.0
 
@@ -53,7 +56,9 @@ class LiveStop:
         self._tell = tell
         self._lock = threading.Lock()
         self._wanted = False
+        self._confirmed = False
         self._pressed_at = 0.0
+        self._held_until = 0.0
         self._next_call = 0.0
         self._leaves_at = 0.0
         self._told = ''
@@ -67,6 +72,7 @@ class LiveStop:
         with self._lock:
             if not self._wanted:
                 self._wanted, self._pressed_at = True, time.monotonic()
+                self._held_until, self._confirmed = math.inf, False
             self._call()
 
     def let_go(self) -> None:
@@ -82,7 +88,8 @@ class LiveStop:
     def _look(self) -> None:
         with self._lock:
             now = time.monotonic()
-            (self._hold if self._wanted else self._leave)(now)
+            held = self._wanted or now < self._held_until
+            (self._hold if held else self._leave)(now)
 
     def _hold(self, now: float) -> None:
         if self._button is None:
@@ -90,29 +97,37 @@ class LiveStop:
             self._button.say()
             logger_of(self._node).warning('stop pressed on the page')
         self._button.set(True)
-        stopped = self._stopped()
+        self._held_until = min(self._held_until, now + _LEAST_S)
+        stopped = self._confirmed = self._stopped()
         if not stopped and now >= self._next_call:
             self._call()
         if stopped:
-            self._say('stopped: the driver confirms it; let go here, then reset at the driver')
+            self._say(
+                True, 'stopped: the driver confirms it; let go here, then reset at the driver'
+            )
         elif now > self._pressed_at + _CONFIRMATION_S:
-            self._say(UNCONFIRMED)
+            self._say(True, UNCONFIRMED)
         else:
-            self._say('stop pressed, waiting for the driver')
+            self._say(True, 'stop pressed, waiting for the driver')
         self._leaves_at = now + _FAREWELL_S
 
     def _leave(self, now: float) -> None:
         if self._button is None:
             return
         self._button.set(False)
-        self._say('released: the driver stays stopped until it is reset')
+        self._confirmed = self._confirmed or self._stopped()
+        if self._confirmed:
+            self._say(False, 'released: the driver stays stopped until it is reset')
+        else:
+            self._say(False, f'released; the stop was {UNCONFIRMED}')
         if now >= self._leaves_at:
             self._button.destroy()
             self._button = None
-            self._say('')
+            if self._confirmed:
+                self._say(False, '')
             logger_of(self._node).info('stop of the page released')
 
-    def _say(self, text: str) -> None:
+    def _say(self, pressed: bool, text: str) -> None:
         if text != self._told:
             self._told = text
-            self._tell(self._wanted, text)
+            self._tell(pressed, text)

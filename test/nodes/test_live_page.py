@@ -108,6 +108,27 @@ def test_a_stop_that_no_driver_confirms_says_so(graph, page):
     assert all(message.data for message in heard)
 
 
+def test_a_stop_that_nobody_confirmed_is_not_called_one_that_lasts(graph, page):
+    post(page.server.url, 'stop', TOKEN)
+    graph.wait_for(lambda: page.session._stop == {'pressed': True, 'text': UNCONFIRMED})
+    post(page.server.url, 'let_go', TOKEN)
+    graph.wait_for(lambda: page.stop._button is None)
+    released = {'pressed': False, 'text': f'released; the stop was {UNCONFIRMED}'}
+    graph.wait_for(lambda: page.session._stop == released)
+
+
+def test_a_stop_that_is_let_go_of_at_once_is_said(graph, page):
+    heard = []
+    listener = graph.add(lambda **options: Node('listener', **options))
+    listener.create_subscription(Bool, topics.EMERGENCY_STOP, heard.append, qos.STOP_LIVE)
+    # no driver serves a stop yet, and the timer of the page has not looked in between
+    page.stop.press()
+    page.stop.let_go()
+    graph.wait_for(lambda: any(message.data for message in heard))
+    graph.wait_for(lambda: page.stop._button is None)
+    assert not heard[-1].data
+
+
 def test_a_driver_that_has_ended_confirms_no_stop(graph, page):
     other = graph.add(lambda **options: Node('other', **options))
     publisher = other.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)

@@ -387,6 +387,19 @@ def test_the_stop_of_the_page_asks_for_the_token(graph, page, browser):
     graph.wait_for(lambda: page.stop._button is None)
 
 
+def test_a_second_press_hides_no_alarm_and_one_without_an_answer_is_one(graph, page, browser):
+    browser.open(f'{page.server.url}#token={TOKEN}')
+    browser.wait_for("!document.getElementById('stop').hidden")
+    browser.evaluate("document.getElementById('stop').click()")
+    graph.wait_for(lambda: browser.text('#stopped') == UNCONFIRMED)
+    browser.evaluate("document.getElementById('stop').click()")
+    graph.wait_for(lambda: browser.text('#stopped') == UNCONFIRMED)
+    # a program that hangs takes the request and does not answer
+    browser.evaluate('window.fetch = () => new Promise(() => {}), 1')
+    browser.evaluate("document.getElementById('stop').click()")
+    browser.wait_for("document.getElementById('stopped').textContent.includes('NOT STOPPED')")
+
+
 def test_a_page_that_was_killed_says_so_and_comes_back(page_process, browser):
     process, url = page_process('--namespace', '/left', '--port', '0')
     port = url.rstrip('/').rpartition(':')[2]
