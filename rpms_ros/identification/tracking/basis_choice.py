@@ -24,6 +24,7 @@ from rpms_ros.identification.tracking.knowledge import Knowledge
 from rpms_ros.identification.tracking.raw_samples import RawSamples
 from rpms_ros.identification.tracking.tremor import SEARCHED_NS
 from rpms_ros.identification.tracking.tremor import line_in
+from rpms_ros.identification.tracking.window_fit import Scales
 from rpms_ros.identification.tracking.window_fit import Window
 from rpms_ros.identification.tracking.window_fit import WindowFit
 from rpms_ros.identification.tracking.window_fit import fresh_fit
@@ -48,6 +49,10 @@ _STEPS, _ROUGH_STEPS = 10, 3
 _FINALISTS = 5
 # From this place on its grid a disturbance is lively: below a ten thousandth of the force.
 LIVELY = 4
+_LIVELY_START = 7
+# Neighbouring residuals are this much alike where an effort has begun before the muscle was known
+# and is taken for the muscle.
+_HANGING = 10.0
 
 
 def grid(functions: int) -> list[LaguerreBasis]:
@@ -210,7 +215,8 @@ class BasisChoice:
         """Return the fit of a basis.
 
         It begins with the present one.  From a disturbance that is as lively as at present a fit
-        does not find its way to a quiet one, nor the other way round, so both are tried.
+        does not find its way to a quiet one, nor the other way round, so both are tried; and where
+        the present fit hangs, one from the beginning with each.
         """
         present = self.fit
         theta, functions = present.point.theta, len(present.point.linear)
@@ -242,11 +248,15 @@ class BasisChoice:
             likelihood=-math.inf,
         )
         trials = [alike]
-        if present.scales.disturbance >= LIVELY and not rough:
+        if present.together > _HANGING:
+            lively = fresh_fit(theta, functions)
+            lively.scales = Scales(disturbance=_LIVELY_START)
+            trials += [nothing, lively]
+        elif present.scales.disturbance >= LIVELY and not rough:
             trials.append(nothing)
         for one in trials:
             # likelihoods are comparable only if all weight the samples alike
             one.most_together = 1.0
-            steps = _ROUGH_STEPS if rough else _STEPS
+            steps = _ROUGH_STEPS if rough and one is alike else _STEPS
             improved(problem, one, self.knowledge, window, steps)
         return max(trials, key=lambda one: one.likelihood)

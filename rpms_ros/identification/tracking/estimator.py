@@ -98,7 +98,7 @@ _CHOICE_PERIOD_S = 32.0
 # Where all seems well it is compared with its neighbours only, but so often with all that people
 # have.  Neighbouring residuals of a basis that fits are seldom alike: then it is compared sooner.
 _GRIDS, _ALIKE = 4, 1.3
-_AGAIN_NS = 5 * NANOSECONDS_PER_SECOND
+_AGAIN_NS = 3 * NANOSECONDS_PER_SECOND
 _CHOICE_NS = 16 * NANOSECONDS_PER_SECOND
 # After the first pulse, if no response shows.
 _UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
@@ -364,6 +364,8 @@ class TrackingEstimator(ProjectionEstimator):
         if not explained.tremor and first_ns < self._compared_from():
             # of the earlier disturbance the fit of the newest samples says nothing
             fit.point = fit.point._replace(theta=found.point.theta, linear=found.point.linear)
+            if fit.together > _ALIKE:
+                fit.scales, fit.variance, fit.together = found.scales, found.variance, 1.0
             return
         fit.point = found.point
         fit.scales, fit.variance, fit.together = found.scales, found.variance, found.together
@@ -583,7 +585,8 @@ class TrackingEstimator(ProjectionEstimator):
         found = choice.better(done < _GRIDS or alike)
         explained = choice.explained(found)
         quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
-        if found != self._basis or explained.tremor or quieter:
+        freed = explained.fit.together < _ALIKE < fit.together
+        if found != self._basis or explained.tremor or quieter or freed:
             self._take_up(explained, found)
 
     def _compared_from(self) -> int:
