@@ -120,7 +120,8 @@ class Identification:
         """Parameters of the recruitment curve and of the response, by name.
 
         Intervals are on the level ``result.confidence``.  Those of the slopes alpha are symmetric
-        in their logarithm, in which they are estimated.
+        in their logarithm, in which they are estimated.  Of trains of one intensity: time constant
+        and latency of the model that stands for them.
         """
         found = {}
         flags, deviations = self.result.identifiability or {}, self.result.deviation or {}
@@ -131,6 +132,10 @@ class Identification:
             found[name] = Parameter(
                 stated.value, stated.lower, stated.upper, _unit(name, self.result.unit)
             )
+        dynamics = self.result.dynamics
+        for name in () if dynamics is None else ('twitch_time_constant_s', 'latency_s'):
+            ends = getattr(dynamics, name)
+            found[name] = Parameter(ends.value, ends.lower, ends.upper, 's')
         return found
 
     def force_at(self, intensity: float) -> Stated:

@@ -17,6 +17,10 @@ from rpms_ros import Identification
 from rpms_ros import RpmsError
 from rpms_ros import Session
 from rpms_ros.cli import main
+from rpms_ros.muscle import twitch
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import write_recording
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 
@@ -104,6 +108,28 @@ def test_one_intensity_has_no_curve_but_a_response() -> None:
     for refused in (lambda: result.force_at(0.5), lambda: result.to_pandas('curve')):
         with pytest.raises(RpmsError, match='expected pulses of several intensities'):
             refused()
+
+
+def test_trains_of_one_intensity_give_time_constant_and_latency(tmp_path: Path) -> None:
+    """Eight pulses at 50 Hz, as `rpms identify` states them."""
+    onset = 1.0 + np.arange(8) / 50
+    time = np.arange(4000) / 2000
+    force = 2.0 * twitch(time[:, None] - onset - 9e-3, 15e-3, 3).sum(axis=1)
+    force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
+    stamps = np.round(1e9 * onset).astype(np.int64)
+    pulses = PulseTrain(stamps, np.full(8, 0.7), np.arange(8), np.full(8, 1e-4))
+    write_recording(tmp_path / 'train', pulses, ForceTrace(500_000 * np.arange(4000), force))
+    result = rpms_ros.load(tmp_path / 'train').identify()
+    constant, latency = (
+        result.parameters[name] for name in ('twitch_time_constant_s', 'latency_s')
+    )
+    assert list(result.to_pandas().index) == ['twitch_time_constant_s', 'latency_s']
+    assert constant.value == pytest.approx(15e-3, rel=0.01)
+    assert latency.value == pytest.approx(9e-3, abs=2e-4)
+    for found in (constant, latency):
+        assert found.lower < found.value < found.upper
+        assert found.unit == 's'
+    assert 'twitch_time_constant_s: ' in str(result)
 
 
 @pytest.mark.parametrize('intensity', [-0.1, 1.1, float('nan')])
