@@ -58,7 +58,8 @@ def with_interval(
     if not (math.isfinite(half) and math.isfinite(value)):
         return f'{value:.4g}{unit}{after}'
     if lower == 0.0 and value <= _NEAR * upper:
-        return f'at most {upper:.2g}{unit}{after}'
+        # two digits, and never a power of ten beside the unit
+        return f'at most {upper:{".0f" if 99.0 < upper < _LARGE else ".2g"}}{unit}{after}'
     places = 1 - math.floor(math.log10(half)) if half > 0.0 else _MOST_PLACES
     if places >= _MOST_PLACES or abs(value) >= _LARGE:
         return f'{value:.4g}{unit} ({lower:.4g} to {upper:.4g}){after}'

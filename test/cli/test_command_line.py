@@ -120,6 +120,8 @@ def test_a_number_at_its_bound_is_at_most_something() -> None:
     assert with_interval(found, 1e3, ' ms') == 'at most 0.64 ms'
     found = {'value': 1e-4, 'lower': 0.0, 'upper': 6.4e-4}
     assert with_interval(found, 1e3, ' ms') == '0.10 ms (0.00 to 0.64)'
+    found = {'value': 8e-3, 'lower': 0.0, 'upper': 0.123}
+    assert with_interval(found, 1e3, ' ms') == 'at most 123 ms'
 
 
 @pytest.mark.parametrize(
