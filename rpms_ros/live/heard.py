@@ -96,6 +96,7 @@ class Topic:
             'type': self.type_name,
             'state': self.state(now),
             'count': self.count,
+            'refused': bool(self.refused),
             'rate': number(round(self.rate(now), 1)),
             'text': text('; '.join(self._words(now))),
         }

@@ -130,7 +130,8 @@
       // the text of a topic that is not ok begins with why
       one.state === 'ok' ? `ok${one.text ? `; ${one.text}` : ''}` : one.text]));
     const driver = topics[topics.length - 1];
-    if (driver && driver.state !== 'ok' && (!known.driver || driver.state !== 'quiet')) {
+    if (driver && (driver.refused
+      || driver.state !== 'ok' && (!known.driver || driver.state !== 'quiet'))) {
       const text = known.driver
         ? `driver ${driver.text}; last state: ${known.driver.state}` : `driver not heard: ${driver.text}`;
       write('state', text);

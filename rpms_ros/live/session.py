@@ -113,9 +113,11 @@ class LiveSession:
     def confirms_stop(self, now: float) -> bool:
         """Return whether a driver that is heard at `now` [s], a steady clock, has stopped.
 
-        One that is not heard may have ended, or have been started again.
+        One that is not heard may have ended, or have been started again; what cannot be read may
+        say anything.
         """
-        return self.stopped and self.topics[DRIVER].state(now) == OK
+        driver = self.topics[DRIVER]
+        return self.stopped and not driver.refused and driver.state(now) == OK
 
     def force(self, stamp_ns: IntArray, force: FloatArray) -> None:
         """Take force samples [ns], [N], each (n,)."""

@@ -151,10 +151,10 @@ class LiveListener:
         self._session.pulse(pulse_in(data))
 
     def _estimate(self, data: bytes) -> None:
-        self._session.estimate(messages.estimate_of(deserialize_message(data, MuscleEstimate)))
+        self._session.estimate(messages.estimate_of(_message(data, MuscleEstimate)))
 
     def _driver(self, data: bytes) -> None:
-        self._session.driver(deserialize_message(data, DriverStatus))
+        self._session.driver(_message(data, DriverStatus))
 
     def _endpoints(self, topic: str) -> list[Endpoint]:
         own = self._node.get_name()
@@ -177,3 +177,13 @@ class LiveListener:
             for publishes, one in found
             if publishes or one.node_name != own
         ]
+
+
+def _message(data: bytes, kind: Any) -> Any:
+    """Return a message of its bytes, which a node with another definition may have written."""
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # of rmw, of rclpy, or of a text that is none
+        raise MessageError(
+            f'expected a serialised {kind.__name__}, got {len(data)} bytes that are none'
+        ) from error

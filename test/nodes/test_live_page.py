@@ -180,6 +180,32 @@ def test_messages_that_fit_nothing_are_named_and_harm_nobody(graph, page):
     assert page.server.failure is None
 
 
+def test_bytes_that_are_no_message_end_no_page_and_confirm_no_stop(graph, page):
+    """As from a driver or an identifier that was built with other message definitions."""
+    other = graph.add(lambda **options: Node('other', **options))
+    states = other.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
+    estimates = other.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE)
+    graph.wait_for(
+        lambda: states.get_subscription_count() * estimates.get_subscription_count() > 0
+    )
+    states.publish(DriverStatus(state=DriverStatus.STOPPED))
+    graph.wait_for(lambda: page.session.confirms_stop(time.monotonic()))
+    for name, publisher in (('driver_status', states), ('estimate', estimates)):
+        topic = page.session.topics[name]
+        publisher.publish(bytes((0, 1, 0, 0, 7, 7, 7)))
+        graph.wait_for(lambda: topic.refused or page.server.failure)  # noqa: B023
+        assert page.server.failure is None
+        assert topic.refused.endswith('got 7 bytes that are none')
+        assert topic.view(time.monotonic())['refused']
+    # the last state that could be read is not that of now, although something is heard
+    driver = page.session.topics['driver_status']
+    driver.heard(1, time.monotonic())
+    assert page.session.stopped
+    assert not page.session.confirms_stop(time.monotonic())
+    states.publish(DriverStatus(state=DriverStatus.STOPPED))
+    graph.wait_for(lambda: page.session.confirms_stop(time.monotonic()))
+
+
 def test_a_taken_port_and_a_bad_token_are_refused(graph, page):
     with pytest.raises(LiveError, match=f'expected to listen on port {page.server.port} of'):
         graph.add(LivePage, port=page.server.port)

@@ -348,6 +348,11 @@ def test_hostile_names_are_text(graph, page, browser):
     timer.cancel()
     graph.wait_for(lambda: browser.text('#state').startswith('driver silent for '))
     assert browser.text('#state').endswith('; last state: state 77')
+    # nor while something comes that cannot be read
+    node = graph.add(lambda **options: Node('older', **options))
+    garbled = node.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
+    node.create_timer(0.05, lambda: garbled.publish(bytes((0, 1, 0, 0, 7))))
+    graph.wait_for(lambda: browser.text('#state').startswith('driver not shown: '))
     assert browser.complaints() == []
 
 
