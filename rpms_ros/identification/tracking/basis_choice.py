@@ -19,7 +19,7 @@ import numpy as np
 from rpms_ros.identification.laguerre import LaguerreBasis
 from rpms_ros.identification.projection.block_statistics import COUNT
 from rpms_ros.identification.projection.problem import Prior
-from rpms_ros.identification.tracking.intervals import no_change
+from rpms_ros.identification.tracking.intervals import Origin
 from rpms_ros.identification.tracking.knowledge import Knowledge
 from rpms_ros.identification.tracking.raw_samples import RawSamples
 from rpms_ros.identification.tracking.tremor import SEARCHED_NS
@@ -137,6 +137,8 @@ class BasisChoice:
         Distance of the knots of a slow change, in intervals.
     lag : float
         How long after its pulse the force acts in the mean, in intervals.
+    origin : Origin
+        The change at which the window begins, if there was one.
     rates_hz : ndarray (rates,) or None
         Repetition rates of the newest pulses; None if a tremor has been taken off.
     """
@@ -151,6 +153,7 @@ class BasisChoice:
     length_ns: int
     spacing: float
     lag: float
+    origin: Origin
     rates_hz: FloatArray | None
     _found: dict[tuple[LaguerreBasis, bool], Explained] = field(default_factory=dict)
 
@@ -201,7 +204,9 @@ class BasisChoice:
         if self.rates_hz is None or not math.isfinite(fit.likelihood):
             return alone
         muscle = basis, fit.point.theta, fit.point.linear, self.prior
-        stamp_ns, _, rest = self.raw.rest(*muscle, self.now_ns - SEARCHED_NS)
+        # before the window the muscle may have been another
+        searched_ns = max(self.now_ns - SEARCHED_NS, self.first_ns)
+        stamp_ns, _, rest = self.raw.rest(*muscle, searched_ns)
         hertz = line_in(stamp_ns, rest, self.rates_hz)
         if hertz == 0.0:
             return alone
@@ -231,16 +236,12 @@ class BasisChoice:
             problem = problem._replace(first=first - 1)
         begin_ns = int(blocks.start_ns[problem.first])
         knots = int((self.now_ns - begin_ns) / (self.spacing * self.length_ns) + 0.5)
+        matrix = conversion(self.basis, basis)
+        origin = self.origin._replace(linear=matrix @ self.origin.linear)
         window = Window(
-            begin_ns,
-            self.now_ns,
-            self.length_ns,
-            self.spacing,
-            knots,
-            self.lag,
-            no_change(functions),
+            begin_ns, self.now_ns, self.length_ns, self.spacing, knots, self.lag, origin
         )
-        linear = conversion(self.basis, basis) @ present.point.linear
+        linear = matrix @ present.point.linear
         alike = replace(
             present,
             point=present.point._replace(linear=linear),

@@ -53,6 +53,7 @@ from rpms_ros.identification.tracking.raw_samples import RawSamples
 from rpms_ros.identification.tracking.report import described_fit
 from rpms_ros.identification.tracking.settings import LONGEST_BASIS
 from rpms_ros.identification.tracking.settings import TrackingSettings
+from rpms_ros.identification.tracking.tremor import SEARCHED_NS
 from rpms_ros.identification.tracking.tremor import Tremor
 from rpms_ros.identification.tracking.window_fit import Scales
 from rpms_ros.identification.tracking.window_fit import Window
@@ -345,6 +346,10 @@ class TrackingEstimator(ProjectionEstimator):
             self._begin_without_tremor()
             return
         self._tremor.reject()
+        span = self._span()
+        if span.now_ns - span.first_ns < SEARCHED_NS:
+            # what an earlier muscle leaves may look like one
+            return
         explained = self._choice().explained(self._basis)
         if explained.tremor:
             self._take_up(explained, self._basis)
@@ -608,6 +613,7 @@ class TrackingEstimator(ProjectionEstimator):
             INTERVAL_NS,
             float(_KNOT_INTERVALS),
             self._lag(),
+            self._origin,
             None if self._tremor.frequency else self._rates(),
         )
 

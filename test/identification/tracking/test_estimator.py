@@ -102,6 +102,14 @@ def test_a_moved_coil_is_found_named_and_followed(living_sessions, excitation):
     assert last.nonlinear[0] == pytest.approx(0.56, abs=0.01)
 
 
+def test_what_the_muscle_before_a_move_leaves_is_no_tremor(living_sessions):
+    session = living_sessions.session('coil moved', 'random', 8, 48.0)
+    _, estimates = run(session)
+    # 5 s after the move: as asked for
+    assert errors(session, estimates)[session.noted_s > 45.0].max() < 0.01
+    assert not any('tremor' in reason for one in estimates for reason in one.reasons)
+
+
 def test_a_slower_twitch_is_named_dynamics(living_sessions):
     session = living_sessions.session('slower', 'random', 1, 46.0)
     _, estimates = run(session)
