@@ -135,6 +135,20 @@ def test_what_to_do_follows_from_the_reason(
     assert step in ' '.join(headline_of(doubted, analysis.session).next_steps)
 
 
+def test_the_first_screen_has_no_numbers_that_must_not_be_used(
+    analysis: SessionAnalysis, document: dict[str, Any]
+) -> None:
+    refused = json.loads(json.dumps(document))
+    refused['result']['verdict'] = {'grade': 'no', 'reasons': ['the force comes out negative']}
+    refused['headline']['previous'] = ['Force at full intensity: 3 N more.']
+    page = as_page(analysis, refused)
+    first = page[page.index('id="summary"') : page.index('<h2 id="recruitment-title">')]
+    assert 'What to do next' in first
+    assert 'The numbers are not shown here: the verdict is no.' in first
+    for absent in ('Steady force at', 'Threshold', 'Error of prediction', '3 N more'):
+        assert absent not in first
+
+
 def test_a_clock_without_a_date_is_not_taken_for_1970(
     analysis: SessionAnalysis, document: dict[str, Any]
 ) -> None:
