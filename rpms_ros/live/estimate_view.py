@@ -141,8 +141,9 @@ def _parameters(estimate: Estimate, unit: str) -> list[list[Any]]:
     empty = np.empty(0)
     lower = upper = empty
     variance = np.diag(estimate.nonlinear_covariance)
-    if len(variance) == len(values) and 0.0 < estimate.confidence < 1.0:
-        quantile = NormalDist().inv_cdf(0.5 + estimate.confidence / 2.0)
+    below = 0.5 + estimate.confidence / 2.0
+    if len(variance) == len(values) and 0.5 < below < 1.0:
+        quantile = NormalDist().inv_cdf(below)
         half = quantile * np.sqrt(np.where(variance >= 0.0, variance, np.nan))
         lower, upper = values - half, values + half
     rows = _rows(_labels(estimate.nonlinear_names, PARAMETERS, unit), values, lower, upper)

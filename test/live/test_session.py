@@ -129,6 +129,15 @@ def test_parameters_have_their_band_and_what_the_data_lack_is_not_printed(sessio
     assert rows[2][1:4] == [None, None, None]
 
 
+def test_a_confidence_that_rounds_to_one_has_no_band(session, make_estimate):
+    # the largest number below 1: half of it and a half are 1
+    session.estimate(
+        make_estimate(nonlinear_covariance=np.eye(4), confidence=float(np.nextafter(1.0, 0.0)))
+    )
+    rows = valid(session.frame(Cursor())[1])['estimate']['parameters']
+    assert rows[0][2:4] == [None, None]
+
+
 def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start_ns):
     feed(session, start_ns, 0, 1500)
     session.advance(0.0)
