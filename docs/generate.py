@@ -11,6 +11,7 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from unittest import mock
 
 ROOT = Path(__file__).resolve().parent.parent
 # Lines of a help that fit a page.
@@ -37,8 +38,11 @@ def pages() -> Iterator[tuple[str, str]]:
 def _commands() -> str:
     from rpms_ros.cli import parser
 
-    os.environ['COLUMNS'] = _COLUMNS
-    top = parser()
+    with mock.patch.dict(os.environ, COLUMNS=_COLUMNS):
+        return _helps_of(parser())
+
+
+def _helps_of(top: argparse.ArgumentParser) -> str:
     (choices,) = (
         action.choices for action in top._actions if isinstance(action, argparse._SubParsersAction)
     )

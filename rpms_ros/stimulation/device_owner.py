@@ -205,8 +205,9 @@ class DeviceOwner(SafetyMonitor):
         except DeviceError as error:
             self._close(str(error))
             raise
-        # a stop that came meanwhile stays latched; only arming asks for it
-        self._enter(Command.CONFIGURE, 'device open, disarmed', self._epoch)
+        # a stop that came before or meanwhile stays latched, and is the reason
+        reason = self.interlocks.latched_reason or 'device open, disarmed'
+        self._enter(Command.CONFIGURE, reason, self._epoch)
 
     def _arm(self) -> None:
         after(self.state, Command.ARM)

@@ -128,6 +128,15 @@ def test_stop_in_the_middle_of_every_transition(state, command, driver_in):
         driver.controller.arm()
 
 
+def test_a_stop_from_before_the_device_is_opened_is_still_the_reason(driver_in):
+    controller = driver_in(State.UNCONFIGURED).controller
+    controller.stop('test', 'pressed beforehand')
+    controller.configure()
+    assert controller.status() == (State.DISARMED, True, 'pressed beforehand')
+    controller.reset()
+    assert controller.status() == (State.DISARMED, False, 'stop was reset')
+
+
 def test_stop_while_the_device_is_firing(driver_in):
     driver = driver_in(State.ARMED)
     device = StoppedMidway(clock=driver.clock)
