@@ -68,7 +68,9 @@ def test_one_recording_is_a_list_of_all_that_was_found(whole):
     assert max(map(len, lines)) <= 100
 
 
-def test_several_recordings_are_the_rows_of_tables(whole, empty):
+def test_several_recordings_are_the_rows_of_tables(whole, empty, monkeypatch):
+    # in a narrower terminal the headings are folded
+    monkeypatch.setenv('COLUMNS', '100')
     text = analysis_text([whole, empty], ['full', 'none'])
     tables = [part.splitlines() for part in text.split('\n\n')]
     assert [lines[0].split()[0] for lines in tables] == [
