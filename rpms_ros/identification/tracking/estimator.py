@@ -385,7 +385,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._begun_ns, self._choices = self._last_ns, 0
 
     def _doubt_what_is_from_before(self, window: Window) -> None:
-        """Give up what another session has told where these samples alone contradict it."""
+        """Give up what another session, or a change, has left where the samples contradict it."""
         if not self._from_before:
             return
         self._from_before = window.now_ns - window.first_ns < _DOUBTED_NS
@@ -441,6 +441,8 @@ class TrackingEstimator(ProjectionEstimator):
         """Restart the window after a change."""
         self._window = replace(change.fit)
         self._knowledge = change.knowledge
+        # if it is of another kind than it seems, what it leaves alone is wrong
+        self._from_before = True
         self._origin = origin_of(change.before)
         # The force of earlier pulses gets the new dynamics too: it has to decay first.
         settling = _SETTLING_NS if change.kind == DYNAMICS else 0

@@ -117,6 +117,14 @@ def test_a_slower_twitch_is_named_dynamics(living_sessions):
     assert errors(session, estimates)[-1] < 0.01
 
 
+def test_a_change_that_is_named_wrongly_does_not_keep_the_muscle_wrong(living_sessions):
+    """This slower twitch was taken for a moved coil, so the twitch was kept: 14 % after 8 s."""
+    session = living_sessions.session('slower', 'sinusoid', 9, 50.0)
+    _, estimates = run(session)
+    # eight seconds after the change: as asked for after a move of the coil
+    assert errors(session, estimates)[session.noted_s > 48.0].max() < 0.01
+
+
 def test_voluntary_effort_is_not_the_muscle(living_sessions):
     session = living_sessions.session('bursts', 'random', 0, 33.0)
     _, estimates = run(session)
