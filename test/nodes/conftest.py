@@ -61,7 +61,8 @@ def driven(graph):
 
 @pytest.fixture
 def page_process(domain):
-    """Start `rpms live` as a process; return it and the address that it prints."""
+    """Start `rpms live` as a process, ended with the test; return it and the address it prints."""
+    started = []
 
     def start(*arguments):
         process = subprocess.Popen(
@@ -71,6 +72,10 @@ def page_process(domain):
             stderr=subprocess.PIPE,
             text=True,
         )
+        started.append(process)
         return process, process.stdout.readline().strip()
 
-    return start
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()

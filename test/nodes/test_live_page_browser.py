@@ -419,6 +419,6 @@ def test_a_page_that_was_killed_says_so_and_comes_back(page_process, browser):
         assert browser.accessibility_faults() == [], dark
     again, _ = page_process('--namespace', '/left', '--port', port)
     browser.wait_for("document.getElementById('connection').textContent === 'connected'")
-    assert browser.text('#title') == '/left'
+    browser.wait_for("document.getElementById('title').textContent === '/left'")
     again.terminate()
     assert (again.communicate()[1].count('Traceback'), again.returncode) == (0, 0)
