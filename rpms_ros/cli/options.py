@@ -7,14 +7,17 @@ import sys
 from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from contextlib import contextmanager
+from contextlib import nullcontext
 from pathlib import Path
-from threading import Timer
 from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros.printable import printable
 from rpms_ros.report.text import collapsed
+from rpms_ros.slowness import PATIENCE_S
+from rpms_ros.slowness import calling_if_slow
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
@@ -22,8 +25,6 @@ if TYPE_CHECKING:
 
 SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
 COMPILING = 'compiling for this machine, once; this takes about a minute'
-# Bars appear only for what takes longer [s].
-_BAR_DELAY = 1.0
 
 
 def add_command(
@@ -161,17 +162,11 @@ def warn(findings: Iterable[tuple[str, str]]) -> None:
         print(f'rpms: {printable(line)}', file=sys.stderr)
 
 
-@contextmanager
-def told_if_slow(text: str, quiet: bool) -> Iterator[None]:
+def told_if_slow(text: str, quiet: bool) -> AbstractContextManager[None]:
     """Print `text` on stderr, if that is a terminal, when what is done here takes a second."""
-    timer = Timer(_BAR_DELAY, lambda: print(f'rpms: {text}', file=sys.stderr))
-    timer.daemon = True
-    if sys.stderr.isatty() and not quiet:
-        timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
+    if quiet or not sys.stderr.isatty():
+        return nullcontext()
+    return calling_if_slow(lambda: print(f'rpms: {text}', file=sys.stderr))
 
 
 @contextmanager
@@ -187,7 +182,7 @@ def progress(
         unit=f' {unit}',
         unit_scale=True,
         leave=False,
-        delay=_BAR_DELAY,
+        delay=PATIENCE_S,
         disable=True if quiet else None,
     ) as bar:
 

@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The logger of a node, with its type; a line where something takes long."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from threading import Timer
+from contextlib import AbstractContextManager
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
+from rpms_ros.slowness import calling_if_slow
+
 COMPILING = 'compiling, once on a machine: half a minute, on a busy one some minutes'
-_PATIENCE_S = 1.0
 
 
 def logger_of(node: Node) -> RcutilsLogger:
@@ -19,13 +18,6 @@ def logger_of(node: Node) -> RcutilsLogger:
     return logger
 
 
-@contextmanager
-def told_if_slow(node: Node, text: str, patience: float = _PATIENCE_S) -> Iterator[None]:
-    """Log `text` if what is done here takes longer than `patience` [s]."""
-    timer = Timer(patience, logger_of(node).info, (text,))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
+def told_if_slow(node: Node, text: str) -> AbstractContextManager[None]:
+    """Log `text` if what is done here takes longer than a second."""
+    return calling_if_slow(lambda: logger_of(node).info(text))

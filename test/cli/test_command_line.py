@@ -196,7 +196,7 @@ def test_only_what_is_slow_is_told_and_only_to_a_person(
         def __init__(self, _delay: float, tell: Callable[[], None]) -> None:
             self.start, self.cancel = tell, lambda: None
 
-    monkeypatch.setattr(options, 'Timer', Waits)
+    monkeypatch.setattr('rpms_ros.slowness.Timer', Waits)
     for terminal, quiet, told in ((True, False, 1), (False, False, 0), (True, True, 0)):
         monkeypatch.setattr(sys.stderr, 'isatty', lambda terminal=terminal: terminal)
         with options.told_if_slow('compiling', quiet):

@@ -244,21 +244,9 @@ sys.exit(run(build))
 """
 
 
-def test_a_signal_while_something_is_compiled_is_no_traceback(domain: int) -> None:
-    done = subprocess.run(
-        [sys.executable, '-c', COMPILING],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
-
-
-def test_a_node_that_fails_without_a_signal_says_why(domain: int) -> None:
-    code = COMPILING.replace('signal.SIGINT', '0')
-    done = subprocess.run(
+def ended(code: str, domain: int) -> subprocess.CompletedProcess[str]:
+    """Return a Python process that has run some code."""
+    return subprocess.run(
         [sys.executable, '-c', code],
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
         capture_output=True,
@@ -266,6 +254,15 @@ def test_a_node_that_fails_without_a_signal_says_why(domain: int) -> None:
         timeout=60,
         check=False,
     )
+
+
+def test_a_signal_while_something_is_compiled_is_no_traceback(domain: int) -> None:
+    done = ended(COMPILING, domain)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+def test_a_node_that_fails_without_a_signal_says_why(domain: int) -> None:
+    done = ended(COMPILING.replace('signal.SIGINT', '0'), domain)
     assert done.returncode == 1
     assert 'RuntimeError: no compiled object yet' in done.stderr
 
