@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of `tracking` on a muscle that changes, beside an oracle that is told of the change.
 
-`python bench/living.py [--seeds 20] [--hours 1] [kinds ...]`
+`python bench/living.py [--seeds 20] [--told 20] [--hours 1] [--excitation sinusoid] [kinds ...]`
 
 Sessions of 90 s at 20 Hz with 0.5 % noise, latency 9 ms, all unknown to the estimator.
 Errors are those of the recruitment curve against its maximum, from 15 s on; coverage is the share
@@ -34,6 +34,7 @@ from living_sessions import session
 KINDS = ('steady', 'fatigue', 'coil moved', 'gain step', 'slower', 'bursts', 'tremor')
 DYNAMICS = ((5e-3, None, 3), (24e-3, None, 3), (30e-3, None, 3), (9e-3, 8e-3, 3), (9e-3, 10e-3, 3))
 DYNAMICS += ((9e-3, 70e-3, 3), (9e-3, 90e-3, 3), (9e-3, None, 2), (9e-3, None, 4))
+EXCITATIONS = ('random', 'sinusoid')
 SETTLED = 15.0
 RIGHT = {'coil moved': 'thresholds', 'gain step': 'gain', 'slower': 'dynamics'}
 
@@ -68,6 +69,9 @@ class Outcome:
         self.kinds = estimate.change_kinds
         self.errors, self.held = np.array(self.errors), np.array(self.held)
         self.changes, self.noted_s = np.array(self.changes), recording.noted_s
+        # of the last five seconds, a knot, as the estimator states it
+        force = np.log(recording.curve[:, -1])
+        self.true_rates = 6000.0 * (force[10:] - force[:-10]) / 5.0
 
     @property
     def late(self):
@@ -103,37 +107,37 @@ def row(name, outcomes):
     )
 
 
+def outcomes_of(kind, excitation, seeds, estimator=TrackingEstimator, told=None):
+    """Return the outcomes of so many sessions of a kind; none is kept."""
+    outcomes = []
+    for seed in range(seeds):
+        outcomes.append(Outcome(estimator(), session(kind, excitation, seed), told))
+        session.cache_clear()
+    return outcomes
+
+
 def changing(kind, excitation, outcomes, seeds):
     """Print when a change was found and its kind, and the same of the oracle."""
     found = np.array([one.found_after for one in outcomes])
     named = [one.kinds[-1:] == (RIGHT[kind],) for one in outcomes]
     back = np.array([one.back_after for one in outcomes])
-    told = [
-        Outcome(
-            TrackingEstimator(TrackingSettings(find_changes=False)),
-            session(kind, excitation, seed),
-            (MOVED_AT, RIGHT[kind]),
-        ).back_after
-        for seed in range(seeds)
-    ]
+    told = outcomes_of(kind, excitation, seeds, blind_estimator, (MOVED_AT, RIGHT[kind]))
+    told = np.array([one.back_after for one in told])
     print(
         f'    found after {np.median(found):.1f} s, worst {found.max():.1f} s; named right in '
         f'{sum(named)} of {len(named)}; within 1 % after {np.median(back):.1f} s, worst '
-        f'{back.max():.1f} s; told of it: {np.median(told):.1f} s, worst {max(told):.1f} s',
+        f'{back.max():.1f} s; told of it ({seeds} seeds): {np.median(told):.1f} s, '
+        f'worst {told.max():.1f} s',
         flush=True,
     )
 
 
-def rates(recordings, outcomes):
+def rates(outcomes):
     """Print the error of the rate of change of the force."""
     away = []
-    for recording, one in zip(recordings, outcomes, strict=True):
-        force = np.log(recording.curve[:, -1])
-        # of the five seconds of a knot, as the estimator states it
-        true = 6000.0 * (force[10:] - force[:-10]) / 5.0
+    for one in outcomes:
         stated = np.array(one.rates)[10:]
-        late = one.late[10:]
-        away.append(np.abs(stated / true - 1.0)[late])
+        away.append(np.abs(stated / one.true_rates - 1.0)[one.late[10:]])
     errors = 100 * np.concatenate(away)
     print(
         f'    rate of change of the force: off by {np.median(errors):.0f} % of it in the median, '
@@ -142,62 +146,76 @@ def rates(recordings, outcomes):
     )
 
 
-def unknown_dynamics(seeds):
+def blind_estimator():
+    """Return an estimator that looks for no change."""
+    return TrackingEstimator(TrackingSettings(find_changes=False))
+
+
+def horizon():
+    """Return the estimator of a constant muscle, at the settings of the paper's Table 5."""
+    return estimator_by_name('horizon', 'paper_table_5')
+
+
+def unknown_dynamics(excitations, seeds):
     """Print errors in muscles of unknown latency, time constant and order."""
     for latency, constant, order in DYNAMICS:
         constant = SUBJECT.time_constant if constant is None else constant
         subject = replace(SUBJECT, latency=latency, time_constant=constant, order=order)
-        for excitation in ('random', 'sinusoid'):
+        for excitation in excitations:
             outcomes = [
                 Outcome(TrackingEstimator(), session('steady', excitation, seed, 30.0, subject))
                 for seed in range(seeds)
             ]
+            session.cache_clear()
             name = f'{1e3 * latency:.0f} ms, T_a {1e3 * constant:.0f} ms, order {order}'
             row(f'{name}, {excitation}', outcomes)
 
 
-def false_alarms(hours):
+def false_alarms(excitations, hours):
     """Print how many changes are found in a muscle that does not change."""
-    alarms, minutes = 0, int(60 * hours)
-    for seed in range(minutes // 10):
-        for excitation in ('random', 'sinusoid'):
+    for excitation in excitations:
+        alarms, sessions = 0, round(12 * hours)
+        for seed in range(sessions):
             recording = session('steady', excitation, 1000 + seed, 300.0)
             alarms += int(Outcome(TrackingEstimator(), recording).changes[-1])
             session.cache_clear()
-    print(f'false alarms in {hours:g} h of steady muscle: {alarms}')
+        print(f'false alarms in {sessions / 12:g} h of steady muscle, {excitation}: {alarms}')
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('kinds', nargs='*', choices=[[], *KINDS, 'dynamics'], default=[])
     parser.add_argument('--seeds', type=int, default=5)
-    parser.add_argument('--hours', type=float, default=0.0)
+    parser.add_argument(
+        '--told', type=int, default=20, help='largest number of seeds of the oracle'
+    )
+    parser.add_argument(
+        '--hours', type=float, default=0.0, help='of false alarms, each excitation'
+    )
+    parser.add_argument('--excitation', choices=EXCITATIONS)
     arguments = parser.parse_args()
     kinds = arguments.kinds or [*KINDS, 'dynamics']
+    excitations = (arguments.excitation,) if arguments.excitation else EXCITATIONS
     seeds = arguments.seeds
+    if arguments.hours:
+        false_alarms(excitations, arguments.hours)
     print(f'{seeds} seeds: worst error after 15 s and error at the end [%], median and worst seed')
     print(f'{"":34} {"worst":>14} {"at the end":>14} {"coverage":>9} {"cost":>8}')
     for kind in kinds:
-        for excitation in ('random', 'sinusoid'):
+        for excitation in excitations:
             if kind == 'dynamics':
                 continue
-            recordings = [session(kind, excitation, seed) for seed in range(seeds)]
-            outcomes = [Outcome(TrackingEstimator(), one) for one in recordings]
+            outcomes = outcomes_of(kind, excitation, seeds)
             row(f'{kind}, {excitation}', outcomes)
             if kind == 'fatigue':
-                rates(recordings, outcomes)
+                rates(outcomes)
             if kind in RIGHT:
-                changing(kind, excitation, outcomes, seeds)
+                changing(kind, excitation, outcomes, min(seeds, arguments.told))
             if kind == 'steady':
-                before = [
-                    Outcome(estimator_by_name('horizon', 'paper_table_5'), one)
-                    for one in recordings
-                ]
+                before = outcomes_of(kind, excitation, seeds, horizon)
                 row(f'{kind}, {excitation}: horizon', before)
     if 'dynamics' in kinds:
-        unknown_dynamics(seeds)
-    if arguments.hours:
-        false_alarms(arguments.hours)
+        unknown_dynamics(excitations, seeds)
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f'largest memory {used:.0f} MB')
 
