@@ -119,9 +119,9 @@ class Identification:
     def parameters(self) -> dict[str, Parameter]:
         """Parameters of the recruitment curve and of the response, by name.
 
-        Intervals are on the level ``result.confidence``.  Those of the slopes alpha are symmetric
-        in their logarithm, in which they are estimated.  Of trains of one intensity: time constant
-        and latency of the model that stands for them.
+        Intervals are on the level ``result.confidence``.  That of a sharpness is symmetric in its
+        logarithm, in which it is estimated.  Of trains of one intensity: time constant and latency
+        of the model that stands for them.
         """
         found = {}
         flags, deviations = self.result.identifiability or {}, self.result.deviation or {}

@@ -5,7 +5,6 @@
 from collections.abc import Iterable
 from collections.abc import Iterator
 from collections.abc import Mapping
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from rpms_ros.live.words import RATES
 from rpms_ros.live.words import Label
 from rpms_ros.live.words import label_of
 from rpms_ros.pulses import FloatArray
+from rpms_ros.report.named import interval_of
 
 IDENTIFIABILITY = ('not in the data', 'still moving', 'settled')
 """Words for `NOT_INFORMED`, `INFORMED` and `CONVERGED`."""
@@ -138,15 +138,15 @@ def _plain(meaning: str) -> str:
 
 def _parameters(estimate: Estimate, unit: str) -> list[list[Any]]:
     values, flags = estimate.nonlinear, estimate.nonlinear_identifiability
-    empty = np.empty(0)
-    lower = upper = empty
     variance = np.diag(estimate.nonlinear_covariance)
-    below = 0.5 + estimate.confidence / 2.0
-    if len(variance) == len(values) and 0.5 < below < 1.0:
-        quantile = NormalDist().inv_cdf(below)
-        half = quantile * np.sqrt(np.where(variance >= 0.0, variance, np.nan))
-        lower, upper = values - half, values + half
-    rows = _rows(_labels(estimate.nonlinear_names, PARAMETERS, unit), values, lower, upper)
+    bounds = np.full((2, len(values)), np.nan)
+    if len(variance) == len(values) and 0.5 < 0.5 + 0.5 * estimate.confidence < 1.0:
+        deviations = np.sqrt(np.where(variance >= 0.0, variance, np.nan))
+        known = zip(estimate.nonlinear_names[:MOST_NAMES], values, deviations, strict=False)
+        for place, (name, value, deviation) in enumerate(known):
+            ends = interval_of(name, value, deviation, estimate.confidence)
+            bounds[:, place] = ends or np.nan
+    rows = _rows(_labels(estimate.nonlinear_names, PARAMETERS, unit), values, *bounds)
     for row, flag in zip(rows, flags, strict=False):
         row.append(IDENTIFIABILITY[flag] if 0 <= flag < len(IDENTIFIABILITY) else '')
         if flag == 0:

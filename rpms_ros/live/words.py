@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from rpms_ros.report.named import label
+
 
 class Label(NamedTuple):
     """How a quantity is shown: its name with its unit, and what its value is multiplied by."""
@@ -16,14 +18,11 @@ class Label(NamedTuple):
 
 PARAMETERS: Mapping[str, Label] = MappingProxyType(
     {
-        'u_thr': Label('threshold u_thr'),
-        'u_sat': Label('saturation u_sat'),
-        'alpha_sat': Label('bend at the saturation alpha_sat'),
-        'alpha_thr': Label('bend at the threshold alpha_thr'),
-        'twitch_time_constant_s': Label('time constant T_a [ms]', 1e3),
-        'latency_s': Label('latency of the model [ms]', 1e3),
-        'order': Label('order of the response'),
-        'twitch_peak_n': Label('peak after one pulse [{unit}]'),
+        **{name: Label(label(name)) for name in ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')},
+        'twitch_time_constant_s': Label(f'{label("twitch_time_constant_s")} [ms]', 1e3),
+        'latency_s': Label(f'{label("latency_s")} [ms]', 1e3),
+        'order': Label(label('order')),
+        'twitch_peak_n': Label(f'{label("twitch_peak_n")} [{{unit}}]'),
     }
 )
 """Labels of the parameters and of what is derived from them; `{unit}` is that of the sensor."""
@@ -31,9 +30,9 @@ PARAMETERS: Mapping[str, Label] = MappingProxyType(
 RATES: Mapping[str, Label] = MappingProxyType(
     {
         'force_percent': Label('steady force [%]'),
-        'time_constant_percent': Label('time constant T_a [%]'),
-        'u_thr': Label('threshold u_thr'),
-        'u_sat': Label('saturation u_sat'),
+        'time_constant_percent': Label(f'{label("twitch_time_constant_s")} [%]'),
+        'u_thr': Label(label('u_thr')),
+        'u_sat': Label(label('u_sat')),
     }
 )
 """Labels of the rates of change per minute."""

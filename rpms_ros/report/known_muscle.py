@@ -86,7 +86,7 @@ class KnownMuscle:
     threshold, saturation, time_constant, latency, effort : ndarray (times,)
         u_thr, u_sat [1], T_a, latency [s], and force that the stimulation does not cause.
     subject : Subject or None
-        The muscle at rest, where it is known: order of the twitch and slopes of the curve.
+        The muscle at rest, where it is known: order of the twitch and sharpness of the curve.
     """
 
     stamp_ns: IntArray

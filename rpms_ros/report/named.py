@@ -14,8 +14,8 @@ _MOST_LOGARITHM = 50.0
 _WORDS = {
     'u_thr': 'threshold u_thr',
     'u_sat': 'saturation u_sat',
-    'alpha_thr': 'slope alpha_thr',
-    'alpha_sat': 'slope alpha_sat',
+    'alpha_thr': 'sharpness alpha_thr',
+    'alpha_sat': 'sharpness alpha_sat',
     'twitch_time_constant_s': 'time constant T_a',
     'latency_s': 'latency',
     'order': 'order of the twitch',
@@ -33,7 +33,7 @@ def interval_of(
 ) -> tuple[float, float] | None:
     """Return the ends of the interval of a parameter of the recruitment curve, if there is one.
 
-    Those of the slopes alpha are symmetric in their logarithm, in which they are estimated.
+    Those of the sharpness alpha are symmetric in their logarithm, in which they are estimated.
 
     Parameters
     ----------

@@ -223,7 +223,7 @@ def test_the_sample_of_the_readme(as_json: AsJson) -> None:
     assert sum(file.stat().st_size for file in sample.iterdir()) < 2_000_000
     document = as_json('identify', sample, '--json')
     assert document['faults'] == {}
-    # Noise of 0.02 N, the slope alpha_thr of 5 taken for 6, and a basis with 0.5 % of its own.
+    # Noise of 0.02 N, the sharpness alpha_thr of 5 taken for 6, and a basis with 0.5 % of its own.
     assert document['output_error_of_range'] < 0.012
     # Half a minute: the curve's upper end is within a tenth of the true 10 N.
     assert document['curve']['force'][-1] == pytest.approx(10.0, rel=0.1)

@@ -21,6 +21,7 @@ from rpms_ros.muscle.identified_form import PARAMETER_NAMES
 from rpms_ros.muscle.identified_form import RecruitmentParameters
 from rpms_ros.muscle.identified_form import identified_recruitment
 from rpms_ros.pulses import Pulse
+from rpms_ros.report.named import interval_of
 
 MILLISECOND = 1_000_000
 
@@ -129,6 +130,22 @@ def test_parameters_have_their_band_and_what_the_data_lack_is_not_printed(sessio
     assert rows[2][1:4] == [None, None, None]
 
 
+def test_the_band_of_a_sharpness_is_that_of_the_report(session, make_estimate):
+    shown = make_estimate(
+        nonlinear_covariance=np.diag([0.0, 0.0, 1.0, -1.0]),
+        nonlinear_identifiability=np.full(4, 2),
+        confidence=0.95,
+    )
+    session.estimate(shown)
+    rows = valid(session.frame(Cursor())[1])['estimate']['parameters']
+    name, value = shown.nonlinear_names[2], shown.nonlinear[2]
+    ends = interval_of(name, value, 1.0, 0.95)
+    # symmetric in the logarithm, so never below zero
+    assert ends[0] * ends[1] == pytest.approx(value**2)
+    assert rows[2][2:4] == pytest.approx(ends, rel=1e-4)
+    assert rows[3][2:4] == [None, None]
+
+
 def test_a_confidence_that_rounds_to_one_has_no_band(session, make_estimate):
     # the largest number below 1: half of it and a half are 1
     session.estimate(
@@ -185,9 +202,9 @@ def test_quantities_have_words_and_units(session, make_estimate):
     view = valid(session.frame(Cursor())[1])['estimate']
     assert view['physiology'] == [
         ['time constant T_a [ms]', 45.0, 40.5, 49.5],
-        ['latency of the model [ms]', 8.0, 7.2, 8.8],
-        ['order of the response', 3.0, 2.7, 3.3],
-        ['peak after one pulse [N m]', 2.5, 2.25, 2.75],
+        ['latency [ms]', 8.0, 7.2, 8.8],
+        ['order of the twitch', 3.0, 2.7, 3.3],
+        ['peak of the twitch [N m]', 2.5, 2.25, 2.75],
     ]
     assert view['rates'] == [['of {somebody} else', 1.0, None, None]]
     assert view['doubts'][0][1].startswith('force samples far from their prediction')

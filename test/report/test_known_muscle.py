@@ -82,9 +82,9 @@ def test_a_muscle_at_rest_has_its_own_response() -> None:
     assert response is not None
     expected = weight * twitch(time - subject.latency, subject.time_constant, subject.order)
     np.testing.assert_allclose(response, expected, rtol=1e-12)
-    slope = muscle.parameter('alpha_thr', np.zeros(2, dtype=np.int64))
-    assert slope is not None
-    assert slope.tolist() == [6.0, 6.0]
+    sharpness = muscle.parameter('alpha_thr', np.zeros(2, dtype=np.int64))
+    assert sharpness is not None
+    assert sharpness.tolist() == [6.0, 6.0]
 
 
 @pytest.mark.parametrize(

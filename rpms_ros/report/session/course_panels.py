@@ -30,8 +30,8 @@ from rpms_ros.report.session.residuals import BAND_95
 _LINE_STYLES = ('-', ':', '-.')
 _TIME_CONSTANT = 'twitch_time_constant_s'
 # Smallest height of an axis: of force and time constant as a share of the value, of intensities
-# and slopes absolute.  Without it the noise of a steady muscle fills the panel.
-_FORCE_SPAN, _TIME_SPAN, _INTENSITY_SPAN, _SLOPE_SPAN = 0.2, 0.2, 0.05, 1.0
+# and sharpness absolute.  Without it the noise of a steady muscle fills the panel.
+_FORCE_SPAN, _TIME_SPAN, _INTENSITY_SPAN, _SHARPNESS_SPAN = 0.2, 0.2, 0.05, 1.0
 _MARGIN = 0.08
 _HATCHED = '#c8c8c8'
 _OUTSIDE = 1.0
@@ -51,7 +51,7 @@ def course_panels(course: Course) -> list[Draw]:
     """Return what draws each panel of a course, from above; none without a course."""
     if not course.has_course:
         return []
-    panels: list[Draw] = [_draw_force, _draw_thresholds, _draw_slopes]
+    panels: list[Draw] = [_draw_force, _draw_thresholds, _draw_sharpness]
     if np.count_nonzero(course.physiology(_TIME_CONSTANT).known) > 1:
         panels.append(_draw_time_constant)
     if np.count_nonzero(course.disturbance.known) > 1:
@@ -91,7 +91,7 @@ def draw_stated(axes: list[Axes], last: Estimate, truth: Truth = None) -> None:
     axes[0].set_title('Parameters of the whole session')
     stamp = np.array([last.stamp_ns])
     for place, prefix, label in zip(
-        axes, ('u_', 'alpha_'), ('share of maximum', 'slope'), strict=True
+        axes, ('u_', 'alpha_'), ('share of maximum', 'sharpness'), strict=True
     ):
         names = [name for name in last.nonlinear_names if name.startswith(prefix)]
         for row, name in enumerate(names):
@@ -132,9 +132,9 @@ def _draw_thresholds(place: Axes, course: Course, truth: Truth) -> None:
     place.set_ylabel('intensity / share')
 
 
-def _draw_slopes(place: Axes, course: Course, truth: Truth) -> None:
-    _draw_lines(place, course, _parameters(course, truth, 'alpha_'), 0.0, _SLOPE_SPAN)
-    place.set_ylabel('slope')
+def _draw_sharpness(place: Axes, course: Course, truth: Truth) -> None:
+    _draw_lines(place, course, _parameters(course, truth, 'alpha_'), 0.0, _SHARPNESS_SPAN)
+    place.set_ylabel('sharpness')
 
 
 def _draw_time_constant(place: Axes, course: Course, truth: Truth) -> None:
