@@ -19,6 +19,7 @@ from rclpy.node import Node
 
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
+from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
@@ -108,10 +109,16 @@ def test_nothing_is_lost_at_5_khz(
 
 
 def recorded(path: Path) -> int:
-    """Number of samples in a recording that is still being written."""
+    """Number of samples in a recording that is still being written, 0 before the first pulse."""
     if not any(file.stat().st_size > 100_000 for file in path.glob('*.mcap')):
         return 0
-    return len(read_recording(path).forces)
+    try:
+        return len(read_recording(path).forces)
+    except RecordingError as error:
+        # on a busy machine thousands of samples are heard before the first pulse
+        if 'expected topic pulses' not in str(error):
+            raise
+        return 0
 
 
 def test_a_kill_costs_nothing_that_was_flushed(
