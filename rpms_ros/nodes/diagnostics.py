@@ -10,7 +10,9 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
+from rclpy.node import Node
 
+from rpms_ros.nodes import topics
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 
@@ -65,6 +67,30 @@ def diagnostics_message(name: str, hardware: str, stamp: Any, health: Health) ->
     array = DiagnosticArray(status=[status])
     array.header.stamp = stamp
     return array
+
+
+class DiagnosticsPublisher:
+    """Publishes the health of a node, stamped by the node's clock.
+
+    Parameters
+    ----------
+    node : Node
+        Whose health it is.
+    task : str
+        What the node does.
+    hardware : str
+        What it does it with: no two of one graph are called alike.
+    """
+
+    def __init__(self, node: Node, task: str, hardware: str) -> None:
+        self._clock = node.get_clock()
+        self._name, self._hardware = f'{node.get_fully_qualified_name()}: {task}', hardware
+        self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+
+    def publish(self, health: Health) -> None:
+        """Publish it as that of now."""
+        stamp = self._clock.now().to_msg()
+        self._publisher.publish(diagnostics_message(self._name, self._hardware, stamp, health))
 
 
 class RecentChange:

@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
@@ -32,7 +31,7 @@ from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.diagnostics import PERIOD_S
-from rpms_ros.nodes.diagnostics import diagnostics_message
+from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.identifier_diagnostics import doubts_in_words
 from rpms_ros.nodes.identifier_diagnostics import identifier_health
 from rpms_ros.nodes.identifier_hearing import Hearing
@@ -77,7 +76,9 @@ class Identifier(Node):
         self._disturbance = self.create_publisher(
             WrenchStamped, topics.DISTURBANCE, qos.DISTURBANCE
         )
-        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        self._diagnostics = DiagnosticsPublisher(
+            self, 'identification', f'sensor of {self.resolve_topic_name(topics.FORCE)}'
+        )
         self._hearing = Hearing(
             self,
             self._axis,
@@ -215,14 +216,8 @@ class Identifier(Node):
                 f'no force on {topic} for {silence:.0f} s ({publishers} publishers)',
                 throttle_duration_sec=_SILENCE,
             )
-        health = identifier_health(self._last, faults, silence > _SILENCE, self.stream.held)
         self._diagnostics.publish(
-            diagnostics_message(
-                f'{self.get_fully_qualified_name()}: identification',
-                f'sensor of {self.resolve_topic_name(topics.FORCE)}',
-                self.get_clock().now().to_msg(),
-                health,
-            )
+            identifier_health(self._last, faults, silence > _SILENCE, self.stream.held)
         )
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.node import Node
@@ -27,10 +26,9 @@ from rpms_ros.live.access import token_of
 from rpms_ros.live.modelled import warm_up
 from rpms_ros.live.server import LiveServer
 from rpms_ros.live.session import LiveSession
-from rpms_ros.nodes import topics
 from rpms_ros.nodes.diagnostics import PERIOD_S
+from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.diagnostics import Health
-from rpms_ros.nodes.diagnostics import diagnostics_message
 from rpms_ros.nodes.live_diagnostics import live_health
 from rpms_ros.nodes.live_listener import LiveListener
 from rpms_ros.nodes.live_listener import expected_topics
@@ -112,7 +110,7 @@ class LivePage(Node):
             self.session, self.listener.listen, access, self.stop, settings.address, settings.port
         )
         warm_up()
-        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        self._diagnostics = DiagnosticsPublisher(self, 'live page', self.server.url)
         self.server.start()
         self._look()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -144,14 +142,7 @@ class LivePage(Node):
 
         self.server.call(take_over)
         if self._health is not None:
-            self._diagnostics.publish(
-                diagnostics_message(
-                    f'{self.get_fully_qualified_name()}: live page',
-                    self.server.url,
-                    self.get_clock().now().to_msg(),
-                    self._health,
-                )
-            )
+            self._diagnostics.publish(self._health)
 
     def _is_stopped(self) -> bool:
         return self.session.confirms_stop(time.monotonic())

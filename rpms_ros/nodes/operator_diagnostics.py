@@ -5,16 +5,14 @@
 from collections.abc import Callable
 from collections.abc import Sequence
 
-from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.node import Node
 
-from rpms_ros.nodes import topics
 from rpms_ros.nodes.diagnostics import PERIOD_S
+from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.diagnostics import Health
-from rpms_ros.nodes.diagnostics import diagnostics_message
 
 
 def button_health(pressed: bool, lost: Sequence[str], listeners: int) -> Health:
@@ -58,14 +56,10 @@ class DiagnosticsTimer:
     """
 
     def __init__(self, node: Node, task: str, hardware: str, health: Callable[[], Health]) -> None:
-        self._node = node
         self._health = health
         name = node.get_fully_qualified_name()
-        self._name, self._hardware = f'{name}: {task}', f'{hardware} of {name}'
-        self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        self._publisher = DiagnosticsPublisher(node, task, f'{hardware} of {name}')
         node.create_timer(PERIOD_S, self._say, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _say(self) -> None:
-        stamp = self._node.get_clock().now().to_msg()
-        message = diagnostics_message(self._name, self._hardware, stamp, self._health())
-        self._publisher.publish(message)
+        self._publisher.publish(self._health())

@@ -10,7 +10,6 @@ tick delays samples but does not lose them or change their stamps.
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
@@ -26,9 +25,9 @@ from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.clock_jump import JumpDetector
 from rpms_ros.nodes.diagnostics import PERIOD_S
+from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.diagnostics import Health
 from rpms_ros.nodes.diagnostics import RecentChange
-from rpms_ros.nodes.diagnostics import diagnostics_message
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import COMPILING
 from rpms_ros.nodes.logger import logger_of
@@ -63,7 +62,9 @@ class PlantSimulator(Node):
         self._force = self.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
         self._truth = self.create_publisher(MuscleTruth, topics.TRUTH, qos.TRUTH)
         self._next_truth_ns = 0
-        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        self._diagnostics = DiagnosticsPublisher(
+            self, 'simulation', f'simulated muscle {self.get_fully_qualified_name()}'
+        )
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
             if self.settings.publish_clock
@@ -149,16 +150,10 @@ class PlantSimulator(Node):
             'newest sample [ns]': self.plant.newest_ns if self._begun else 'none',
             **{f'fault {fault}': count for fault, count in faults.items()},
         }
-        name = self.get_fully_qualified_name()
         said = 'simulating' if self._begun else 'waits for subscribers of the force'
         level = DiagnosticStatus.WARN if recent else DiagnosticStatus.OK
         self._diagnostics.publish(
-            diagnostics_message(
-                f'{name}: simulation',
-                f'simulated muscle {name}',
-                messages.time_message(time.time_ns(), MESSAGE_TYPES),
-                Health(f'{said}; a pulse was wrong or late' if recent else said, level, figures),
-            )
+            Health(f'{said}; a pulse was wrong or late' if recent else said, level, figures)
         )
 
 

@@ -8,7 +8,6 @@ others as soon as a publisher shows their type.
 """
 
 import json
-import time
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -16,7 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
@@ -35,8 +33,7 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.diagnostics import PERIOD_S
-from rpms_ros.nodes.diagnostics import diagnostics_message
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.parameters import NodeParameters
@@ -151,7 +148,9 @@ class Recorder(Node):
         self._numbers: dict[tuple[str, str], int] = {}
         self._lost: dict[str, int] = {}
         self._hearing = RecorderHearing(self)
-        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        self._diagnostics = DiagnosticsPublisher(
+            self, 'recording', f'recording {self.path.resolve()}'
+        )
         try:
             self._subscribe_to_known()
         except NodeError:
@@ -269,16 +268,8 @@ class Recorder(Node):
             return
         self._hear_best_effort()
         self._warn_of_lost()
-        name = self.get_fully_qualified_name()
         counts = {topic: count.messages for topic, count in self.counts.items()}
-        self._diagnostics.publish(
-            diagnostics_message(
-                f'{name}: recording',
-                f'recording {self.path.resolve()}',
-                messages.time_message(time.time_ns(), MESSAGE_TYPES),
-                recorder_health(self.path, counts, self._refused, self._lost),
-            )
-        )
+        self._diagnostics.publish(recorder_health(self.path, counts, self._refused, self._lost))
 
     def _add_topic(self, kind: Any, name: str, publisher: str) -> int:
         type_name = type_name_of(kind)
