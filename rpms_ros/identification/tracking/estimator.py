@@ -33,6 +33,9 @@ from rpms_ros.identification.tracking.basis_choice import LIVELY
 from rpms_ros.identification.tracking.basis_choice import BasisChoice
 from rpms_ros.identification.tracking.basis_choice import Explained
 from rpms_ros.identification.tracking.basis_choice import conversion
+from rpms_ros.identification.tracking.basis_schedule import BasisSchedule
+from rpms_ros.identification.tracking.basis_schedule import Search
+from rpms_ros.identification.tracking.challenger import Challenger
 from rpms_ros.identification.tracking.change_watch import Alert
 from rpms_ros.identification.tracking.change_watch import ChangeWatch
 from rpms_ros.identification.tracking.change_watch import first_block_after
@@ -55,10 +58,10 @@ from rpms_ros.identification.tracking.settings import LONGEST_BASIS
 from rpms_ros.identification.tracking.settings import TrackingSettings
 from rpms_ros.identification.tracking.tremor import SEARCHED_NS
 from rpms_ros.identification.tracking.tremor import Tremor
+from rpms_ros.identification.tracking.tremor import repetition_rates
 from rpms_ros.identification.tracking.window_fit import Scales
 from rpms_ros.identification.tracking.window_fit import Window
 from rpms_ros.identification.tracking.window_fit import WindowFit
-from rpms_ros.identification.tracking.window_fit import explained
 from rpms_ros.identification.tracking.window_fit import fresh_fit
 from rpms_ros.identification.tracking.window_fit import improved
 from rpms_ros.identification.warm_start import DayToDay
@@ -84,25 +87,13 @@ _SHORTEST_S = 20.0
 # That of the slowest muscle.
 _LONGEST_LAG_S = 0.3
 _STEPS, _FIRST_STEPS = 2, 6
-_RECENT_PULSES, _MOST_RATES = 100, 3
 _DOUBTED_NS = 10 * NANOSECONDS_PER_SECOND
-_CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
-# A window that is not quite young is challenged once in so many steps.
-_RESTS, _OFTEN_NS = 4, 5 * NANOSECONDS_PER_SECOND
-_CHALLENGER_STEPS = 5
-_CHALLENGER_DECISION = 3.0
 _SETTLING_NS = NANOSECONDS_PER_SECOND // 2
 _YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
-# When the basis is compared with others, since a response shows; later with this period [s].
-_CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
-_CHOICE_PERIOD_S = 32.0
-# Where all seems well it is compared with its neighbours only, but so often with all that people
-# have.  Neighbouring residuals of a basis that fits are seldom alike: then it is compared sooner.
-_GRIDS, _ALIKE = 4, 1.3
-_AGAIN_NS = 3 * NANOSECONDS_PER_SECOND
+# Neighbouring residuals of a basis that fits are seldom alike.
+_ALIKE = 1.3
+# Of the newest samples to which bases are fitted.
 _CHOICE_NS = 16 * NANOSECONDS_PER_SECOND
-# After the first pulse, if no response shows.
-_UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
 
 
 class TrackingEstimator(ProjectionEstimator):
@@ -125,11 +116,8 @@ class TrackingEstimator(ProjectionEstimator):
 
     _basis: LaguerreBasis
     _last_ns: int | None
-    _begun_ns: int | None
-    _stimulated_ns: int | None
-    _choices: int
-    _compared_ns: int
-    _turn: int
+    _schedule: BasisSchedule
+    _challenger: Challenger
     _from_before: bool
     _knowledge: Knowledge
     _window: WindowFit
@@ -152,13 +140,9 @@ class TrackingEstimator(ProjectionEstimator):
         functions = settings.basis.functions
         self._basis = settings.basis
         self._last_ns = None
-        self._begun_ns = None
-        self._stimulated_ns = None
-        self._choices = 0
-        self._compared_ns = -(2**62)
-        self._turn = 0
+        self._schedule = BasisSchedule()
+        self._challenger = Challenger(settings.starts())
         self._from_before = False
-        self._starts = settings.starts()
         self._prior = knowledge_of(settings)
         self._knowledge = self._prior
         self._window = fresh_fit(np.array(settings.start), functions)
@@ -184,8 +168,7 @@ class TrackingEstimator(ProjectionEstimator):
         if len(onset_ns):
             weight = self._delay_line.weight[-len(onset_ns) :]
             self._raw.add_pulses(onset_ns, intensity, weight)
-            if self._stimulated_ns is None and intensity.any():
-                self._stimulated_ns = int(onset_ns[np.argmax(intensity > 0.0)])
+            self._schedule.add_pulses(onset_ns, intensity)
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].
@@ -220,8 +203,7 @@ class TrackingEstimator(ProjectionEstimator):
         """Drop the pulses that still act; the knowledge of the muscle is kept."""
         super().forget_pulses()
         self._begin_anew()
-        self._begun_ns = self._stimulated_ns = None
-        self._compared_ns = -(2**62)
+        self._schedule.forget()
         self._tremor.forget()
         self._last_ns = None
 
@@ -290,6 +272,12 @@ class TrackingEstimator(ProjectionEstimator):
             self._tremor,
         )
 
+    @property
+    def _now_ns(self) -> int:
+        """Newest stamp [ns]."""
+        assert self._last_ns is not None
+        return self._last_ns
+
     def _build(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the estimate of the window's fit."""
         return self._builder.stated(
@@ -305,8 +293,8 @@ class TrackingEstimator(ProjectionEstimator):
         """Fit the window."""
         if self._intake.learnt[0] == 0.0:
             return
-        if self._begun_ns is None and self._window.shows_response:
-            self._begun_ns, self._choices = self._last_ns, 0
+        if not self._schedule.begun and self._window.shows_response:
+            self._schedule.begin(self._now_ns)
         self._slide()
         self._follow_tremor()
         if not self._holds_samples():
@@ -318,27 +306,18 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
-            self._challenge(self._span())
+            self._challenger.challenge(self._problem, self._window, self._knowledge, self._span())
             improved(self._problem, self._window, self._knowledge, self._span(), steps)
             self._doubt_what_is_from_before(self._span())
             if self._find:
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window()
 
-    def _rates(self) -> FloatArray:
-        """Return the rates of the newest pulses (rates,) [Hz], none if they are many."""
-        blocks = self._problem.blocks
-        order = (int(blocks.head[0]) + np.arange(int(blocks.size[0]))) % len(blocks.start_ns)
-        recent = blocks.start_ns[order][blocks.intensity[order] > 0.0][-_RECENT_PULSES:]
-        intervals = 1e-9 * np.diff(recent)
-        rates = np.unique(np.round(1.0 / intervals[intervals > 1e-3], 1))
-        return rates if len(rates) <= _MOST_RATES else rates[:0]
-
     def _follow_tremor(self) -> None:
         """Follow a tremor, or look whether what may be one explains the samples."""
-        if not self._tremor.follow(self._rates()):
+        if not self._tremor.follow(repetition_rates(self._problem.blocks)):
             return
-        if self._begun_ns is None:
+        if not self._schedule.begun:
             # nothing is known that would be lost
             self._watch.forget()
             size = int(self._problem.blocks.size[0])
@@ -362,7 +341,7 @@ class TrackingEstimator(ProjectionEstimator):
             rest = explained.raw.rest(basis, point.theta, point.linear, prior)
             self._raw = explained.raw
             self._tremor.accept(explained.tremor, *rest)
-            self._begun_ns, self._choices = self._last_ns, 0
+            self._schedule.begin(self._now_ns)
         first_ns = self._span().first_ns
         if explained.tremor or basis != self._basis:
             self._change_basis(basis)
@@ -382,7 +361,7 @@ class TrackingEstimator(ProjectionEstimator):
         fit.point = point_at(fit.point.theta, fit.point.linear, 0)
         fit.scales, fit.variance = Scales(), 0.0
         fit.levels = np.full(2, float(np.median(fit.levels)))
-        self._begun_ns, self._choices = self._last_ns, 0
+        self._schedule.begin(self._now_ns)
 
     def _doubt_what_is_from_before(self, window: Window) -> None:
         """Give up what another session, or a change, has left where the samples contradict it."""
@@ -396,31 +375,6 @@ class TrackingEstimator(ProjectionEstimator):
             self._knowledge = self._prior
             self._window = alone
             self._watch.forget()
-
-    def _challenge(self, window: Window) -> None:
-        """While the window is young try another start, in turn; go on from there if it is better.
-
-        A fit that has begun with few samples may hang in a local minimum.
-        """
-        fit = self._window
-        length_ns = window.now_ns - window.first_ns
-        if length_ns > _CHALLENGED_NS or not fit.shows_response:
-            return
-        self._turn = (self._turn + 1) % (_RESTS * len(self._starts))
-        if length_ns > _OFTEN_NS and self._turn % _RESTS:
-            return
-        functions = self._basis.functions
-        other = fresh_fit(self._starts[self._turn // _RESTS], functions)
-        other.variance, other.together = fit.variance, fit.together
-        mine = replace(fit)
-        problem, knowledge = self._problem, self._knowledge
-        if not explained(problem, other, knowledge, window, _CHALLENGER_STEPS):
-            return
-        if explained(problem, mine, knowledge, window, 1) and (
-            other.evidence > mine.evidence + _CHALLENGER_DECISION
-        ):
-            fit.point, fit.scales, fit.levels = other.point, other.scales, other.levels
-            fit.first = other.first
 
     def _look_for_change(self, window: Window) -> None:
         """Search for a change of the muscle; restart the window after it."""
@@ -456,16 +410,15 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _span(self) -> Window:
         """Return the present window."""
-        assert self._last_ns is not None
         blocks = self._problem.blocks
         begin = (int(blocks.head[0]) + self._problem.first) % len(blocks.start_ns)
         first_ns = int(blocks.start_ns[begin])
         # without a known response there is no slow change
-        known = self._begun_ns is not None
-        knots = int((self._last_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5) * known
+        known = self._schedule.begun
+        knots = int((self._now_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5) * known
         return Window(
             first_ns,
-            self._last_ns,
+            self._now_ns,
             INTERVAL_NS,
             float(_KNOT_INTERVALS),
             knots,
@@ -502,13 +455,12 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _slide(self) -> None:
         """Drop blocks before the window, except those that advance its first state."""
-        assert self._last_ns is not None
         blocks = self._problem.blocks
         capacity = len(blocks.start_ns)
         head, size = int(blocks.head[0]), int(blocks.size[0])
         start_ns = blocks.start_ns[(head + np.arange(size)) % capacity]
         surplus = size - (capacity - _SPARE_BLOCKS)
-        oldest = self._last_ns - self._length_ns()
+        oldest = self._now_ns - self._length_ns()
         first = max(int(np.searchsorted(start_ns, oldest)), self._problem.first, surplus)
         first = max(min(first, size), 0)
         if first == size:
@@ -565,22 +517,9 @@ class TrackingEstimator(ProjectionEstimator):
         """Compare the basis with others when it is time to."""
         if not self._choose or self._watch.deliberating:
             return
-        since_ns = self._begun_ns
-        if since_ns is None and self._stimulated_ns is not None:
-            # with a basis that does not fit a response may not show
-            since_ns = self._stimulated_ns + _UNSEEN_NS
-        if since_ns is None:
+        search = self._schedule.due(self._now_ns, self._window.together > _ALIKE)
+        if search is None:
             return
-        assert self._last_ns is not None
-        seconds = (self._last_ns - since_ns) / NANOSECONDS_PER_SECOND
-        done = self._choices
-        due = _CHOICES_S[done] if done < len(_CHOICES_S) else _CHOICE_PERIOD_S * (done - 3)
-        alike = self._window.together > _ALIKE
-        if seconds >= due:
-            self._choices += 1
-        elif not alike or self._last_ns < self._compared_ns + _AGAIN_NS:
-            return
-        self._compared_ns = self._last_ns
         if self._tremor.frequency:
             # the muscle is known better than it was
             point, prior = self._window.point, self._problem.prior
@@ -589,7 +528,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._change_basis(self._basis)
         choice = self._choice()
         fit = self._window
-        found = choice.better(done < _GRIDS or alike)
+        found = choice.better(search is Search.EVERYWHERE)
         explained = choice.explained(found)
         quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
         freed = explained.fit.together < _ALIKE < fit.together
@@ -598,12 +537,10 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _compared_from(self) -> int:
         """Return the first sample to which bases are fitted [ns]."""
-        assert self._last_ns is not None
-        return max(self._span().first_ns, self._last_ns - _CHOICE_NS)
+        return max(self._span().first_ns, self._now_ns - _CHOICE_NS)
 
     def _choice(self) -> BasisChoice:
         """Return the choice of a basis for the newest samples."""
-        assert self._last_ns is not None
         return BasisChoice(
             self._raw,
             self._basis,
@@ -611,12 +548,12 @@ class TrackingEstimator(ProjectionEstimator):
             self._prior,
             self._problem.prior,
             self._compared_from(),
-            self._last_ns,
+            self._now_ns,
             INTERVAL_NS,
             float(_KNOT_INTERVALS),
             self._lag(),
             self._origin,
-            None if self._tremor.frequency else self._rates(),
+            None if self._tremor.frequency else repetition_rates(self._problem.blocks),
         )
 
     def _change_basis(self, basis: LaguerreBasis) -> None:

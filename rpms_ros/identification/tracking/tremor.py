@@ -12,6 +12,7 @@ the muscle itself.
 
 import numpy as np
 
+from rpms_ros.identification.projection.block_statistics import BlockStatistics
 from rpms_ros.identification.saved_state import Restorable
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -32,8 +33,20 @@ _BESIDE_RATE = 0.6
 _LEAST_BINS = 0.8
 # Bins of a second and a half resolve two lines of 3 Hz or more beside each other.
 _FEWEST_BINS = 150
+# Repetition rates are those of so many newest pulses; of more rates than this, none is a line.
+_RECENT_PULSES, _MOST_RATES = 100, 3
+_SHORTEST_INTERVAL = 1e-3
 _FREQUENCIES: FloatArray = np.arange(_LOWEST, _HIGHEST + 0.5 * _RESOLUTION, _RESOLUTION)
 _WAVES = np.exp(-2e-9j * np.pi * _BIN_NS * np.outer(_FREQUENCIES, np.arange(_SEARCHED)))
+
+
+def repetition_rates(blocks: BlockStatistics) -> FloatArray:
+    """Return the rates of the newest pulses (rates,) [Hz], none if they are many."""
+    order = (int(blocks.head[0]) + np.arange(int(blocks.size[0]))) % len(blocks.start_ns)
+    recent = blocks.start_ns[order][blocks.intensity[order] > 0.0][-_RECENT_PULSES:]
+    intervals = 1e-9 * np.diff(recent)
+    rates = np.unique(np.round(1.0 / intervals[intervals > _SHORTEST_INTERVAL], 1))
+    return rates if len(rates) <= _MOST_RATES else rates[:0]
 
 
 class Tremor(Restorable):
