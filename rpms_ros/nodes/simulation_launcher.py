@@ -116,6 +116,12 @@ class Monitor(Node):
             self.has_run and self.status is not None and self.status.state != DriverStatus.RUNNING
         )
 
+    @property
+    def broken_off(self) -> str:
+        """Why the driver has stopped, empty if it has not."""
+        stopped = (DriverStatus.STOPPED, DriverStatus.FAULT)
+        return self.status.reason if self.status and self.status.state in stopped else ''
+
     def _on_estimate(self, message: MuscleEstimate) -> None:
         self.estimates.append(messages.estimate_of(message))
 

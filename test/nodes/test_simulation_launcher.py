@@ -3,9 +3,11 @@
 """The launcher end to end: in one process, and as three with a recording."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,17 +30,38 @@ from rpms_ros.report.recorded import true_muscle
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 
 
-def processes_of(folder: Path) -> list[int]:
-    """Processes that were started with a file in this folder and still run."""
+def processes_of(folder: Path, file: str = '') -> list[int]:
+    """Processes that were started with a file, or any, in this folder and still run."""
     found = []
     for path in Path('/proc').glob('[0-9]*'):
         try:
             command = (path / 'cmdline').read_bytes()
         except OSError:
             continue  # it has ended meanwhile
-        if f'{folder}/'.encode() in command and int(path.name) != os.getpid():
+        if f'{folder}/{file}'.encode() in command and int(path.name) != os.getpid():
             found.append(int(path.name))
     return found
+
+
+def demo(folder: Path, *options: str) -> str:
+    """Return what a demo prints that has lost nothing.
+
+    A machine that stands still for a tenth of a second makes pulses late, which the demo says with
+    its exit code; then it is tried again.
+    """
+    for _ in range(3):
+        shutil.rmtree(folder, ignore_errors=True)
+        done = subprocess.run(
+            [*RPMS, 'demo', *options, '--out', str(folder)],
+            text=True,
+            capture_output=True,
+            check=False,
+            timeout=250,
+        )
+        if done.returncode == 0 or "'pulse_late'" not in done.stdout:
+            break
+    assert (done.returncode, done.stderr) == (0, ''), done.stdout
+    return done.stdout
 
 
 def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
@@ -71,16 +94,9 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
 
 def test_the_demo_loses_nothing_and_replays_bit_for_bit(tmp_path: Path) -> None:
     folder = tmp_path / 'demo'
-    done = subprocess.run(
-        [*RPMS, 'demo', '--duration', '2', '--noise', '0.01', '--out', str(folder)],
-        text=True,
-        capture_output=True,
-        check=False,
-        timeout=250,
-    )
-    assert (done.returncode, done.stderr) == (0, ''), done.stdout
-    assert 'live estimates, bit for bit' in done.stdout
-    assert 'lost 0; faults none' in done.stdout
+    said = demo(folder, '--duration', '2', '--noise', '0.01')
+    assert 'live estimates, bit for bit' in said
+    assert 'lost 0; faults none' in said
     assert (folder / 'demo.png').stat().st_size > 10_000
     recording = read_recording(folder / 'recording')
     assert len(recording.forces) > 1900
@@ -99,14 +115,10 @@ def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: P
         'efforts:\n'
         '  - {kind: voluntary, at: 2.0, duration: 0.5, peak: 1.0}\n'
     )
-    options = ['--scenario', str(scenario), '--duration', '4', '--out', str(folder)]
-    done = subprocess.run(
-        [*RPMS, 'demo', *options], text=True, capture_output=True, check=False, timeout=250
-    )
-    assert (done.returncode, done.stderr) == (0, ''), done.stdout
-    assert 'live estimates, bit for bit' in done.stdout
-    assert 'scenario   pushed: the patient pushes once' in done.stdout
-    assert '--estimator tracking' in done.stdout
+    said = demo(folder, '--scenario', str(scenario), '--duration', '4')
+    assert 'live estimates, bit for bit' in said
+    assert 'scenario   pushed: the patient pushes once' in said
+    assert '--estimator tracking' in said
     assert (folder / 'demo.png').stat().st_size > 10_000
     muscle = true_muscle(read_recording(folder / 'recording'), 20.0)
     assert muscle is not None
@@ -114,6 +126,29 @@ def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: P
     assert len(muscle.stamp_ns) > 35
     assert muscle.effort.max() > 0.5
     assert muscle.curve[-1, -1] < 0.98 * muscle.curve[0, -1]
+
+
+def test_a_demo_whose_driver_stops_says_so(tmp_path: Path, wait_for: Callable[..., None]) -> None:
+    folder = tmp_path / 'demo'
+    with subprocess.Popen(
+        [*RPMS, 'demo', '--duration', '30', '--quiet', '--out', str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        said = folder / 'stimulator_driver.txt'
+        wait_for(lambda: said.exists() and 'running' in said.read_text(), 250.0)
+        # some seconds of it
+        wait_for(lambda: sum(f.stat().st_size for f in folder.rglob('*.mcap')) > 300_000, 60.0)
+        (driver,) = processes_of(folder, 'stimulator_driver.yaml')
+        # silent for longer than a demo allows
+        os.kill(driver, signal.SIGSTOP)
+        time.sleep(1.5)
+        os.kill(driver, signal.SIGCONT)
+        out, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (1, ''), out
+    assert 'driver: ended before the schedule did: ' in out
+    assert 'expected a sign of life within 0.5 s, got none for' in out
 
 
 def test_a_demo_of_a_scenario_that_is_none_starts_nothing(tmp_path: Path) -> None:

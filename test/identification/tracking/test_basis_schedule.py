@@ -41,7 +41,7 @@ def test_without_a_response_it_waits_for_stimulation() -> None:
     schedule.add_pulses(onset_ns, np.array([0.0, 0.0, 0.4, 0.6]))
     found = comparisons(schedule, np.arange(50.0, 60.0, 0.25), alike=False)
     # two seconds after the first pulse that is not zero, and the first time then
-    assert list(found)[0] == 55.0
+    assert next(iter(found)) == 55.0
     assert not schedule.begun
     schedule.forget()
     assert not comparisons(schedule, np.arange(60.0, 100.0), alike=True)
