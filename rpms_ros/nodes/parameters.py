@@ -18,6 +18,7 @@ command line or overrides.  `follow_parameters` calls back on later changes.
 """
 
 import dataclasses
+import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,6 +38,8 @@ from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.logger import logger_of
 
 _LARGEST_INTEGER = 2**63 - 1
+# Share of letters in common: names of parameters of different nodes have less.
+_ALIKE = 0.85
 _LARGEST_DOUBLE = 1.7976931348623157e308
 _METADATA = 'parameter'
 
@@ -179,13 +182,25 @@ def _descriptor(name: str, kind: Parameter.Type, description: Description) -> Pa
     return descriptor
 
 
-def declare_parameters(node: Node, settings: type[Settings]) -> Settings:
+def declare_parameters(
+    node: Node, settings: type[Settings], refuse_misspelt: bool = False
+) -> Settings:
     """Declare every field of `settings` on `node` and return them with their values.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    settings : type
+        Class of the parameters.
+    refuse_misspelt : bool
+        Refuse an unknown name that is much like one of the node's, of which others are warned.
 
     Raises
     ------
     NodeError
-        If a value has the wrong type, is out of bounds, or contradicts another one.
+        If a value has the wrong type, is out of bounds, or contradicts another one; if a name is
+        misspelt and that is to be refused.
     """
     # The errors of rclpy name neither the bounds nor the right way to write the value, and it
     # ignores misspelled names; it has no public access to the given values.
@@ -200,18 +215,22 @@ def declare_parameters(node: Node, settings: type[Settings]) -> Settings:
         plain = list(default) if isinstance(default, tuple) else default
         declared = node.declare_parameter(name, plain, descriptor).value
         values[name] = tuple(declared) if isinstance(default, tuple) else declared
-    _warn_of_unknown(node, given)
+    _warn_of_unknown(node, given, list(values) if refuse_misspelt else [])
     try:
         return settings(**values)
     except RpmsError as error:
         raise NodeError(f'parameters of {node.get_name()}: {error}') from error
 
 
-def _warn_of_unknown(node: Node, given: dict[str, Parameter]) -> None:
+def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) -> None:
+    """Warn of unknown names; raise `NodeError` for one that is much like a `known` one."""
     for name in given:
-        # A file may hold parameters of several nodes, so this is not an error.
-        if not node.has_parameter(name) and not name.startswith('qos_overrides.'):
-            logger_of(node).warning(f'parameter {name} is unknown here and ignored')
+        # A file may hold parameters of several nodes, so this alone is not an error.
+        if node.has_parameter(name) or name.startswith('qos_overrides.'):
+            continue
+        for meant in difflib.get_close_matches(name, known, 1, _ALIKE):
+            raise NodeError(f'expected a parameter of {node.get_name()} as {meant}, got {name}')
+        logger_of(node).warning(f'parameter {name} is unknown here and ignored')
 
 
 def follow_parameters(node: Node, current: Settings, apply: Callable[[Settings], None]) -> None:

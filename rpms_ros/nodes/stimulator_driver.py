@@ -84,7 +84,8 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _build(self) -> None:
         """Make the parts of the node, each after those that it depends on."""
         refuse_simulated_time(self)
-        self.settings = declare_parameters(self, DriverParameters)
+        # a misspelt limit must not count as one that was left out
+        self.settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
         settings = self.settings
         specification = device_specification_of(settings)
         self._ledger = ledger_of(settings)

@@ -23,7 +23,18 @@ from rpms_ros.nodes.parameters import parameter
 from rpms_ros.nodes.parameters import type_of
 from rpms_ros.nodes.plant_parameters import PlantParameters
 from rpms_ros.nodes.recorder import RecorderParameters
+from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButtonParameters
+
+NODES = (
+    ConsoleParameters,
+    DriverParameters,
+    IdentifierParameters,
+    LivePageParameters,
+    PlantParameters,
+    RecorderParameters,
+    StopButtonParameters,
+)
 
 
 @dataclass(frozen=True)
@@ -110,17 +121,31 @@ def test_the_dataclass_holds_its_bounds_without_a_node() -> None:
 
 
 @pytest.mark.parametrize(
-    'settings',
+    ('given', 'meant'),
     [
-        ConsoleParameters,
-        DriverParameters,
-        IdentifierParameters,
-        LivePageParameters,
-        PlantParameters,
-        RecorderParameters,
-        StopButtonParameters,
+        ('force_limt', 'force_limit'),
+        ('maximum_intesity', 'maximum_intensity'),
+        ('require_stopbutton', 'require_stop_button'),
+        ('Temperature_limit', 'temperature_limit'),
     ],
 )
+def test_a_driver_refuses_a_misspelt_limit(context: Context, given: str, meant: str) -> None:
+    line = f'expected a parameter of stimulator_driver as {meant}, got {given}'
+    with pytest.raises(NodeError, match=line):
+        StimulatorDriver(context=context, parameter_overrides=[Parameter(given, value=0.5)])
+
+
+def test_no_parameter_of_another_node_is_taken_for_a_misspelt_one_of_the_driver(
+    context: Context,
+) -> None:
+    # one file with /** may hold those of all nodes
+    own = set(descriptions(DriverParameters))
+    others = {name for one in NODES for name in descriptions(one)} - own
+    overrides = [Parameter(name, value='of another') for name in sorted(others)]
+    StimulatorDriver(context=context, parameter_overrides=overrides).destroy_node()
+
+
+@pytest.mark.parametrize('settings', NODES)
 def test_every_number_of_a_node_has_a_range_with_two_ends(settings: type[NodeParameters]) -> None:
     for name, description in descriptions(settings).items():
         assert description.doc.endswith('.'), name
