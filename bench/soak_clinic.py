@@ -69,6 +69,7 @@ class Clinic:
             keyboards[0],
             operator='ada',
             schedule_file=str(schedule),
+            key_delay=2.0,
             key_repeat=2.0,
         )
         watcher = self._add(lambda **options: Node('watcher', **options))

@@ -55,9 +55,16 @@ class ConsoleParameters(NodeParameters):
     rate: float = parameter(
         50.0, 'Heartbeats and button states a second.', unit='Hz', minimum=10.0, maximum=500.0
     )
-    key_repeat: float = parameter(
+    key_delay: float = parameter(
         0.8,
-        'Longest time between two repetitions of a held key.',
+        'Longest time from a key that is held to its first repetition.',
+        unit='s',
+        minimum=0.05,
+        maximum=2.0,
+    )
+    key_repeat: float = parameter(
+        0.2,
+        'Longest time between two repetitions of a held key: so long after its release it counts.',
         unit='s',
         minimum=0.05,
         maximum=2.0,
@@ -101,7 +108,7 @@ class OperatorConsole(Node):
         self._keyboard = Keyboard() if keyboard is None else keyboard
         if not self._keyboard.there:
             raise NodeError('expected a terminal to read keys from, got none')
-        self._held = HeldKey(self.settings.key_repeat)
+        self._held = HeldKey(self.settings.key_delay, self.settings.key_repeat)
         self._joystick = JoystickButton(self.settings.joy_enable, self.settings.joy_timeout)
         if self._joystick.used:
             self.create_subscription(Joy, topics.JOY, self._on_joy, qos.JOYSTICK)

@@ -8,25 +8,35 @@ from rpms_ros.pulses import nanoseconds
 
 
 class HeldKey:
-    """A key is held while the terminal keeps repeating it, which it does after a moment.
+    """A key is held while the terminal keeps repeating it, from the first repetition on.
+
+    A terminal tells neither that a key goes down nor that it comes up.  So one that is tapped is
+    not held, and one that is let go of is held until its next repetition is overdue.
 
     Parameters
     ----------
+    delay_s : float
+        Longest time from the key to its first repetition [s].
     repeat_s : float
         Longest time between two repetitions [s].
     """
 
-    def __init__(self, repeat_s: float) -> None:
-        self._repeat_ns = nanoseconds(repeat_s)
+    def __init__(self, delay_s: float, repeat_s: float) -> None:
+        self._delay_ns, self._repeat_ns = nanoseconds(delay_s), nanoseconds(repeat_s)
         self._last_ns: int | None = None
+        self._repeated = False
 
     def came(self, now_ns: int) -> None:
         """Note that the key came."""
+        due_ns = self._repeat_ns if self._repeated else self._delay_ns
+        self._repeated = self._last_ns is not None and now_ns - self._last_ns <= due_ns
         self._last_ns = now_ns
 
     def held(self, now_ns: int) -> bool:
         """Return whether it is held."""
-        return self._last_ns is not None and now_ns - self._last_ns <= self._repeat_ns
+        if not self._repeated or self._last_ns is None:
+            return False
+        return now_ns - self._last_ns <= self._repeat_ns
 
 
 class JoystickButton:

@@ -205,6 +205,11 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
     os.write(typed, b'a')
     graph.wait_for(lambda: bool(console.client.token))
     assert driver.controller.state.name == 'DISARMED'
+    # a tap is not a hold
+    os.write(typed, b'e')
+    end = time.monotonic() + 0.3
+    graph.wait_for(lambda: time.monotonic() > end)
+    assert not console.client.enable
     typing = listener.create_timer(0.05, lambda: os.write(typed, b'e'))
     graph.wait_for(lambda: len(pulses) > 3)
     assert statuses[-1].operator_id == 'ada'
