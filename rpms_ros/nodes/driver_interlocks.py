@@ -7,6 +7,7 @@ service `emergency_stop` (std_srvs/Trigger) latches a stop; `reset_emergency_sto
 """
 
 import math
+import time
 from collections.abc import Callable
 
 from geometry_msgs.msg import WrenchStamped
@@ -59,7 +60,7 @@ class InterlockInputs:
         self._was_reset = reset
         self._limit = settings.force_limit
         self._quantity = settings.quantity
-        self._sensor = SensorLife(settings.force_frame)
+        self._sensor = SensorLife(settings.force_frame, settings.force_timeout)
         if settings.force_limit > 0:
             node.create_subscription(
                 WrenchStamped, topics.FORCE, self._on_force, qos.FORCE_BEST_EFFORT
@@ -93,7 +94,7 @@ class InterlockInputs:
         force = getattr(message.wrench, self._quantity)
         size = math.hypot(force.x, force.y, force.z)
         stamp_ns = messages.nanoseconds(message.header.stamp)
-        refusal = self._sensor.refusal(stamp_ns, message.header.frame_id)
+        refusal = self._sensor.refusal(stamp_ns, message.header.frame_id, time.time_ns())
         if refusal is None:
             self._controller.force(size)
             return

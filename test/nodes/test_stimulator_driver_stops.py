@@ -135,6 +135,9 @@ def test_service_stops_in_every_state(graph):
     assert bench.change(Transition.TRANSITION_ACTIVATE)
 
 
+FROZEN_NS, DAY_NS = 1, 86400 * 10**9
+
+
 def wrench(force, frame='force_sensor', stamp_ns=None):
     message = WrenchStamped()
     message.header.frame_id = frame
@@ -185,15 +188,21 @@ def test_force_sensor_that_falls_silent_stops(graph):
 
 
 @pytest.mark.parametrize(
-    'dead', [{'stamp_ns': 1}, {'frame': 'ankle'}], ids=['same stamp', 'foreign frame']
+    'dead',
+    [
+        lambda: {'stamp_ns': FROZEN_NS},
+        lambda: {'frame': 'ankle'},
+        lambda: {'stamp_ns': time.time_ns() - DAY_NS},
+    ],
+    ids=['same stamp', 'foreign frame', 'a recording of yesterday'],
 )
-def test_force_that_is_frozen_or_foreign_is_no_sign_of_life(graph, dead):
+def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(graph, dead):
     bench = Bench(graph, force_limit=100.0, force_timeout=1.0)
     # a sensor that repeats nothing is heard as well
     sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
     graph.wait_for(lambda: sensor.get_subscription_count() == 1)
-    how = [{}]
-    bench.other.create_timer(0.02, lambda: sensor.publish(wrench(10.0, **how[0])))
+    how = [dict]
+    bench.other.create_timer(0.02, lambda: sensor.publish(wrench(10.0, **how[0]())))
     bench.arm()
     how[0] = dead
     bench.wait_for_state(DriverStatus.STOPPED)
