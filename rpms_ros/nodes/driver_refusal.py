@@ -8,6 +8,7 @@ from rpms_msgs.action import RunSchedule
 from rpms_ros.errors import RpmsError
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.authority import AUTHORITY
+from rpms_ros.stimulation.interlocks import SUSPEND
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.run import Run
 from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
@@ -21,7 +22,7 @@ WATCH = 'watch'
 """Sign of life of the thread that hears what stops the driver."""
 UNIQUE = 'unique_driver'
 AUDIT = 'audit_log'
-_OF_THE_CONTROLLER = (EMERGENCY_STOP, EXECUTOR, FORCE, HEARTBEAT, SUPERVISOR)
+_OF_THE_CONTROLLER = (EMERGENCY_STOP, EXECUTOR, FORCE, HEARTBEAT, SUPERVISOR, SUSPEND)
 INTERLOCKS = frozenset(('stop', 'force_limit', *_OF_THE_CONTROLLER, AUDIT, UNIQUE, WATCH))
 """What a refusal may name that is no limit of device, coil or patient."""
 

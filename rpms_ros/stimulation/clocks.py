@@ -38,6 +38,15 @@ def _since_boot_ns() -> int:
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
+def slept_ns() -> int:
+    """Return for how long the machine has slept since its start [ns], at most.
+
+    A thread that waits between the two readings makes it smaller, never larger.
+    """
+    boot_ns = _since_boot_ns()
+    return boot_ns - time.monotonic_ns()
+
+
 @dataclass(frozen=True)
 class Clocks:
     """Three clocks [ns] and the boot that they belong to.

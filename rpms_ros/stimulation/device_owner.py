@@ -211,6 +211,7 @@ class DeviceOwner(SafetyMonitor):
 
     def _arm(self) -> None:
         after(self.state, Command.ARM)
+        self.interlocks.awake()
         self._refuse_if_open()
         since, limit_s = self._epoch, self.device.arm_s + self.settings.stuck_limit_s
         status = self._call('arm', limit_s, since, self.device.arm)

@@ -9,10 +9,18 @@ is possible is latched: closing it again is not enough, somebody has to reset it
 """
 
 import threading
+from collections.abc import Callable
 from collections.abc import Mapping
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation.clocks import slept_ns
+
+SUSPEND = 'suspend'
+# the clocks are not read at one instant
+_NAP_NS = 20_000_000
+_READINGS = 5
 
 
 class Refused(StimulationError):
@@ -30,9 +38,15 @@ class Interlocks:
     ----------
     timeouts_s : mapping of str to float
         Longest age of each sign of life [s].
+    slept : callable
+        For how long the machine has slept since its start [ns].
     """
 
-    def __init__(self, timeouts_s: Mapping[str, float]) -> None:
+    def __init__(
+        self, timeouts_s: Mapping[str, float], slept: Callable[[], int] = slept_ns
+    ) -> None:
+        self._slept = slept
+        self.awake()
         self._timeouts_ns: dict[str, int] = {}
         self._holds_ns: dict[str, int] = {}
         self._lock = threading.Lock()
@@ -69,6 +83,11 @@ class Interlocks:
         """The first cause of the latched stop in plain words; empty without one."""
         with self._lock:
             return next(iter(self._latched.values()), '')
+
+    def awake(self) -> None:
+        """Note that the machine is awake: what it has slept so far does not count."""
+        # the largest: of one that is read while the thread waits, the others are too large
+        self._slept_ns = max(self._slept() for _ in range(_READINGS))
 
     def seen(self, name: str, now_ns: int) -> None:
         """Note a sign of life."""
@@ -118,7 +137,17 @@ class Interlocks:
                         f'{name}: expected a sign of life within {timeout / 1e9:g} s, '
                         f'got none for {age:.3g} s'
                     )
+            return self._sleep()
+
+    def _sleep(self) -> tuple[str, str] | None:
+        """Return that the machine has slept: no age has grown meanwhile."""
+        asleep_ns = self._slept() - self._slept_ns
+        if asleep_ns <= _NAP_NS:
             return None
+        return SUSPEND, (
+            f'{SUSPEND}: expected the machine to stay awake while pulses are possible, got it '
+            f'asleep for {asleep_ns / NANOSECONDS_PER_SECOND:.3g} s'
+        )
 
     def latch(self, name: str, reason: str) -> None:
         """Latch a stop; the first cause is kept in front."""

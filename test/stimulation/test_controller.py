@@ -74,6 +74,22 @@ def test_every_transition_legal_or_not(state, command, driver_in):
     assert driver.device.opened == (target is not State.UNCONFIGURED)
 
 
+def test_a_sleep_of_the_machine_stops(running, monkeypatch):
+    controller, given = running.controller, len(running.device.commands)
+    awake = controller.interlocks._slept
+    monkeypatch.setattr(controller.interlocks, '_slept', lambda: awake() + 60 * 10**9)
+    running.advance(1.0)
+    assert len(running.device.commands) == given
+    assert (controller.state, controller.interlocks.latched) == (State.DISARMED, True)
+    assert 'suspend: expected the machine to stay awake' in controller.reason
+    # who resets it is there again
+    controller.reset()
+    controller.arm()
+    controller.start(TRAIN)
+    running.advance(1.0)
+    assert len(running.device.commands) == given + 10
+
+
 class StoppedMidway(SimulatedDevice):
     """A device during whose every call somebody presses the emergency stop."""
 

@@ -47,6 +47,29 @@ def test_short_silence_holds_pulses_back_before_it_is_a_problem():
     assert interlocks.problem(SECOND + 1, since_ns=SECOND // 2) is not None
 
 
+def test_a_machine_that_has_slept_is_a_problem_until_it_is_armed_again():
+    asleep = [100 * SECOND]
+    interlocks = Interlocks({'heart': 1.0}, lambda: asleep[0])
+    interlocks.seen('heart', NOW)
+    assert interlocks.problem(NOW) is None
+    # the clock of the pulses has stood still: the heart seems to beat
+    asleep[0] += 3 * SECOND
+    name, reason = interlocks.problem(NOW)
+    assert name == 'suspend'
+    assert reason.endswith('got it asleep for 3 s')
+    interlocks.latch(name, reason)
+    interlocks.reset(NOW)
+    assert interlocks.problem(NOW) is not None
+    interlocks.awake()
+    assert interlocks.problem(NOW) is None
+
+
+def test_readings_of_two_clocks_that_are_apart_are_no_sleep():
+    readings = iter([0, -30_000_000, 0, 0, 0, 0, -30_000_000, 5_000_000])
+    interlocks = Interlocks({}, lambda: next(readings))
+    assert [interlocks.problem(NOW) for _ in range(3)] == [None, None, None]
+
+
 def test_latch_lets_go_only_with_its_causes_gone():
     interlocks = Interlocks({'heart': 1.0})
     interlocks.latch('heart', 'no heartbeat')
