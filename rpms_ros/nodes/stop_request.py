@@ -7,27 +7,32 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from collections.abc import Sequence
 from types import FrameType
 from typing import Any
 
-ENDING = (
-    signal.SIGINT,
-    signal.SIGTERM,
-    signal.SIGHUP,
-    signal.SIGQUIT,
-    signal.SIGUSR1,
-    signal.SIGUSR2,
-    signal.SIGALRM,
-    signal.SIGVTALRM,
-    signal.SIGPROF,
-    signal.SIGXCPU,
-    signal.SIGIO,
-    signal.SIGPWR,
-)
-"""Signals that would end the process."""
-
 SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 """Signals that would suspend the process; SIGSTOP cannot be caught."""
+
+# Nothing can be done after a fault of the processor, in whose instruction these come.
+_FAULTS = {'SIGSEGV', 'SIGBUS', 'SIGFPE', 'SIGILL', 'SIGTRAP', 'SIGSYS'}
+_NEVER_CAUGHT = {'SIGKILL', 'SIGSTOP'}
+# Ignored, by default or by Python.
+_IGNORED = {'SIGCHLD', 'SIGCONT', 'SIGURG', 'SIGWINCH', 'SIGPIPE', 'SIGXFSZ'}
+
+
+def name_of(number: int) -> str:
+    """Return the name of a signal; most of those for real time have none."""
+    named = number in list(signal.Signals)
+    return signal.Signals(number).name if named else f'SIGRTMIN+{number - signal.SIGRTMIN}'
+
+
+ENDING = tuple(
+    number
+    for number in sorted(signal.valid_signals() - set(SUSPENDING))
+    if name_of(number) not in _FAULTS | _NEVER_CAUGHT | _IGNORED
+)
+"""Signals that would end the process: all that can be caught."""
 
 
 class StopRequest:
@@ -70,7 +75,7 @@ class StopRequest:
             with os.fdopen(read, 'rb', buffering=0) as pipe:
                 for number in iter(lambda: pipe.read(1), b''):
                     if number[0] in self._before:
-                        callback(f'signal {signal.Signals(number[0]).name}')
+                        callback(f'signal {name_of(number[0])}')
 
         self._thread = threading.Thread(target=wait, name='signals', daemon=True)
         self._thread.start()
@@ -89,9 +94,10 @@ class StopRequest:
             self._thread.join()
             self._thread = None
         for number, handler in self._before.items():
-            signal.signal(number, handler)
+            # one that was not set by Python cannot be restored by it
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
-    def _take_over(self, numbers: tuple[signal.Signals, ...]) -> None:
+    def _take_over(self, numbers: Sequence[int]) -> None:
         for number in numbers:
             self._before[number] = signal.signal(number, self._on_signal)
 

@@ -14,6 +14,8 @@ from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import Pulse
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.stop_request import ENDING
+from rpms_ros.nodes.stop_request import name_of
 from rpms_ros.stimulation.audit_log import verify
 
 START = 'import sys; from rpms_ros.nodes.stimulator_driver import main; sys.exit(main())'
@@ -72,6 +74,9 @@ def driver(graph, domain, tmp_path):
         signal.SIGTERM,
         signal.SIGINT,
         signal.SIGTSTP,
+        # of a watchdog of systemd, and one without a name
+        signal.SIGABRT,
+        signal.SIGRTMIN + 3,
     ],
 )
 def test_a_signal_disarms_and_ends_the_driver(driver, number):
@@ -81,5 +86,12 @@ def test_a_signal_disarms_and_ends_the_driver(driver, number):
     stops = [record.content for record in verify(driver.audit).records]
     assert stops[-1]['kind'] == 'end'
     reasons = [content['reason'] for content in stops if content['kind'] == 'signal']
-    assert reasons == [f'signal {number.name}']
+    assert reasons == [f'signal {name_of(number)}']
     assert 'disarm' in [content['kind'] for content in stops]
+
+
+def test_every_signal_that_ends_a_process_and_can_be_caught_is():
+    caught = {name_of(one) for one in ENDING}
+    assert {'SIGINT', 'SIGTERM', 'SIGABRT', 'SIGSTKFLT', 'SIGPWR'} <= caught
+    assert {'SIGRTMIN', 'SIGRTMIN+1', 'SIGRTMAX'} <= caught
+    assert not {'SIGKILL', 'SIGSEGV', 'SIGCHLD', 'SIGTSTP'} & caught
