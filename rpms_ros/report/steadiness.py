@@ -21,6 +21,8 @@ _WORTH = 0.02
 _SAME = 0.1
 # Time to settle after a sudden change [s].
 _AFTER = 5.0
+# After which a change has lasted [s], and how well thresholds have to be known to tell (relative).
+_LATE, _NARROW_INTENSITY = 15.0, 0.05
 _MUSCLE = ('gain', 'thresholds', 'dynamics', 'unknown')
 _TIME_CONSTANT = 'twitch_time_constant_s'
 
@@ -31,9 +33,9 @@ def steadiness(course: Course) -> str:
     if not course.follows and not sudden:
         return _not_told(course)
     slow = [text for span in _spans(course) if (text := _slow(course, *span))]
-    if sudden or slow:
+    if slow or any(_lasted(course, change) for change in course.changes):
         return ' '.join([*sudden, *slow])
-    return _same(course)
+    return ' '.join([*sudden, _same(course)])
 
 
 def _what(course: Course) -> str:
@@ -133,6 +135,11 @@ def _ratio(path: Path, first: int, last: int) -> tuple[float, float]:
 def _told(change: Change, course: Course) -> str:
     """Return a sentence on a sudden change."""
     at = f'at {change.time_s:.1f} s'
+    if not _lasted(course, change):
+        return (
+            f'Something {at} looked like another muscle, but thresholds, twitch and '
+            f'{_what(course)} were the same afterwards: an effort, a spasm or a bump, say.'
+        )
     force = _step(course.force, course, change)
     if change.kind == 'baseline':
         return f'The {_what(course)} at rest jumped {at}, which is not the muscle.'
@@ -147,6 +154,31 @@ def _told(change: Change, course: Course) -> str:
     if force:
         parts.append(f'the {_what(course)} at full intensity {force}')
     return f'{begin}: {", ".join(parts)}.' if parts else f'{begin}.'
+
+
+def _lasted(course: Course, change: Change) -> bool:
+    """Return whether a change left something different, or too vague to be compared.
+
+    What is explained by other thresholds for a moment, and by the same ones afterwards, was
+    rather an effort.
+    """
+    if change.kind not in _MUSCLE:
+        return True
+    compared = [course.force, course.parameter('u_thr'), course.parameter('u_sat')]
+    widest = (_NARROW, _NARROW_INTENSITY, _NARROW_INTENSITY)
+    for path, limit in zip(compared, widest, strict=True):
+        pair = _around(path, course, change, _LATE)
+        if pair is None or not _is_same(path, *pair, limit):
+            return True
+    constant = course.physiology(_TIME_CONSTANT)
+    pair = _around(constant, course, change, _LATE)
+    return pair is not None and not _is_same(constant, *pair, _NARROW)
+
+
+def _is_same(path: Path, first: int, last: int, widest: float) -> bool:
+    """Return whether two values agree within their intervals, which are narrow (relative)."""
+    step, half = _ratio(path, first, last)
+    return abs(step) <= half <= widest
 
 
 def _step(path: Path, course: Course, change: Change) -> str:
@@ -171,8 +203,10 @@ def _moved(course: Course, change: Change) -> str:
     return f'the threshold went from {before:.2f} to {after:.2f}'
 
 
-def _around(path: Path, course: Course, change: Change) -> tuple[int, int] | None:
-    """Return the last estimate before a change, and one some seconds after it."""
+def _around(
+    path: Path, course: Course, change: Change, after_s: float = _AFTER
+) -> tuple[int, int] | None:
+    """Return the last estimate before a change, and one so long after it."""
     edges = [one.time_s for one in course.changes if one.kind in _MUSCLE]
     later = min((edge for edge in edges if edge > change.time_s), default=math.inf)
     known, time = path.known, course.time_s
@@ -180,7 +214,7 @@ def _around(path: Path, course: Course, change: Change) -> tuple[int, int] | Non
     after = np.flatnonzero(known & (time > change.time_s) & (time <= later))
     if not len(before) or not len(after):
         return None
-    learnt = after[time[after] >= change.time_s + _AFTER]
+    learnt = after[time[after] >= change.time_s + after_s]
     return int(before[-1]), int(learnt[0] if len(learnt) else after[-1])
 
 

@@ -102,6 +102,32 @@ def test_a_sudden_change_is_told_with_what_it_did(
     assert text.count('fell by') == 1
 
 
+@pytest.mark.parametrize('kind', ['thresholds', 'gain', 'dynamics'])
+def test_what_is_the_same_afterwards_is_no_change(made_up: ModuleType, kind: str) -> None:
+    def at(index: int, moved: float = 0.0, half: float = 0.1) -> Any:
+        late = index > 40
+        covariance = np.diag([1e-6, 1e-6, 0.01, 0.01])
+        fields = {'nonlinear_covariance': covariance}
+        if late:
+            fields |= {
+                'changes': 1, 'change_kinds': (kind,), 'change_ago': np.array([0.5 * index - 20.0])
+            }  # fmt: skip
+            # a few seconds of something else
+            shift = 0.04 * np.exp(-(index - 40) / 8) + moved
+            fields['nonlinear'] = np.array([0.48 + shift, 0.98 + shift, 4.0, 6.0])
+        return made_up.estimate(index, 10.0, half, **fields)
+
+    def said(*options: float) -> str:
+        estimates = [at(index, *options) for index in range(1, COUNT + 1)]
+        return steadiness(course_of(made_up.session_of(estimates)))
+
+    assert said().startswith('Something at 20.0 s looked like another muscle, but thresholds,')
+    assert 'an effort, a spasm or a bump, say. The muscle stayed the same within' in said()
+    # thresholds that stay elsewhere, and a force that is too vague to tell
+    assert 'looked like another' not in said(0.02)
+    assert 'looked like another' not in said(0.0, 1.0)
+
+
 def test_a_jump_of_the_baseline_is_not_the_muscle(made_up: ModuleType) -> None:
     jump = {'changes': 1, 'change_kinds': ('baseline',), 'change_ago': np.array([1.0])}
     assert 'which is not the muscle' in told(made_up, np.full(COUNT, 10.0), **jump)
