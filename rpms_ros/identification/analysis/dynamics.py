@@ -77,7 +77,11 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
     fits = [_fit(train, model) for train in found.trains]
     deviations = np.array([_deviations(train, model, found) for train in found.trains])
     latency, constant = (
-        _stated(np.array([getattr(fit, name) for fit in fits]), deviations[:, place])
+        _stated(
+            np.array([getattr(fit, name) for fit in fits]),
+            deviations[:, place],
+            _by_model(found, model, name),
+        )
         for place, name in enumerate(('latency', 'time_constant'))
     )
     responses = [train.response for train in found.trains]
@@ -141,11 +145,23 @@ def _deviations(train: TrainAnalysis, model: str, found: SummationAnalysis) -> F
     return fit_deviations(train.response, train.equal, found.order)
 
 
-def _stated(values: FloatArray, deviations: FloatArray) -> Bounded:
+def _by_model(found: SummationAnalysis, model: str, name: str) -> float:
+    """Return by how much a number of equal pulses is another one with a gain a pulse [s].
+
+    Pulses that are not equal move both: the first one of a train acts more than those that follow
+    it, say.  The history law says itself how they differ.
+    """
+    if model == 'law':
+        return 0.0
+    apart = [getattr(one.gains, name) - getattr(one.equal, name) for one in found.trains]
+    return abs(float(np.mean(apart)))
+
+
+def _stated(values: FloatArray, deviations: FloatArray, by_model: float) -> Bounded:
     """Return the mean of the trains with its interval.
 
     The interval follows from the scatter of the trains or from the uncertainty of each, whichever
-    is larger.
+    is larger, and from what another model would state instead.
     """
     count = len(values)
     own = float(np.sqrt(np.mean(np.square(deviations)) / count))
@@ -156,7 +172,8 @@ def _stated(values: FloatArray, deviations: FloatArray) -> Bounded:
         else student.ppf(0.5 + CONFIDENCE / 2, np.inf)
     )
     normal = student.ppf(0.5 + CONFIDENCE / 2, np.inf)
-    half = max(float(normal) * own, float(quantile) * scatter)
+    # as far as the interval of the other model goes
+    half = max(float(normal) * own, float(quantile) * scatter) + by_model
     mean = float(values.mean())
     return Bounded(value=mean, lower=max(mean - half, 0.0), upper=mean + half)
 
