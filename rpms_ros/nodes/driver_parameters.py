@@ -62,11 +62,16 @@ class DriverParameters(NodeParameters):
         0.01, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
     )
     executor_timeout: float = parameter(
-        0.5, 'Longest silence of the executor while armed.', unit='s', minimum=0.1, maximum=10.0
+        0.5,
+        'Longest silence of the executor while armed; after 0.4 of it pulses are held back.',
+        unit='s',
+        minimum=0.1,
+        maximum=10.0,
     )
     watch_timeout: float = parameter(
         0.1,
-        'Longest silence of the thread that hears buttons and heartbeat, while armed.',
+        'Longest silence of the thread that hears buttons and heartbeat, while armed; after 0.4 '
+        'of it pulses are held back.',
         unit='s',
         minimum=0.02,
         maximum=10.0,

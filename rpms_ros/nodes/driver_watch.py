@@ -33,6 +33,7 @@ from rpms_ros.nodes.taking import Taker
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.authority import Beat
 from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.interlocks import HOLD_SHARE
 from rpms_ros.stimulation.process_life import ProcessLife
 from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
 from rpms_ros.stimulation.safety_monitor import HEARTBEAT
@@ -43,8 +44,6 @@ SUFFIX = '_watch'
 """What the name of the second node adds to the driver's."""
 
 _LOOK_MS = 5
-# share of the longest silence after which no pulse comes any more
-_HOLD = 0.4
 _GRAPH_PERIOD_NS = 100_000_000
 # the state of a button stands behind four bytes of encapsulation
 _STATE_AT = 4
@@ -94,7 +93,7 @@ class DriverWatch:
         self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
         self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
         # pulses are held back before the stop is latched
-        controller.interlocks.require(WATCH, timeout_s, hold_s=_HOLD * timeout_s)
+        controller.interlocks.require(WATCH, timeout_s, hold_s=HOLD_SHARE * timeout_s)
         self._thread = threading.Thread(target=self._run, name='driver_watch', daemon=True)
         self._thread.start()
 

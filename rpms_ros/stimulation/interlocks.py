@@ -14,6 +14,9 @@ from collections.abc import Mapping
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import nanoseconds
 
+HOLD_SHARE = 0.4
+"""Share of the longest silence of a hearer of stops after which pulses are held back."""
+
 
 class Refused(StimulationError):
     """A driver does not do what it was asked to; ``limit`` names the limit or interlock."""

@@ -145,7 +145,7 @@ def test_nothing_is_armed_without_the_enable(clinic):
     assert lab.controller.state.name == 'DISARMED'
 
 
-def test_a_goal_of_anybody_else_is_refused_and_not_even_read(clinic):
+def test_a_goal_of_anybody_else_is_refused_before_its_schedule_is_parsed(clinic):
     lab = clinic()
     lab.arm()
     eve = OperatorClient(lab.other, 'eve')
