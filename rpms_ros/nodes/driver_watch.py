@@ -82,7 +82,9 @@ class DriverWatch:
         self._buttons = buttons
         self._authority = authority
         self._refused = refused
+        # the process of the operator, and for which token it is watched
         self._client = ProcessLife('', 0)
+        self._watched_for = -1
         self._next_graph_ns = 0
         self._pressed = False
         self._others = ''
@@ -145,8 +147,11 @@ class DriverWatch:
 
     def _wait(self) -> None:
         poll = select.poll()
-        if self._client.descriptor >= 0 and not self._client.ended:
-            poll.register(self._client.descriptor, select.POLLIN)
+        client = self._client
+        # read once: a look of another thread may close it meanwhile
+        descriptor = client.descriptor
+        if descriptor >= 0 and not client.ended:
+            poll.register(descriptor, select.POLLIN)
         poll.poll(_LOOK_MS)
 
     def _hear(self, now_ns: int) -> None:
@@ -183,13 +188,17 @@ class DriverWatch:
         except Exception as error:  # noqa: BLE001
             self._refused(f'expected a heartbeat that can be read, got {error!r}')
             return
+        # a token that is given meanwhile is another one: this process is not watched for it
+        generation = self._authority.generation
         refusal = self._authority.beat(beat, now_ns)
         if refusal is not None:
             self._controller.count('heartbeat_refused')
             if self._authority.operator:
                 self._refused(refusal)
-        elif not self._client.known and self._authority.operator:
+        elif not self._client.known or generation != self._watched_for:
+            self._client.close()
             self._client = ProcessLife(message.host, int(message.process))
+            self._watched_for = generation
 
     def _look_at_graph(self) -> None:
         topic = self._driver.resolve_topic_name(topics.EMERGENCY_STOP)
@@ -225,9 +234,9 @@ class DriverWatch:
             self._controller.stop(EMERGENCY_STOP, press or str(problem))
 
     def _judge_operator(self, now_ns: int) -> None:
-        if not self._authority.operator:
+        if self._authority.generation != self._watched_for:
+            # of an operator before this one
             self._client.close()
-            return
         if not self._authority.confirmed:
             return
         if self._client.ended:

@@ -212,6 +212,27 @@ def test_the_end_of_the_operators_process_stops_before_its_heartbeat_is_missed(c
     assert reason == 'expected the process of ada to run, got its end'
 
 
+def test_the_process_of_the_operator_who_has_armed_is_watched(clinic, domain):
+    lab = clinic(heartbeat_timeout=10.0, arming_timeout=1.0)
+    # ada asks for a token, is heard, and does not go on; her process stays
+    lab.ada.enable = True
+    assert lab.ask(lab.ada.request()).success
+    lab.graph.wait_for(lambda: lab.driver.authority.enabled)
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    text = CLIENT.replace("'ada'", "'bob'")
+    bob = subprocess.Popen([sys.executable, '-c', text], env=environment)
+    try:
+        lab.graph.wait_for(lambda: len(lab.pulses) > 5, timeout=60.0)
+        lab.graph.wait_for(lambda: lab.statuses[-1].operator_id == 'bob')
+        bob.send_signal(signal.SIGKILL)
+        reason = lab.wait_for_state(DriverStatus.STOPPED)
+    finally:
+        bob.kill()
+        bob.wait(10)
+    # ada's console goes on with its old token, which is refused
+    assert reason.startswith('expected the process of bob to run, got its end')
+
+
 def test_a_second_driver_of_this_name_stops_both(clinic, graph):
     lab = clinic()
     lab.run()
