@@ -29,12 +29,12 @@ from rpms_ros.nodes.driver_action import ScheduleAction
 from rpms_ros.nodes.driver_action import text_of
 from rpms_ros.nodes.driver_audit import DriverAudit
 from rpms_ros.nodes.driver_clock import refuse_simulated_time
+from rpms_ros.nodes.driver_figures import SessionFigures
 from rpms_ros.nodes.driver_interlocks import InterlockInputs
 from rpms_ros.nodes.driver_lifecycle import GuardedLifecycleNode
 from rpms_ros.nodes.driver_operator import OperatorServices
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
-from rpms_ros.nodes.driver_parameters import device_specification_of
 from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.driver_parameters import ledger_of
 from rpms_ros.nodes.driver_parameters import schedule_of
@@ -86,11 +86,11 @@ class StimulatorDriver(GuardedLifecycleNode):
         refuse_simulated_time(self)
         self.settings = declare_parameters(self, DriverParameters)
         settings = self.settings
-        specification = device_specification_of(settings)
+        self._figures = SessionFigures(settings)
         self._ledger = ledger_of(settings)
         self.controller = StimulationController(
             build_device(settings),
-            specification,
+            self._figures.specification,
             driver_settings_of(settings),
             ledger=self._ledger,
         )
@@ -214,6 +214,7 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _make_ready(self) -> None:
         """Arm, if the operator is allowed to."""
         self._operator.require_arming()
+        self._figures.require_unchanged()
         self._watch.look()
         self.controller.seen(EXECUTOR)
         limits = {key: str(value) for key, value in vars(self.controller.limits).items()}

@@ -67,6 +67,62 @@ def theatre(graph, instrument, patient_file, tmp_path, monkeypatch):
     ada.destroy()
 
 
+def refused_arming(graph, driver, ada):
+    """Ask for an arming until the reason why it is refused is neither heartbeat nor button."""
+    ada.enable = True
+    ada.request()
+    graph.wait_for(lambda: bool(ada.token))
+    reasons = ['']
+
+    def said():
+        future = ada.confirm()
+        graph.wait_for(future.done, timeout=30.0)
+        assert not future.result().success
+        reasons.append(future.result().message)
+        return 'patient' in reasons[-1]
+
+    graph.wait_for(said, timeout=30.0)
+    assert driver.controller.state.name == 'DISARMED'
+    return reasons[-1]
+
+
+def test_a_patient_whose_figures_have_expired_meanwhile_is_not_stimulated(
+    graph, theatre, patient_file
+):
+    fake, driver, _other, _button, ada = theatre
+    lines = patient_file.read_text().splitlines()
+    past = {'set_on': '2020-01-01', 'expires': '2020-01-02'}
+    dated = [next((f'{k}: {d}' for k, d in past.items() if k in line), line) for line in lines]
+    patient_file.write_text('\n'.join(dated))
+    reason = refused_arming(graph, driver, ada)
+    assert reason.startswith('patient P01: expected a day from 2020-01-01 to 2020-01-02, got')
+    assert not fake.armed
+
+
+@pytest.mark.parametrize(
+    ('before', 'after'),
+    [
+        ('largest_comfortable: 0.55', 'largest_comfortable: 0.45'),
+        ('pulses: 4000', 'pulses: 3000'),
+        ('identifier: P01', 'identifier: P02'),
+    ],
+)
+def test_figures_of_the_patient_that_were_changed_need_a_new_start(
+    graph, theatre, patient_file, before, after
+):
+    fake, driver, _other, _button, ada = theatre
+    # what changes no limit changes nothing
+    text = patient_file.read_text().replace('set_by: A. Physician', 'set_by: B. Physician')
+    assert before in text
+    patient_file.write_text(text.replace(before, after))
+    reason = refused_arming(graph, driver, ada)
+    assert reason == (
+        f'expected the figures of {patient_file} and of the device specification as they were at '
+        'the start, got others: start the driver again'
+    )
+    assert not fake.armed
+
+
 def test_a_press_disarms_the_instrument_and_what_came_is_told(graph, theatre):
     fake, driver, other, button, ada = theatre
     pulses, statuses = [], []
