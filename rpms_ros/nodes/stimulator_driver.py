@@ -12,12 +12,10 @@ from collections.abc import Callable
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.parameter import Parameter
 
 from rpms_msgs.action import RunSchedule
 from rpms_ros import messages
@@ -28,6 +26,7 @@ from rpms_ros.nodes.discovery import stay_on_this_machine
 from rpms_ros.nodes.driver_action import ScheduleAction
 from rpms_ros.nodes.driver_action import text_of
 from rpms_ros.nodes.driver_audit import DriverAudit
+from rpms_ros.nodes.driver_bound import follow_bound
 from rpms_ros.nodes.driver_clock import refuse_simulated_time
 from rpms_ros.nodes.driver_figures import SessionFigures
 from rpms_ros.nodes.driver_interlocks import InterlockInputs
@@ -48,7 +47,6 @@ from rpms_ros.nodes.driver_watch import DriverWatch
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.nodes.runner import run
 from rpms_ros.stimulation import Schedule
@@ -128,8 +126,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._inputs = InterlockInputs(
             self, self.controller, self._watch, settings, refuse, self._on_reset
         )
-        follow_parameters(self, settings, self._follow)
-        self.add_on_set_parameters_callback(self._check_bound)
+        follow_bound(self, self.controller, settings, self._on_bound, refuse)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_SIGN_S, self._show_life, clock=steady)
         self.create_timer(_TICK_S, self._guarded_tick, clock=steady)
@@ -292,18 +289,7 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _on_context_shutdown(self) -> None:
         self.controller.disarm('context shut down')
 
-    def _check_bound(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Apply a bound on the intensity before the parameter is set, or refuse it."""
-        try:
-            for given in parameters:
-                if given.name == 'maximum_intensity' and isinstance(given.value, float):
-                    self.controller.tighten(given.value)
-        except StimulationError as error:
-            self._reports.refuse(str(error))
-            return SetParametersResult(successful=False, reason=plain_text(error))
-        return SetParametersResult(successful=True)
-
-    def _follow(self, settings: DriverParameters) -> None:
+    def _on_bound(self, settings: DriverParameters) -> None:
         self.settings = settings
         self._reports.say(f'intensities up to {settings.maximum_intensity:g}')
         self._audit.note('limit', maximum_intensity=settings.maximum_intensity)

@@ -12,6 +12,7 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -289,6 +290,26 @@ def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clin
     assert result.error_code == CODES.OVER_LIMIT
     assert 'maximum_intensity' in result.reason
     lab.graph.wait_for(lambda: lab.statuses[-1].maximum_intensity == 0.4)
+
+
+def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(clinic):
+    lab = clinic(maximum_intensity=0.9)
+    client = lab.other.create_client(
+        SetParametersAtomically, 'stimulator_driver/set_parameters_atomically'
+    )
+    lab.graph.wait_for(client.service_is_ready)
+
+    def bound(share, **others):
+        values = {'maximum_intensity': share, **others}
+        asked = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=asked)
+        return lab.ask(client.call_async(request)).result.successful
+
+    assert bound(0.3)
+    for share in (0.9, 0.1):
+        assert not bound(share, use_sim_time=True)
+        assert lab.controller.limits.maximum_intensity == 0.3
+        assert lab.driver.get_parameter('maximum_intensity').value == 0.3
 
 
 def test_who_did_what_is_written_down(clinic, tmp_path):
