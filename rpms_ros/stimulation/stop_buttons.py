@@ -99,8 +99,7 @@ class StopButtons:
         """Take over which publishers there are, with a name for each to show."""
         with self._lock:
             self._names = dict(names)
-            # counted, not compared: some middlewares show another identity than they send
-            self._unheard = max(0, len(names) - len(self._buttons))
+            self._count_unheard()
 
     def states(self, now_ns: int) -> list[tuple[str, ButtonState]]:
         """Return name and state of each button; those of one node have one name."""
@@ -166,13 +165,19 @@ class StopButtons:
             for identity in [*self._buttons]:
                 if identity not in self._names and not self._buttons[identity].pressed:
                     del self._buttons[identity]
+            # with one gone fewer are known: one that came meanwhile counts from now on
+            self._count_unheard()
 
     def clear(self) -> None:
         """Forget every button; they have to say their state again."""
         with self._lock:
             self._buttons.clear()
             self._overrun = ''
-            self._unheard = len(self._names)
+            self._count_unheard()
+
+    def _count_unheard(self) -> None:
+        # counted, not compared: some middlewares show another identity than they send
+        self._unheard = max(0, len(self._names) - len(self._buttons))
 
     def _state(self, button: _Button, now_ns: int) -> ButtonState:
         if button.pressed:

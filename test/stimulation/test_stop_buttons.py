@@ -131,6 +131,22 @@ def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one() -> 
     assert buttons.problem(LATER_NS) is not None
 
 
+def test_a_button_that_came_as_another_one_went_has_to_speak_after_a_reset() -> None:
+    buttons = StopButtons(0.3)
+    buttons.heard(A, 1, False, 0)
+    buttons.heard(B, 1, False, LATER_NS)
+    # one has gone, and one has come and is silent: as many as are known
+    buttons.present({B: '/hand', b'c': '/wall'})
+    buttons.forget_gone()
+    assert buttons.problem(LATER_NS) == (
+        'expected every stop button to speak, got 1 still unknown'
+    )
+    assert buttons.states(LATER_NS) == [
+        ('/hand', ButtonState.RELEASED),
+        ('/wall', ButtonState.UNKNOWN),
+    ]
+
+
 said = st.tuples(st.sampled_from([A, B, b'c']), st.integers(0, 20), st.booleans(), st.booleans())
 
 
