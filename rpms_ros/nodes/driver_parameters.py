@@ -131,7 +131,10 @@ class DriverParameters(NodeParameters):
         10.0, 'Status messages a second.', unit='Hz', minimum=1.0, maximum=20.0
     )
     realtime_priority: int = parameter(
-        0, 'Priority of the process under SCHED_FIFO; 0 does not ask.', minimum=0, maximum=99
+        0,
+        'SCHED_FIFO priority of the process and of the guard that it starts; 0 does not ask.',
+        minimum=0,
+        maximum=99,
     )
     autostart: bool = parameter(
         False, 'Configure, activate and run the schedule below; simulated device only.'

@@ -135,13 +135,14 @@ class StimulatorDriver(GuardedLifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the device."""
         self._threads.start()
-        done = self._try(self._configure)
-        if done is not TransitionCallbackReturn.SUCCESS:
-            return done
+        # before the device is open: a guard inherits the priority of the thread that starts it
         if self.settings.realtime_priority > 0:
             denied = ask_for_realtime(self.settings.realtime_priority)
             if denied:
                 logger_of(self).warning(denied)
+        done = self._try(self._configure)
+        if done is not TransitionCallbackReturn.SUCCESS:
+            return done
         self._reports.say('configured: device open, disarmed')
         return super().on_configure(state)
 

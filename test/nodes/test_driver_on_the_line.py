@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole driver on a serial line: node, guard, and an instrument of the Rapid2 class."""
 
+import contextlib
+import os
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -24,7 +27,32 @@ LONG = 'segments: [{kind: constant, rate_hz: 10.0, duration_s: 20.0, intensity: 
 
 
 @pytest.fixture
-def theatre(graph, instrument, patient_file, tmp_path, monkeypatch):
+def more():
+    """Parameters of the driver beside those below."""
+    return {}
+
+
+@pytest.fixture
+def batch(monkeypatch):
+    """A priority that needs no right, asked for in place of SCHED_FIFO."""
+
+    def put_under(policy):
+        for task in Path('/proc/self/task').iterdir():
+            # one may have ended meanwhile
+            with contextlib.suppress(ProcessLookupError):
+                os.sched_setscheduler(int(task.name), policy, os.sched_param(0))
+        return ''
+
+    monkeypatch.setattr(
+        'rpms_ros.nodes.stimulator_driver.ask_for_realtime',
+        lambda _priority: put_under(os.SCHED_BATCH),
+    )
+    yield
+    put_under(os.SCHED_OTHER)
+
+
+@pytest.fixture
+def theatre(graph, instrument, patient_file, tmp_path, monkeypatch, more):
     """An instrument, its driver with everything that a real device needs, and an operator."""
     fake = instrument(watchdog_s=20.0)
 
@@ -54,7 +82,7 @@ def theatre(graph, instrument, patient_file, tmp_path, monkeypatch):
         'heartbeat_timeout': 3.0,
         'lateness_limit': 0.1,
     }
-    driver = graph.add(StimulatorDriver, **parameters)
+    driver = graph.add(StimulatorDriver, **parameters, **more)
     other = graph.add(lambda **options: Node('other', **options))
     button, ada = ButtonPublisher(other), OperatorClient(other, 'ada')
     changes = other.create_client(ChangeState, 'stimulator_driver/change_state')
@@ -153,3 +181,10 @@ def test_a_press_disarms_the_instrument_and_what_came_is_told(graph, theatre):
     assert {pulse.intensity for pulse in pulses} == {0.1}
     assert statuses[-1].device == f'serial {fake.port}'
     assert driver.controller.device.real
+
+
+@pytest.mark.usefixtures('batch')
+@pytest.mark.parametrize('more', [{'realtime_priority': 5}])
+def test_the_guard_has_the_priority_of_the_driver(theatre):
+    _fake, driver, *_ = theatre
+    assert os.sched_getscheduler(driver.controller.device.guard_pid) == os.SCHED_BATCH
