@@ -93,7 +93,9 @@ class StimulatorDriver(GuardedLifecycleNode):
             ledger=self._ledger,
         )
         self.authority = Authority(settings.heartbeat_timeout, settings.arming_timeout)
-        self.buttons = StopButtons(settings.stop_button_timeout, settings.require_stop_button)
+        self.buttons = StopButtons(
+            settings.stop_button_timeout, settings.require_stop_button, settings.stop_buttons
+        )
         device = settings.hardware
         self._lock_of_device = None if settings.simulated else DeviceLock(settings.port)
         self._active = False

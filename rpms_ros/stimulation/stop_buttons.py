@@ -3,11 +3,13 @@
 """Stop buttons by presence: each says its state at a rate; one that is silent counts as pressed.
 
 A button is known by the identity of its publisher.  One that is pressed, that has fallen silent,
-or that is there and has said nothing yet stands against every pulse, whatever the others say.
+or that is there and has said nothing yet stands against every pulse, whatever the others say.  One
+that was named beforehand stands against every pulse while it is not there, too.
 """
 
 import enum
 import threading
+from collections.abc import Iterable
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -46,11 +48,15 @@ class StopButtons:
         Longest silence of a button [s].
     required : bool
         Whether there has to be a button at all.
+    names : iterable of str
+        Nodes of the buttons that have to be there, whatever is forgotten: full names, or the last
+        parts of them.
     """
 
-    def __init__(self, timeout_s: float, required: bool = True) -> None:
+    def __init__(self, timeout_s: float, required: bool = True, names: Iterable[str] = ()) -> None:
         self._timeout_ns = nanoseconds(timeout_s)
         self._required = required
+        self._must_be = tuple(names)
         self._lock = threading.Lock()
         self._buttons: dict[bytes, _Button] = {}
         self._names: dict[bytes, str] = {}
@@ -153,6 +159,15 @@ class StopButtons:
                 return f'expected every stop button to speak, got {self._unheard} still unknown'
             if self._required and not self._buttons:
                 return 'expected a stop button that says its state at a rate, got none'
+            # every button that is known is released by now
+            known = {self._names.get(identity, '') for identity in self._buttons}
+            known |= {name.rpartition('/')[2] for name in known}
+            for name in self._must_be:
+                if name not in known:
+                    return (
+                        f'expected stop button {name} on the graph, speaking and released, '
+                        'got none'
+                    )
             return None
 
     def forget_gone(self) -> None:
