@@ -4,6 +4,7 @@
 
 import dataclasses
 import hashlib
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +36,7 @@ from rpms_ros.stimulation.settings import DriverSettings
 
 # what a dose ledger takes as the name of a device
 _LONGEST_NAME = 64
+_NODE_NAME = re.compile(r'(/\w+)+|\w+', re.ASCII)
 _SCHEDULES = ('constant', 'uniform_random', 'sinusoid', 'staircase')
 
 
@@ -62,11 +64,16 @@ class DriverParameters(NodeParameters):
         0.01, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
     )
     executor_timeout: float = parameter(
-        0.5, 'Longest silence of the executor while armed.', unit='s', minimum=0.1, maximum=10.0
+        0.5,
+        'Longest silence of the executor while armed; after 0.4 of it pulses are held back.',
+        unit='s',
+        minimum=0.1,
+        maximum=10.0,
     )
     watch_timeout: float = parameter(
         0.1,
-        'Longest silence of the thread that hears buttons and heartbeat, while armed.',
+        'Longest silence of the thread that hears buttons and heartbeat, while armed; after 0.4 '
+        'of it pulses are held back.',
         unit='s',
         minimum=0.02,
         maximum=10.0,
@@ -78,6 +85,11 @@ class DriverParameters(NodeParameters):
     )
     stop_button_timeout: float = parameter(
         0.3, 'Longest silence of a stop button.', unit='s', minimum=0.01, maximum=10.0
+    )
+    stop_buttons: tuple[str, ...] = parameter(
+        (),
+        'Nodes of the stop buttons that must be present, speaking and released: full names or '
+        'their last parts.',
     )
     require_operator: bool = parameter(
         True,
@@ -126,7 +138,10 @@ class DriverParameters(NodeParameters):
         10.0, 'Status messages a second.', unit='Hz', minimum=1.0, maximum=20.0
     )
     realtime_priority: int = parameter(
-        0, 'Priority of the process under SCHED_FIFO; 0 does not ask.', minimum=0, maximum=99
+        0,
+        'SCHED_FIFO priority of the process and of the guard that it starts; 0 does not ask.',
+        minimum=0,
+        maximum=99,
     )
     autostart: bool = parameter(
         False, 'Configure, activate and run the schedule below; simulated device only.'
@@ -156,6 +171,12 @@ class DriverParameters(NodeParameters):
         require_device(self.device)
         if not self.simulated:
             self._require_safeguards()
+        for name in self.stop_buttons:
+            if not _NODE_NAME.fullmatch(name):
+                raise NodeError(
+                    "expected stop_buttons with a node's full name or its last part, such as "
+                    f'/left/foot_switch or foot_switch, got {name!r}'
+                )
         if self.low > self.high:
             raise NodeError(f'expected low <= high, got {self.low} and {self.high}')
 

@@ -11,6 +11,7 @@ def ask_for_realtime(priority: int) -> str:
 
     All threads and not only the one that keeps the time: that one waits for the interpreter
     whenever another one holds it, and must not wait for whatever holds up that other one.
+    Processes that are started afterwards inherit it.
 
     Parameters
     ----------

@@ -33,6 +33,7 @@ from rpms_ros.nodes.taking import Taker
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.authority import Beat
 from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.interlocks import HOLD_SHARE
 from rpms_ros.stimulation.process_life import ProcessLife
 from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
 from rpms_ros.stimulation.safety_monitor import HEARTBEAT
@@ -43,8 +44,6 @@ SUFFIX = '_watch'
 """What the name of the second node adds to the driver's."""
 
 _LOOK_MS = 5
-# share of the longest silence after which no pulse comes any more
-_HOLD = 0.4
 _GRAPH_PERIOD_NS = 100_000_000
 # the state of a button stands behind four bytes of encapsulation
 _STATE_AT = 4
@@ -83,7 +82,9 @@ class DriverWatch:
         self._buttons = buttons
         self._authority = authority
         self._refused = refused
+        # the process of the operator, and for which token it is watched
         self._client = ProcessLife('', 0)
+        self._watched_for = -1
         self._next_graph_ns = 0
         self._pressed = False
         self._others = ''
@@ -94,7 +95,7 @@ class DriverWatch:
         self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
         self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
         # pulses are held back before the stop is latched
-        controller.interlocks.require(WATCH, timeout_s, hold_s=_HOLD * timeout_s)
+        controller.interlocks.require(WATCH, timeout_s, hold_s=HOLD_SHARE * timeout_s)
         self._thread = threading.Thread(target=self._run, name='driver_watch', daemon=True)
         self._thread.start()
 
@@ -146,8 +147,11 @@ class DriverWatch:
 
     def _wait(self) -> None:
         poll = select.poll()
-        if self._client.descriptor >= 0 and not self._client.ended:
-            poll.register(self._client.descriptor, select.POLLIN)
+        client = self._client
+        # read once: a look of another thread may close it meanwhile
+        descriptor = client.descriptor
+        if descriptor >= 0 and not client.ended:
+            poll.register(descriptor, select.POLLIN)
         poll.poll(_LOOK_MS)
 
     def _hear(self, now_ns: int) -> None:
@@ -184,13 +188,17 @@ class DriverWatch:
         except Exception as error:  # noqa: BLE001
             self._refused(f'expected a heartbeat that can be read, got {error!r}')
             return
+        # a token that is given meanwhile is another one: this process is not watched for it
+        generation = self._authority.generation
         refusal = self._authority.beat(beat, now_ns)
         if refusal is not None:
             self._controller.count('heartbeat_refused')
             if self._authority.operator:
                 self._refused(refusal)
-        elif not self._client.known and self._authority.operator:
+        elif not self._client.known or generation != self._watched_for:
+            self._client.close()
             self._client = ProcessLife(message.host, int(message.process))
+            self._watched_for = generation
 
     def _look_at_graph(self) -> None:
         topic = self._driver.resolve_topic_name(topics.EMERGENCY_STOP)
@@ -226,9 +234,9 @@ class DriverWatch:
             self._controller.stop(EMERGENCY_STOP, press or str(problem))
 
     def _judge_operator(self, now_ns: int) -> None:
-        if not self._authority.operator:
+        if self._authority.generation != self._watched_for:
+            # of an operator before this one
             self._client.close()
-            return
         if not self._authority.confirmed:
             return
         if self._client.ended:

@@ -74,6 +74,8 @@ class Description:
         Every string that is allowed; empty allows any.
     dynamic : bool
         Whether it may be changed while the node runs.
+    may_be_empty : bool
+        Whether a list may be empty, as it is by default.
     """
 
     doc: str
@@ -82,6 +84,7 @@ class Description:
     maximum: float | None = None
     choices: tuple[str, ...] = ()
     dynamic: bool = False
+    may_be_empty: bool = False
 
     def conditions(self) -> str:
         """Return unit, bounds and choices in words."""
@@ -100,10 +103,11 @@ class Description:
 def parameter(default: Any, doc: str, **description: Any) -> Any:
     """Return a dataclass field that is a ROS parameter; keywords are those of `Description`.
 
-    A tuple must not be empty by default: ROS cannot tell the type of an empty list.
+    A tuple may be empty if it is so by default.
     """
     return dataclasses.field(
-        default=default, metadata={_METADATA: Description(doc, **description)}
+        default=default,
+        metadata={_METADATA: Description(doc, may_be_empty=default == (), **description)},
     )
 
 
@@ -135,6 +139,9 @@ def type_of(settings: type[NodeParameters], name: str) -> Parameter.Type:
 
 def _require(name: str, value: Any, expected: Parameter.Type, description: Description) -> None:
     """Raise NodeError unless `value` has the type and keeps the bounds."""
+    if description.may_be_empty and isinstance(value, list | tuple) and not value:
+        # it has the type that is expected: ROS cannot tell the type of an empty list
+        return
     got = Parameter.Type.from_parameter_value(list(value) if isinstance(value, tuple) else value)
     if got is not expected:
         names = [kind.name.lower().replace('_', ' ') for kind in (expected, got)]
@@ -160,6 +167,7 @@ def _within(item: Any, description: Description) -> bool:
 def _descriptor(name: str, kind: Parameter.Type, description: Description) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=name,
+        type=kind.value,
         description=description.doc,
         additional_constraints=description.conditions(),
         read_only=not description.dynamic,
@@ -209,10 +217,15 @@ def declare_parameters(
     for name, description in descriptions(settings).items():
         kind = type_of(settings, name)
         default = getattr(settings, name)
+        if default == () and not (name in given and given[name].value):
+            _declare_empty(node, name, kind, _descriptor(name, kind, description))
+            values[name] = ()
+            continue
         if name in given:
             _require(name, given[name].value, kind, description)
         descriptor = _descriptor(name, kind, description)
-        plain = list(default) if isinstance(default, tuple) else default
+        # of an empty list the type alone
+        plain = (list(default) or kind) if isinstance(default, tuple) else default
         declared = node.declare_parameter(name, plain, descriptor).value
         values[name] = tuple(declared) if isinstance(default, tuple) else declared
     _warn_of_unknown(node, given, list(values) if refuse_misspelt else [])
@@ -220,6 +233,15 @@ def declare_parameters(
         return settings(**values)
     except RpmsError as error:
         raise NodeError(f'parameters of {node.get_name()}: {error}') from error
+
+
+def _declare_empty(
+    node: Node, name: str, kind: Parameter.Type, descriptor: ParameterDescriptor
+) -> None:
+    """Declare an empty list: ROS takes one for bytes, and that of a file for nothing."""
+    node.declare_parameter(name, kind, ignore_override=True)
+    node.set_parameters([Parameter(name, kind, [])])
+    node.set_descriptor(name, descriptor)
 
 
 def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) -> None:

@@ -12,12 +12,10 @@ from collections.abc import Callable
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.parameter import Parameter
 
 from rpms_msgs.action import RunSchedule
 from rpms_ros import messages
@@ -28,13 +26,14 @@ from rpms_ros.nodes.discovery import stay_on_this_machine
 from rpms_ros.nodes.driver_action import ScheduleAction
 from rpms_ros.nodes.driver_action import text_of
 from rpms_ros.nodes.driver_audit import DriverAudit
+from rpms_ros.nodes.driver_bound import follow_bound
 from rpms_ros.nodes.driver_clock import refuse_simulated_time
+from rpms_ros.nodes.driver_figures import SessionFigures
 from rpms_ros.nodes.driver_interlocks import InterlockInputs
 from rpms_ros.nodes.driver_lifecycle import GuardedLifecycleNode
 from rpms_ros.nodes.driver_operator import OperatorServices
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
-from rpms_ros.nodes.driver_parameters import device_specification_of
 from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.driver_parameters import ledger_of
 from rpms_ros.nodes.driver_parameters import schedule_of
@@ -48,7 +47,6 @@ from rpms_ros.nodes.driver_watch import DriverWatch
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import follow_parameters
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.nodes.runner import run
 from rpms_ros.stimulation import Schedule
@@ -87,16 +85,18 @@ class StimulatorDriver(GuardedLifecycleNode):
         # a misspelt limit must not count as one that was left out
         self.settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
         settings = self.settings
-        specification = device_specification_of(settings)
+        self._figures = SessionFigures(settings)
         self._ledger = ledger_of(settings)
         self.controller = StimulationController(
             build_device(settings),
-            specification,
+            self._figures.specification,
             driver_settings_of(settings),
             ledger=self._ledger,
         )
         self.authority = Authority(settings.heartbeat_timeout, settings.arming_timeout)
-        self.buttons = StopButtons(settings.stop_button_timeout, settings.require_stop_button)
+        self.buttons = StopButtons(
+            settings.stop_button_timeout, settings.require_stop_button, settings.stop_buttons
+        )
         device = settings.hardware
         self._lock_of_device = None if settings.simulated else DeviceLock(settings.port)
         self._active = False
@@ -129,8 +129,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._inputs = InterlockInputs(
             self, self.controller, self._watch, settings, refuse, self._on_reset
         )
-        follow_parameters(self, settings, self._follow)
-        self.add_on_set_parameters_callback(self._check_bound)
+        follow_bound(self, self.controller, settings, self._on_bound, refuse)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_SIGN_S, self._show_life, clock=steady)
         self.create_timer(_TICK_S, self._guarded_tick, clock=steady)
@@ -139,13 +138,14 @@ class StimulatorDriver(GuardedLifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the device."""
         self._threads.start()
-        done = self._try(self._configure)
-        if done is not TransitionCallbackReturn.SUCCESS:
-            return done
+        # before the device is open: a guard inherits the priority of the thread that starts it
         if self.settings.realtime_priority > 0:
             denied = ask_for_realtime(self.settings.realtime_priority)
             if denied:
                 logger_of(self).warning(denied)
+        done = self._try(self._configure)
+        if done is not TransitionCallbackReturn.SUCCESS:
+            return done
         self._reports.say('configured: device open, disarmed')
         return super().on_configure(state)
 
@@ -215,6 +215,7 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _make_ready(self) -> None:
         """Arm, if the operator is allowed to."""
         self._operator.require_arming()
+        self._figures.require_unchanged()
         self._watch.look()
         self.controller.seen(EXECUTOR)
         limits = {key: str(value) for key, value in vars(self.controller.limits).items()}
@@ -292,18 +293,7 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _on_context_shutdown(self) -> None:
         self.controller.disarm('context shut down')
 
-    def _check_bound(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Apply a bound on the intensity before the parameter is set, or refuse it."""
-        try:
-            for given in parameters:
-                if given.name == 'maximum_intensity' and isinstance(given.value, float):
-                    self.controller.tighten(given.value)
-        except StimulationError as error:
-            self._reports.refuse(str(error))
-            return SetParametersResult(successful=False, reason=plain_text(error))
-        return SetParametersResult(successful=True)
-
-    def _follow(self, settings: DriverParameters) -> None:
+    def _on_bound(self, settings: DriverParameters) -> None:
         self.settings = settings
         self._reports.say(f'intensities up to {settings.maximum_intensity:g}')
         self._audit.note('limit', maximum_intensity=settings.maximum_intensity)

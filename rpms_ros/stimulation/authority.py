@@ -63,6 +63,7 @@ class Authority:
         self.valid_s = valid_s
         self._timeout_s = timeout_s
         self._lock = threading.RLock()
+        self._generation = 0
         self._operator = ''
         self._token = ''
         self._until_ns = 0
@@ -72,6 +73,11 @@ class Authority:
         self._seen_ns: int | None = None
         self._enabled = False
         self._forget_beats()
+
+    @property
+    def generation(self) -> int:
+        """Number of this token, or of the time without one: another one after each change."""
+        return self._generation
 
     @property
     def operator(self) -> str:
@@ -196,6 +202,7 @@ class Authority:
             self._forget_beats()
 
     def _forget_beats(self) -> None:
+        self._generation += 1
         self._heartbeat = Heartbeat(self._timeout_s)
         self._source = self._sequence = self._seen_ns = None
         self._enabled = False

@@ -94,6 +94,12 @@ class StimulationController(PulseOwner):
         StimulationError
             If it is above the specification's, or would be raised while a pulse is possible.
         """
+        self.require_bound(maximum_intensity)
+        self.limits = dataclasses.replace(self.limits, maximum_intensity=maximum_intensity)
+        self.limiter.limits = self.confirmed.limits = self.limits
+
+    def require_bound(self, maximum_intensity: float) -> None:
+        """Raise what `tighten` would raise."""
         highest = self.specification.limits.maximum_intensity
         if self.state in POSSIBLE:
             highest = self.limits.maximum_intensity
@@ -102,8 +108,6 @@ class StimulationController(PulseOwner):
                 f'maximum_intensity: expected a share in [0, {highest:g}], '
                 f'got {maximum_intensity:g}'
             )
-        self.limits = dataclasses.replace(self.limits, maximum_intensity=maximum_intensity)
-        self.limiter.limits = self.confirmed.limits = self.limits
 
     def check_start(self, schedule: Schedule) -> None:
         """Raise what `start` would raise."""

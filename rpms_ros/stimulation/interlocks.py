@@ -22,6 +22,9 @@ SUSPEND = 'suspend'
 _NAP_NS = 20_000_000
 _READINGS = 5
 
+HOLD_SHARE = 0.4
+"""Share of the longest silence of a hearer of stops after which pulses are held back."""
+
 
 class Refused(StimulationError):
     """A driver does not do what it was asked to; ``limit`` names the limit or interlock."""

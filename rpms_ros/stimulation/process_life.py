@@ -45,16 +45,19 @@ class ProcessLife:
     @property
     def ended(self) -> bool:
         """Whether the process is known to have ended."""
-        if not self.known:
+        # in the reverse of the order of `close`, which another thread may call
+        descriptor, known = self.descriptor, self.known
+        if not known:
             return False
-        if self.descriptor < 0:
+        if descriptor < 0:
             return True
         poll = select.poll()
-        poll.register(self.descriptor, select.POLLIN)
+        poll.register(descriptor, select.POLLIN)
         return bool(poll.poll(0))
 
     def close(self) -> None:
         """Stop watching; afterwards no end is seen."""
-        descriptor, self.descriptor, self.known = self.descriptor, -1, False
+        self.known = False
+        descriptor, self.descriptor = self.descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rpms_ros.stimulation.devices.interface import Device
+from rpms_ros.stimulation.interlocks import HOLD_SHARE
 from rpms_ros.stimulation.interlocks import Interlocks
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.run import Run
@@ -86,6 +87,9 @@ class SafetyMonitor:
         self.device = device
         self.settings = settings
         self.interlocks = Interlocks(_timeouts_s(settings))
+        # a stop by service, a cancel and a lowered bound wait for the executor: pulses do so too
+        limit_s = settings.executor_timeout_s
+        self.interlocks.require(EXECUTOR, limit_s, hold_s=HOLD_SHARE * limit_s)
         self.run: Run | None = None
         self.wake = threading.Event()
         self._clock = clock
@@ -235,11 +239,8 @@ class SafetyMonitor:
 
 
 def _timeouts_s(settings: DriverSettings) -> dict[str, float]:
-    """Return the signs of life that have to keep coming, with their longest age [s]."""
-    timeouts = {
-        EXECUTOR: settings.executor_timeout_s,
-        SUPERVISOR: settings.supervisor_timeout_s,
-    }
+    """Return the signs of life beside the executor's, with their longest age [s]."""
+    timeouts = {SUPERVISOR: settings.supervisor_timeout_s}
     if settings.force_limit_n > 0:
         timeouts[FORCE] = settings.force_timeout_s
     return timeouts

@@ -31,7 +31,8 @@ class DriverSettings:
     intensity_tolerance : float
         Largest difference between commanded and delivered intensity (share); more is a fault.
     executor_timeout_s : float
-        Longest silence of the executor that serves stops and cancels [s].
+        Longest silence of the executor that serves stops and cancels [s]; after 0.4 of it pulses
+        are held back.
     supervisor_timeout_s : float
         Longest silence of the thread that watches over the others [s].
     force_limit_n : float

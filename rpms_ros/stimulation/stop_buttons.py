@@ -3,11 +3,13 @@
 """Stop buttons by presence: each says its state at a rate; one that is silent counts as pressed.
 
 A button is known by the identity of its publisher.  One that is pressed, that has fallen silent,
-or that is there and has said nothing yet stands against every pulse, whatever the others say.
+or that is there and has said nothing yet stands against every pulse, whatever the others say.  One
+that was named beforehand stands against every pulse while it is not there, too.
 """
 
 import enum
 import threading
+from collections.abc import Iterable
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -46,11 +48,15 @@ class StopButtons:
         Longest silence of a button [s].
     required : bool
         Whether there has to be a button at all.
+    names : iterable of str
+        Nodes of the buttons that have to be there, whatever is forgotten: full names, or the last
+        parts of them.
     """
 
-    def __init__(self, timeout_s: float, required: bool = True) -> None:
+    def __init__(self, timeout_s: float, required: bool = True, names: Iterable[str] = ()) -> None:
         self._timeout_ns = nanoseconds(timeout_s)
         self._required = required
+        self._must_be = tuple(names)
         self._lock = threading.Lock()
         self._buttons: dict[bytes, _Button] = {}
         self._names: dict[bytes, str] = {}
@@ -99,8 +105,7 @@ class StopButtons:
         """Take over which publishers there are, with a name for each to show."""
         with self._lock:
             self._names = dict(names)
-            # counted, not compared: some middlewares show another identity than they send
-            self._unheard = max(0, len(names) - len(self._buttons))
+            self._count_unheard()
 
     def states(self, now_ns: int) -> list[tuple[str, ButtonState]]:
         """Return name and state of each button; those of one node have one name."""
@@ -154,6 +159,15 @@ class StopButtons:
                 return f'expected every stop button to speak, got {self._unheard} still unknown'
             if self._required and not self._buttons:
                 return 'expected a stop button that says its state at a rate, got none'
+            # every button that is known is released by now
+            known = {self._names.get(identity, '') for identity in self._buttons}
+            known |= {name.rpartition('/')[2] for name in known}
+            for name in self._must_be:
+                if name not in known:
+                    return (
+                        f'expected stop button {name} on the graph, speaking and released, '
+                        'got none'
+                    )
             return None
 
     def forget_gone(self) -> None:
@@ -166,13 +180,19 @@ class StopButtons:
             for identity in [*self._buttons]:
                 if identity not in self._names and not self._buttons[identity].pressed:
                     del self._buttons[identity]
+            # with one gone fewer are known: one that came meanwhile counts from now on
+            self._count_unheard()
 
     def clear(self) -> None:
         """Forget every button; they have to say their state again."""
         with self._lock:
             self._buttons.clear()
             self._overrun = ''
-            self._unheard = len(self._names)
+            self._count_unheard()
+
+    def _count_unheard(self) -> None:
+        # counted, not compared: some middlewares show another identity than they send
+        self._unheard = max(0, len(self._names) - len(self._buttons))
 
     def _state(self, button: _Button, now_ns: int) -> ButtonState:
         if button.pressed:

@@ -12,6 +12,7 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -145,7 +146,7 @@ def test_nothing_is_armed_without_the_enable(clinic):
     assert lab.controller.state.name == 'DISARMED'
 
 
-def test_a_goal_of_anybody_else_is_refused_and_not_even_read(clinic):
+def test_a_goal_of_anybody_else_is_refused_before_its_schedule_is_parsed(clinic):
     lab = clinic()
     lab.arm()
     eve = OperatorClient(lab.other, 'eve')
@@ -212,6 +213,27 @@ def test_the_end_of_the_operators_process_stops_before_its_heartbeat_is_missed(c
     assert reason == 'expected the process of ada to run, got its end'
 
 
+def test_the_process_of_the_operator_who_has_armed_is_watched(clinic, domain):
+    lab = clinic(heartbeat_timeout=10.0, arming_timeout=1.0)
+    # ada asks for a token, is heard, and does not go on; her process stays
+    lab.ada.enable = True
+    assert lab.ask(lab.ada.request()).success
+    lab.graph.wait_for(lambda: lab.driver.authority.enabled)
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    text = CLIENT.replace("'ada'", "'bob'")
+    bob = subprocess.Popen([sys.executable, '-c', text], env=environment)
+    try:
+        lab.graph.wait_for(lambda: len(lab.pulses) > 5, timeout=60.0)
+        lab.graph.wait_for(lambda: lab.statuses[-1].operator_id == 'bob')
+        bob.send_signal(signal.SIGKILL)
+        reason = lab.wait_for_state(DriverStatus.STOPPED)
+    finally:
+        bob.kill()
+        bob.wait(10)
+    # ada's console goes on with its old token, which is refused
+    assert reason.startswith('expected the process of bob to run, got its end')
+
+
 def test_a_second_driver_of_this_name_stops_both(clinic, graph):
     lab = clinic()
     lab.run()
@@ -268,6 +290,26 @@ def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clin
     assert result.error_code == CODES.OVER_LIMIT
     assert 'maximum_intensity' in result.reason
     lab.graph.wait_for(lambda: lab.statuses[-1].maximum_intensity == 0.4)
+
+
+def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(clinic):
+    lab = clinic(maximum_intensity=0.9)
+    client = lab.other.create_client(
+        SetParametersAtomically, 'stimulator_driver/set_parameters_atomically'
+    )
+    lab.graph.wait_for(client.service_is_ready)
+
+    def bound(share, **others):
+        values = {'maximum_intensity': share, **others}
+        asked = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=asked)
+        return lab.ask(client.call_async(request)).result.successful
+
+    assert bound(0.3)
+    for share in (0.9, 0.1):
+        assert not bound(share, use_sim_time=True)
+        assert lab.controller.limits.maximum_intensity == 0.3
+        assert lab.driver.get_parameter('maximum_intensity').value == 0.3
 
 
 def test_who_did_what_is_written_down(clinic, tmp_path):

@@ -18,9 +18,11 @@ from std_srvs.srv import Trigger
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import Pulse
+from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
 pytestmark = pytest.mark.usefixtures('patient_supervision')
@@ -213,6 +215,43 @@ def test_a_button_that_went_away_is_let_go_of_by_a_reset(graph):
     ward.stopped()
     graph.wait_for(lambda: ward.resets().success)
     ward.run()
+
+
+def test_a_button_that_must_be_present_keeps_the_stop_when_it_went_away(graph):
+    ward = Ward(graph, stop_buttons=['/left/foot_switch', 'other'], stop_button_timeout=1.0)
+    ButtonPublisher(ward.other)
+    ward.knows('/other')
+    assert not ward.arms()
+    ward.wait_for('expected stop button /left/foot_switch on the graph, speaking and released')
+
+    def foot_switch():
+        """One that speaks until its timer is cancelled, from a namespace of its own."""
+        # in no executor: it can be destroyed at any moment
+        node = Node(
+            'foot_switch', namespace='/left', context=graph.context, use_global_arguments=False
+        )
+        publisher = node.create_publisher(Bool, f'/{topics.EMERGENCY_STOP}', qos.STOP_STATE)
+        return node, ward.other.create_timer(0.02, lambda: publisher.publish(Bool(data=False)))
+
+    foot, timer = foot_switch()
+    ward.run()
+    timer.cancel()
+    foot.destroy_node()
+    ward.stopped()
+    # its silence is over once a reset has forgotten it: the others do not stand in for it
+    refused = 'expected stop button /left/foot_switch on the graph'
+    graph.wait_for(lambda: refused in ward.resets().message, PATIENCE)
+    again, timer = foot_switch()
+    graph.wait_for(lambda: ward.resets().success, PATIENCE)
+    ward.run()
+    timer.cancel()
+    again.destroy_node()
+
+
+@pytest.mark.parametrize('name', ['', 'left/foot', 'left/'])
+def test_a_button_that_must_be_present_has_the_name_of_a_node(name):
+    with pytest.raises(NodeError, match="expected stop_buttons with a node's full name or its"):
+        DriverParameters(stop_buttons=(name,))
 
 
 def test_a_publisher_that_runs_wild_does_not_hide_a_press(graph):

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole driver on a serial line: node, guard, and an instrument of the Rapid2 class."""
 
+import contextlib
+import os
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -24,7 +27,32 @@ LONG = 'segments: [{kind: constant, rate_hz: 10.0, duration_s: 20.0, intensity: 
 
 
 @pytest.fixture
-def theatre(graph, instrument, patient_file, tmp_path, monkeypatch):
+def more():
+    """Parameters of the driver beside those below."""
+    return {}
+
+
+@pytest.fixture
+def batch(monkeypatch):
+    """A priority that needs no right, asked for in place of SCHED_FIFO."""
+
+    def put_under(policy):
+        for task in Path('/proc/self/task').iterdir():
+            # one may have ended meanwhile
+            with contextlib.suppress(ProcessLookupError):
+                os.sched_setscheduler(int(task.name), policy, os.sched_param(0))
+        return ''
+
+    monkeypatch.setattr(
+        'rpms_ros.nodes.stimulator_driver.ask_for_realtime',
+        lambda _priority: put_under(os.SCHED_BATCH),
+    )
+    yield
+    put_under(os.SCHED_OTHER)
+
+
+@pytest.fixture
+def theatre(graph, instrument, patient_file, tmp_path, monkeypatch, more):
     """An instrument, its driver with everything that a real device needs, and an operator."""
     fake = instrument(watchdog_s=20.0)
 
@@ -54,7 +82,7 @@ def theatre(graph, instrument, patient_file, tmp_path, monkeypatch):
         'heartbeat_timeout': 3.0,
         'lateness_limit': 0.1,
     }
-    driver = graph.add(StimulatorDriver, **parameters)
+    driver = graph.add(StimulatorDriver, **parameters, **more)
     other = graph.add(lambda **options: Node('other', **options))
     button, ada = ButtonPublisher(other), OperatorClient(other, 'ada')
     changes = other.create_client(ChangeState, 'stimulator_driver/change_state')
@@ -65,6 +93,62 @@ def theatre(graph, instrument, patient_file, tmp_path, monkeypatch):
     assert future.result().success
     yield fake, driver, other, button, ada
     ada.destroy()
+
+
+def refused_arming(graph, driver, ada):
+    """Ask for an arming until the reason why it is refused is neither heartbeat nor button."""
+    ada.enable = True
+    ada.request()
+    graph.wait_for(lambda: bool(ada.token))
+    reasons = ['']
+
+    def said():
+        future = ada.confirm()
+        graph.wait_for(future.done, timeout=30.0)
+        assert not future.result().success
+        reasons.append(future.result().message)
+        return 'patient' in reasons[-1]
+
+    graph.wait_for(said, timeout=30.0)
+    assert driver.controller.state.name == 'DISARMED'
+    return reasons[-1]
+
+
+def test_a_patient_whose_figures_have_expired_meanwhile_is_not_stimulated(
+    graph, theatre, patient_file
+):
+    fake, driver, _other, _button, ada = theatre
+    lines = patient_file.read_text().splitlines()
+    past = {'set_on': '2020-01-01', 'expires': '2020-01-02'}
+    dated = [next((f'{k}: {d}' for k, d in past.items() if k in line), line) for line in lines]
+    patient_file.write_text('\n'.join(dated))
+    reason = refused_arming(graph, driver, ada)
+    assert reason.startswith('patient P01: expected a day from 2020-01-01 to 2020-01-02, got')
+    assert not fake.armed
+
+
+@pytest.mark.parametrize(
+    ('before', 'after'),
+    [
+        ('largest_comfortable: 0.55', 'largest_comfortable: 0.45'),
+        ('pulses: 4000', 'pulses: 3000'),
+        ('identifier: P01', 'identifier: P02'),
+    ],
+)
+def test_figures_of_the_patient_that_were_changed_need_a_new_start(
+    graph, theatre, patient_file, before, after
+):
+    fake, driver, _other, _button, ada = theatre
+    # what changes no limit changes nothing
+    text = patient_file.read_text().replace('set_by: A. Physician', 'set_by: B. Physician')
+    assert before in text
+    patient_file.write_text(text.replace(before, after))
+    reason = refused_arming(graph, driver, ada)
+    assert reason == (
+        f'expected the figures of {patient_file} and of the device specification as they were at '
+        'the start, got others: start the driver again'
+    )
+    assert not fake.armed
 
 
 def test_a_press_disarms_the_instrument_and_what_came_is_told(graph, theatre):
@@ -97,3 +181,10 @@ def test_a_press_disarms_the_instrument_and_what_came_is_told(graph, theatre):
     assert {pulse.intensity for pulse in pulses} == {0.1}
     assert statuses[-1].device == f'serial {fake.port}'
     assert driver.controller.device.real
+
+
+@pytest.mark.usefixtures('batch')
+@pytest.mark.parametrize('more', [{'realtime_priority': 5}])
+def test_the_guard_has_the_priority_of_the_driver(theatre):
+    _fake, driver, *_ = theatre
+    assert os.sched_getscheduler(driver.controller.device.guard_pid) == os.SCHED_BATCH

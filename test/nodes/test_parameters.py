@@ -66,6 +66,31 @@ def test_defaults_and_overrides_come_back(context: Context) -> None:
     assert settings == Example(rate=50.0, mode='b', weights=(0.25,))
 
 
+@dataclass(frozen=True)
+class Names(NodeParameters):
+    names: tuple[str, ...] = parameter((), 'Names.')
+    words: tuple[str, ...] = parameter(('a',), 'Words.')
+
+
+def test_a_list_may_be_empty_where_it_is_so_by_default(context: Context) -> None:
+    def declared(**values: list[str] | None) -> tuple[Parameter, Names]:
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        node = Node(
+            'names', context=context, parameter_overrides=overrides, use_global_arguments=False
+        )
+        settings = declare_parameters(node, Names)
+        return node.get_parameter('names'), settings
+
+    # ROS gives no type to an empty list of a file, and that of bytes to one of Python
+    for values in ({}, {'names': None}, {'names': []}):
+        found, settings = declared(**values)
+        assert (found.type_, found.value) == (Parameter.Type.STRING_ARRAY, [])
+        assert settings == Names()
+    assert declared(names=['b'])[1] == Names(names=('b',))
+    with pytest.raises(NodeError, match='parameter words: expected string array, got byte array'):
+        declared(words=[])
+
+
 def test_a_descriptor_says_what_the_field_says(context: Context) -> None:
     node, _ = declare(context)
     rate = node.describe_parameter('rate')

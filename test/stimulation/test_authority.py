@@ -166,3 +166,20 @@ def test_a_clock_that_was_set_back_locks_nobody_out(authority: Authority) -> Non
     ada.request(SECOND)
     assert ada.beat(SECOND + 1) is None
     ada.confirm(SECOND + 1)
+
+
+def test_what_is_known_of_an_operator_ends_with_the_token(authority: Authority) -> None:
+    known = [authority.generation]
+    ada = Operator(authority).request()
+    known.append(authority.generation)
+    ada.beat(0)
+    ada.confirm(0)
+    assert authority.generation == known[-1]
+    authority.release()
+    known.append(authority.generation)
+    ada.request(SECOND)
+    known.append(authority.generation)
+    # somebody else after the time of this token, and without a release
+    Operator(authority, 'bob', b'b').request(12 * SECOND)
+    known.append(authority.generation)
+    assert known == sorted(set(known))

@@ -171,6 +171,26 @@ def test_silence_of_whoever_listens_holds_pulses_back_before_it_stops(virtual):
     assert driver.device.commands[-1][0] > heard + 400 * MILLISECOND
 
 
+def test_pulses_are_held_back_while_the_executor_is_silent(virtual):
+    driver = virtual().armed()
+    driver.controller.start(TRAIN)
+    driver.advance(0.51)
+    driver.alive = False
+    lost = driver.clock.now
+    driver.advance(0.49)
+    # 0.4 of the longest silence: the rest of it brings no pulse, and no stop yet
+    assert lost + 150 * MILLISECOND < driver.device.commands[-1][0] <= lost + 200 * MILLISECOND
+    assert driver.controller.fault_counts() == {'executor': 5}
+    assert driver.controller.state is State.RUNNING
+    driver.alive = True
+    driver.look()
+    driver.advance(0.1)
+    assert driver.device.commands[-1][0] > lost + 490 * MILLISECOND
+    # a cancel that comes from the executor after its silence finds no pulse meanwhile
+    driver.controller.cancel()
+    assert driver.controller.state is State.DISARMED
+
+
 def test_executor_that_hangs_is_judged_at_the_pulse(virtual):
     driver = virtual(executor_timeout_s=0.06, supervisor_timeout_s=5.0).armed()
     driver.controller.start(TRAIN)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stop buttons: unknown, silent or pressed stands against pulses; the newest of each counts."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -129,6 +130,66 @@ def test_a_reset_lets_go_of_a_button_that_is_gone_but_not_of_a_pressed_one() -> 
     assert buttons.problem(LATER_NS) == 'emergency stop is pressed (61)'
     buttons.clear()
     assert buttons.problem(LATER_NS) is not None
+
+
+def test_a_button_that_came_as_another_one_went_has_to_speak_after_a_reset() -> None:
+    buttons = StopButtons(0.3)
+    buttons.heard(A, 1, False, 0)
+    buttons.heard(B, 1, False, LATER_NS)
+    # one has gone, and one has come and is silent: as many as are known
+    buttons.present({B: '/hand', b'c': '/wall'})
+    buttons.forget_gone()
+    assert buttons.problem(LATER_NS) == (
+        'expected every stop button to speak, got 1 still unknown'
+    )
+    assert buttons.states(LATER_NS) == [
+        ('/hand', ButtonState.RELEASED),
+        ('/wall', ButtonState.UNKNOWN),
+    ]
+
+
+def test_a_button_that_must_be_present_is_not_forgotten() -> None:
+    buttons = StopButtons(0.3, names=('foot',))
+    absent = 'expected stop button foot on the graph, speaking and released, got none'
+    buttons.heard(B, 1, False, 0)
+    buttons.present({B: '/console'})
+    assert buttons.problem(0) == absent
+    # it has spoken, and is not known by its name yet
+    buttons.heard(A, 1, False, 0)
+    assert buttons.problem(0) == absent
+    buttons.present({A: '/left/foot', B: '/console'})
+    assert buttons.problem(0) is None
+    # gone: before its silence is too long, after it, and after a reset
+    buttons.present({B: '/console'})
+    assert buttons.problem(0) == absent
+    buttons.heard(B, 2, False, LATER_NS)
+    assert 'got silence' in str(buttons.problem(LATER_NS))
+    buttons.forget_gone()
+    assert buttons.problem(LATER_NS) == absent
+    buttons.clear()
+    buttons.heard(B, 3, False, LATER_NS)
+    buttons.present({B: '/console'})
+    assert buttons.problem(LATER_NS) == absent
+
+
+@pytest.mark.parametrize(
+    ('name', 'node', 'found'),
+    [
+        ('/foot', '/foot', True),
+        ('foot', '/foot', True),
+        ('foot', '/left/foot', True),
+        ('/foot', '/left/foot', False),
+        ('foot', '/barefoot', False),
+        ('left', '/left/foot', False),
+    ],
+)
+def test_a_button_that_must_be_present_is_known_by_its_node(
+    name: str, node: str, found: bool
+) -> None:
+    buttons = StopButtons(0.3, required=False, names=(name,))
+    buttons.heard(A, 1, False, 0)
+    buttons.present({A: node})
+    assert (buttons.problem(0) is None) == found
 
 
 said = st.tuples(st.sampled_from([A, B, b'c']), st.integers(0, 20), st.booleans(), st.booleans())
