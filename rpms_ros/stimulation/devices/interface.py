@@ -42,7 +42,9 @@ class DeviceStatus(NamedTuple):
     intensity : float or None
         The intensity that is set in it, read back (share).
     temperature : float or None
-        Of the coil [Celsius].
+        Of the coil [Celsius], measured by the call that returns it; None from every other call.
+        One that was measured earlier must not come again: the driver goes on from it with its
+        model of the coil, and would forget what the pulses since have warmed.
     """
 
     armed: bool | None = None
@@ -129,7 +131,12 @@ class Device(Protocol):
         """
 
     def keep_alive(self) -> DeviceStatus:
-        """Tell the device that its driver is there; an armed one disarms by itself without."""
+        """Tell the device that its driver is there; an armed one disarms by itself without.
+
+        A device that measures its coil does so here, at the latest when the last temperature is
+        4 s old: the driver then calls this in a train too, and gives up a pulse if there is no
+        room for it.
+        """
 
     def beat(self) -> None:
         """Say that the owner is alive: at least every 50 ms, without waiting for anything."""
