@@ -37,7 +37,7 @@ from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import Command
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.states import after
-from rpms_ros.stimulation.thermal import CoilTemperature
+from rpms_ros.stimulation.thermal import coil_after
 
 
 class StimulationController(PulseOwner):
@@ -79,12 +79,13 @@ class StimulationController(PulseOwner):
             raise StimulationError(
                 f'expected a dose ledger on the disk for a real device, got {got}'
             )
-        coil = CoilTemperature(thermal, clock()) if thermal else None
+        self.ledger = MemoryLedger() if ledger is None else ledger
+        history = self.ledger.history(clock())
+        coil = coil_after(history, thermal, clock()) if thermal else None
         super().__init__(Equipment(device, settings, specification.limits, coil, clock))
         self.specification = specification
-        self.ledger = MemoryLedger() if ledger is None else ledger
         for books in (self.limiter, self.confirmed):
-            books.book_history(self.ledger.history(clock()))
+            books.book_history(history)
 
     def tighten(self, maximum_intensity: float) -> None:
         """Set a bound on the intensity (share) below the device specification's, at once.

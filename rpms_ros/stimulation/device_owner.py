@@ -170,6 +170,9 @@ class DeviceOwner(SafetyMonitor):
                 'stuck',
                 f'{missed.name}: expected an answer within {missed.limit_s:g} s, got none',
             )
+        # also while no pulse is possible: a coil that has cooled may be used again
+        if self.coil is not None:
+            self.temperature(self.coil.at(now))
         if self.state not in POSSIBLE:
             return
         problem = self.interlocks.problem(now, self._armed_ns)
@@ -179,8 +182,6 @@ class DeviceOwner(SafetyMonitor):
         elif idle_s > self.limits.idle_disarm_s:
             self.count('idle')
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
-        elif self.coil is not None:
-            self.temperature(self.coil.at(now))
 
     @property
     def coil_temperature(self) -> float:
