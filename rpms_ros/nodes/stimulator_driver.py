@@ -89,7 +89,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         specification = device_specification_of(settings)
         self._ledger = ledger_of(settings)
         self.controller = StimulationController(
-            build_device(settings),
+            build_device(settings, specification),
             specification,
             driver_settings_of(settings),
             ledger=self._ledger,
