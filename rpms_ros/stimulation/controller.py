@@ -55,6 +55,11 @@ class StimulationController(PulseOwner):
         Monotonic time [ns].
     ledger : MemoryLedger, optional
         Of the dose; a `DoseLedger` on the disk for a device that can hurt somebody.
+
+    Raises
+    ------
+    StimulationError
+        If device, specification and ledger do not go together.
     """
 
     def __init__(
@@ -65,20 +70,11 @@ class StimulationController(PulseOwner):
         clock: Callable[[], int] = time.monotonic_ns,
         ledger: MemoryLedger | None = None,
     ) -> None:
+        _refuse_unfit(device, specification, ledger)
         thermal = specification.thermal
         if thermal is not None:
             lowest = min(settings.temperature_limit, thermal.cutout)
             settings = dataclasses.replace(settings, temperature_limit=lowest)
-        if device.real and specification.simulated_only:
-            raise StimulationError(
-                f'expected the device specification of a real device, got {specification.name!r}, '
-                'which is for a simulated one only'
-            )
-        if device.real and not isinstance(ledger, DoseLedger):
-            got = 'none' if ledger is None else 'one in memory'
-            raise StimulationError(
-                f'expected a dose ledger on the disk for a real device, got {got}'
-            )
         self.ledger = MemoryLedger() if ledger is None else ledger
         history = self.ledger.history(clock())
         coil = coil_after(history, thermal, clock()) if thermal else None
@@ -200,3 +196,25 @@ class StimulationController(PulseOwner):
             ahead = forecast_plan(plan, schedule.width_s, kept, coil, start_ns, since_ns)
             refuse_undeliverable(ahead, kept.limits)
         return plan
+
+
+def _refuse_unfit(
+    device: Device, specification: DeviceSpecification, ledger: MemoryLedger | None
+) -> None:
+    """Raise StimulationError if the three do not go together."""
+    if device.real and specification.simulated_only:
+        raise StimulationError(
+            f'expected the device specification of a real device, got {specification.name!r}, '
+            'which is for a simulated one only'
+        )
+    if device.real and not isinstance(ledger, DoseLedger):
+        got = 'none' if ledger is None else 'one in memory'
+        raise StimulationError(f'expected a dose ledger on the disk for a real device, got {got}')
+    narrowest = specification.limits.minimum_width_s
+    widest = specification.limits.maximum_width_s
+    if not device.sets_width and narrowest != widest:
+        # a width that was asked for would be told as given
+        raise StimulationError(
+            'expected one width for a device on which none can be set, got '
+            f'{narrowest:g} s to {widest:g} s in device specification {specification.name!r}'
+        )

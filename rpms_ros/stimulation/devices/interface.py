@@ -89,6 +89,14 @@ class Device(Protocol):
         """Whether it can hurt somebody."""
 
     @property
+    def sets_width(self) -> bool:
+        """Whether `fire` gives a pulse of the width that it is told.
+
+        One that does not has a single width, and needs a device specification with that width as
+        both ``minimum_width_s`` and ``maximum_width_s``.
+        """
+
+    @property
     def arm_s(self) -> float:
         """Longest time that `arm` may take, charging included [s]."""
 

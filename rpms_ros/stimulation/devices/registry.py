@@ -19,7 +19,7 @@ _METHODS = (
     'arm', 'beat', 'close', 'fire', 'keep_alive', 'open', 'prepare', 'quantized', 'rest',
     'silence',
 )  # fmt: skip
-_FIGURES = ('arm_s', 'prepare_s', 'real', 'trigger_s')
+_FIGURES = ('arm_s', 'prepare_s', 'real', 'sets_width', 'trigger_s')
 
 
 @dataclass(frozen=True)

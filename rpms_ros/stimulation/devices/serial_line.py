@@ -60,6 +60,9 @@ class SerialDevice:
         Longest silence between the driver and its guard, either way [s].
     """
 
+    # the protocol has no word for it
+    sets_width = False
+
     def __init__(
         self,
         port: str,
@@ -165,7 +168,7 @@ class SerialDevice:
     def fire(
         self, intensity: float, width_s: float, latest_ns: int | None = None
     ) -> Delivery | None:
-        """Trigger; the device has one width."""
+        """Trigger; the device has one width, the only one of its specification."""
         del intensity, width_s
         prepared = self._set
         if self._is_silenced:
