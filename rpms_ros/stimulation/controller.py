@@ -147,6 +147,8 @@ class StimulationController(PulseOwner):
         reservations, run = self._reservations, self.run
         if reservations is None or run is None:
             return
+        # a run that ends from here on may have pulses left that the next call gives back
+        over = bool(run.ended)
         try:
             reservations.extend(self._clock())
         except DoseExceeded as error:
@@ -154,7 +156,9 @@ class StimulationController(PulseOwner):
             self.cancel(str(error), 'limit')
         except LedgerError as error:
             self.fail('ledger', str(error))
-        if run.ended and self._reservations is reservations:
+            # what it does not take back counts as given
+            over = True
+        if over and self._reservations is reservations:
             self._reservations = None
 
     def _first_onset_ns(self) -> int:
