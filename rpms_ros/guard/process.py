@@ -101,8 +101,13 @@ def _serve_by_hand(port: str, path: Path, limits: GuardLimits) -> int:
             with driver:
                 driver.setblocking(False)
                 hello = packets.packed(Packet(packets.HELLO))
-                # the descriptor lets the driver disarm when this process is gone
-                socket.send_fds(driver, [hello], [line])
+                try:
+                    # the descriptor lets the driver disarm when this process is gone
+                    socket.send_fds(driver, [hello], [line])
+                except OSError as error:
+                    # it waited for the one before it, and gave up: the next one may come
+                    _say(f'a driver has left before it was served: {error}')
+                    continue
                 reason = Guard(line, driver.fileno(), limits, wakeup).run()
             _say(f'disarmed: {reason}')
     path.unlink(missing_ok=True)

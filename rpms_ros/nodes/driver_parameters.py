@@ -202,11 +202,24 @@ class DriverParameters(NodeParameters):
         return self.device if self.simulated else f'{self.device} {self.port}'
 
 
-def build_device(settings: DriverParameters) -> Device:
-    """Return the device that the parameters name, not open yet."""
-    return registry.build_device(
-        settings.device, DeviceOptions(settings.port, settings.maximum_intensity)
-    )
+def build_device(settings: DriverParameters, specification: DeviceSpecification) -> Device:
+    """Return the device that the parameters name, not open yet.
+
+    Parameters
+    ----------
+    settings : DriverParameters
+        Kind of device and port.
+    specification : DeviceSpecification
+        As `device_specification_of` returns it: no intensity above its bound is asked of the
+        device, and the device is told of that bound.
+
+    Raises
+    ------
+    StimulationError
+        If there is no such device or it cannot be built.
+    """
+    options = DeviceOptions(settings.port, specification.limits.maximum_intensity)
+    return registry.build_device(settings.device, options)
 
 
 def device_specification_of(settings: DriverParameters) -> DeviceSpecification:

@@ -88,7 +88,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._figures = SessionFigures(settings)
         self._ledger = ledger_of(settings)
         self.controller = StimulationController(
-            build_device(settings),
+            build_device(settings, self._figures.specification),
             self._figures.specification,
             driver_settings_of(settings),
             ledger=self._ledger,

@@ -37,7 +37,7 @@ from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import Command
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.states import after
-from rpms_ros.stimulation.thermal import CoilTemperature
+from rpms_ros.stimulation.thermal import coil_after
 
 
 class StimulationController(PulseOwner):
@@ -55,6 +55,11 @@ class StimulationController(PulseOwner):
         Monotonic time [ns].
     ledger : MemoryLedger, optional
         Of the dose; a `DoseLedger` on the disk for a device that can hurt somebody.
+
+    Raises
+    ------
+    StimulationError
+        If device, specification and ledger do not go together.
     """
 
     def __init__(
@@ -65,26 +70,18 @@ class StimulationController(PulseOwner):
         clock: Callable[[], int] = time.monotonic_ns,
         ledger: MemoryLedger | None = None,
     ) -> None:
+        _refuse_unfit(device, specification, ledger)
         thermal = specification.thermal
         if thermal is not None:
             lowest = min(settings.temperature_limit, thermal.cutout)
             settings = dataclasses.replace(settings, temperature_limit=lowest)
-        if device.real and specification.simulated_only:
-            raise StimulationError(
-                f'expected the device specification of a real device, got {specification.name!r}, '
-                'which is for a simulated one only'
-            )
-        if device.real and not isinstance(ledger, DoseLedger):
-            got = 'none' if ledger is None else 'one in memory'
-            raise StimulationError(
-                f'expected a dose ledger on the disk for a real device, got {got}'
-            )
-        coil = CoilTemperature(thermal, clock()) if thermal else None
+        self.ledger = MemoryLedger() if ledger is None else ledger
+        history = self.ledger.history(clock())
+        coil = coil_after(history, thermal, clock()) if thermal else None
         super().__init__(Equipment(device, settings, specification.limits, coil, clock))
         self.specification = specification
-        self.ledger = MemoryLedger() if ledger is None else ledger
         for books in (self.limiter, self.confirmed):
-            books.book_history(self.ledger.history(clock()))
+            books.book_history(history)
 
     def tighten(self, maximum_intensity: float) -> None:
         """Set a bound on the intensity (share) below the device specification's, at once.
@@ -154,6 +151,8 @@ class StimulationController(PulseOwner):
         reservations, run = self._reservations, self.run
         if reservations is None or run is None:
             return
+        # a run that ends from here on may have pulses left that the next call gives back
+        over = bool(run.ended)
         try:
             reservations.extend(self._clock())
         except DoseExceeded as error:
@@ -161,7 +160,9 @@ class StimulationController(PulseOwner):
             self.cancel(str(error), 'limit')
         except LedgerError as error:
             self.fail('ledger', str(error))
-        if run.ended and self._reservations is reservations:
+            # what it does not take back counts as given
+            over = True
+        if over and self._reservations is reservations:
             self._reservations = None
 
     def _first_onset_ns(self) -> int:
@@ -203,3 +204,25 @@ class StimulationController(PulseOwner):
             ahead = forecast_plan(plan, schedule.width_s, kept, coil, start_ns, since_ns)
             refuse_undeliverable(ahead, kept.limits)
         return plan
+
+
+def _refuse_unfit(
+    device: Device, specification: DeviceSpecification, ledger: MemoryLedger | None
+) -> None:
+    """Raise StimulationError if the three do not go together."""
+    if device.real and specification.simulated_only:
+        raise StimulationError(
+            f'expected the device specification of a real device, got {specification.name!r}, '
+            'which is for a simulated one only'
+        )
+    if device.real and not isinstance(ledger, DoseLedger):
+        got = 'none' if ledger is None else 'one in memory'
+        raise StimulationError(f'expected a dose ledger on the disk for a real device, got {got}')
+    narrowest = specification.limits.minimum_width_s
+    widest = specification.limits.maximum_width_s
+    if not device.sets_width and narrowest != widest:
+        # a width that was asked for would be told as given
+        raise StimulationError(
+            'expected one width for a device on which none can be set, got '
+            f'{narrowest:g} s to {widest:g} s in device specification {specification.name!r}'
+        )

@@ -41,6 +41,8 @@ from rpms_ros.stimulation.thermal import CoilTemperature
 LOOK_NS = 20_000_000
 # When something that could not be done is tried again.
 AGAIN_NS = 1_000_000
+# A status with a temperature takes 20 ms at 9600 baud; one that comes sooner may be an exception.
+_READING_NS = 30_000_000
 # A turn of the supervisor that comes this late was held up.
 _HELD_UP_NS = 5 * LOOK_NS
 # How much longer than its calls may take a turn of the owner is waited for.
@@ -95,6 +97,9 @@ class DeviceOwner(SafetyMonitor):
         # when the device answered last, and how long it takes to be kept alive
         self._answered_ns = 0
         self._keeping_ns = 30_000_000
+        # when a temperature was measured last, None before the first, and how long that takes
+        self._felt_ns: int | None = None
+        self._reading_ns = _READING_NS
         # what the device was told and what it said
         self._set_intensity: float | None = None
         self._charged: bool | None = None
@@ -165,6 +170,9 @@ class DeviceOwner(SafetyMonitor):
                 'stuck',
                 f'{missed.name}: expected an answer within {missed.limit_s:g} s, got none',
             )
+        # also while no pulse is possible: a coil that has cooled may be used again
+        if self.coil is not None:
+            self.temperature(self.coil.at(now))
         if self.state not in POSSIBLE:
             return
         problem = self.interlocks.problem(now, self._armed_ns)
@@ -174,8 +182,6 @@ class DeviceOwner(SafetyMonitor):
         elif idle_s > self.limits.idle_disarm_s:
             self.count('idle')
             self.disarm(f'idle: no pulse for {self.limits.idle_disarm_s:g} s while armed')
-        elif self.coil is not None:
-            self.temperature(self.coil.at(now))
 
     @property
     def coil_temperature(self) -> float:
@@ -295,9 +301,11 @@ class DeviceOwner(SafetyMonitor):
         self._keeping_ns = self._clock() - now
 
     def _ask_status(self, since: object) -> None:
-        limit_s = self.settings.stuck_limit_s
+        began, limit_s = self._clock(), self.settings.stuck_limit_s
         status = self._call('keep_alive', limit_s, since, self.device.keep_alive)
         self._answered_ns = self._clock()
+        if since is self._epoch and status.temperature is not None:
+            self._reading_ns = max(_READING_NS, self._answered_ns - began)
         if self.state in POSSIBLE:
             self._heed(status, since, self._set_intensity)
         elif since is self._epoch:
@@ -306,8 +314,9 @@ class DeviceOwner(SafetyMonitor):
     def _feel(self, status: DeviceStatus) -> None:
         """Take over a temperature that was measured."""
         if status.temperature is not None:
+            self._felt_ns = self._clock()
             if self.coil is not None:
-                self.coil.measured(self._clock(), status.temperature)
+                self.coil.measured(self._felt_ns, status.temperature)
             self.temperature(status.temperature)
 
     def _heed(

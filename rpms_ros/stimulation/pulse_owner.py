@@ -26,6 +26,10 @@ from rpms_ros.stimulation.run import Run
 from rpms_ros.stimulation.states import State
 
 _LATE = 'late'
+# Pulses that were given up for a reading of the coil's temperature are counted under this name.
+_READING = 'temperature_reading'
+# A device that measures its coil is asked for it in a train when the last reading is this old.
+_READING_LIMIT_NS = 4 * NANOSECONDS_PER_SECOND
 
 
 class PulseOwner(DeviceOwner):
@@ -56,6 +60,8 @@ class PulseOwner(DeviceOwner):
         self.dropped = 0
         self._reservations: Reservations | None = None
         self._trigger_ns = nanoseconds(equipment.device.trigger_s)
+        # how long the last preparation took
+        self._preparing_ns = 0
         self._wait_for_nothing()
 
     def _wait_for_nothing(self) -> None:
@@ -76,7 +82,11 @@ class PulseOwner(DeviceOwner):
                 self._finish(run)
             return run.due_ns
         if self._set_intensity != run.intensity:
-            self._prepare(run, trigger_ns - now)
+            # never between a preparation and its trigger: that pulse would be late
+            if self._felt_ns is not None and now - self._felt_ns >= _READING_LIMIT_NS:
+                self._read_temperature(run, trigger_ns - now)
+            else:
+                self._prepare(run, trigger_ns - now)
         elif now >= trigger_ns:
             self._pulse(run)
             return max(self._hold_ns, now) if self.state is State.RUNNING else now + LOOK_NS
@@ -90,8 +100,16 @@ class PulseOwner(DeviceOwner):
             self._call('rest', self.settings.stuck_limit_s, self._epoch, self.device.rest)
             self._set_intensity = 0.0
 
+    def _read_temperature(self, run: Run, spare_ns: int) -> None:
+        """Ask how warm the coil is; if the next pulse would be late by that, it is given up."""
+        if spare_ns < self._reading_ns + self._preparing_ns:
+            self._drop(run, _READING)
+        # a device that does not tell any more costs no more pulses than one that does
+        self._felt_ns = self._clock()
+        self._ask_status(self._epoch)
+
     def _prepare(self, run: Run, spare_ns: int) -> None:
-        since, intensity = self._epoch, run.intensity
+        began, since, intensity = self._clock(), self._epoch, run.intensity
         spare_s = max(0, spare_ns) / NANOSECONDS_PER_SECOND
         status = self._call(
             'prepare',
@@ -102,6 +120,7 @@ class PulseOwner(DeviceOwner):
             spare_s,
         )
         self._answered_ns = self._clock()
+        self._preparing_ns = self._answered_ns - began
         self._heed(status, since, intensity)
         self._set_intensity = intensity
 
@@ -154,7 +173,7 @@ class PulseOwner(DeviceOwner):
             self.stop(*problem)
             return False
         if onset_ns - run.due_ns > nanoseconds(self.settings.lateness_limit_s):
-            self._drop(run)
+            self._drop(run, self._held_by)
             return False
         both = self.limiter, self.confirmed
         refusals = [books.refusal(onset_ns, run.intensity, run.schedule.width_s) for books in both]
@@ -201,9 +220,9 @@ class PulseOwner(DeviceOwner):
         self._wait_for_nothing()
         return pulse
 
-    def _drop(self, run: Run) -> None:
-        """Leave out a pulse that is late, and say what it has waited for."""
-        self._count_dropped(run, self._held_by)
+    def _drop(self, run: Run, name: str) -> None:
+        """Leave out the next pulse, counted under the name of what it has waited for."""
+        self._count_dropped(run, name)
         run.cursor += 1
         self._wait_for_nothing()
 

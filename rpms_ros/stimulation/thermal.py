@@ -7,6 +7,7 @@ it cools exponentially.  Both are exact, whatever the time between pulses.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.stimulation.dose import BookedPulse
 from rpms_ros.stimulation.fields import Bound
 from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import check_bounds
@@ -29,7 +31,7 @@ class CoilThermal:
     Attributes
     ----------
     ambient : float
-        Temperature of the room, and of the coil at the start [Celsius].
+        Temperature of the room, and of a coil that has given no pulse for long [Celsius].
     coil_share : float
         Share of a pulse's energy that stays in the coil as heat.
     heat_capacity : float
@@ -103,3 +105,24 @@ class CoilTemperature:
     def measured(self, time_ns: int, celsius: float) -> None:
         """Go on from a measured temperature [Celsius]."""
         self._known = max(time_ns, self._known[0]), celsius
+
+
+def coil_after(
+    pulses: Iterable[BookedPulse], thermal: CoilThermal, time_ns: int
+) -> CoilTemperature:
+    """Return a coil as warm as earlier pulses have left it.
+
+    Parameters
+    ----------
+    pulses : iterable of BookedPulse
+        Oldest first; before the first one of this device its coil was as warm as the room.
+    thermal : CoilThermal
+        Its figures.
+    time_ns : int
+        Now [ns].
+    """
+    given = [pulse for pulse in pulses if pulse.on_device]
+    coil = CoilTemperature(thermal, given[0].time_ns if given else time_ns)
+    for pulse in given:
+        coil.heat(pulse.time_ns, pulse.energy_j)
+    return coil

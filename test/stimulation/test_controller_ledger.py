@@ -67,6 +67,38 @@ def test_pulses_are_reserved_ahead_and_given_back_after_the_end(virtual):
     ]
 
 
+def test_a_run_that_ends_while_the_ledger_writes_is_given_back_too(virtual):
+    ledger = FailingLedger()
+    driver = virtual(ledger=ledger).armed()
+    driver.controller.start(TRAIN)
+    driver.advance(0.3)
+    reserve, ends = ledger.reserve, [driver.controller.cancel]
+
+    def ends_meanwhile(pulses):
+        numbers = reserve(pulses)
+        while ends:
+            ends.pop()()
+        return numbers
+
+    ledger.reserve = ends_meanwhile
+    driver.advance(1.0)
+    assert not ends
+    given = len(driver.device.commands)
+    assert 0 < given < len(ledger.reserved)
+    assert ledger.totals().pulses == given
+
+
+def test_a_ledger_that_fails_once_is_not_asked_again_for_the_same_run(virtual):
+    ledger = FailingLedger()
+    driver = virtual(ledger=ledger).armed()
+    driver.controller.start(TRAIN)
+    driver.advance(0.2)
+    ledger.broken = True
+    ledger.settle = ledger.reserve
+    driver.advance(3.0)
+    assert driver.controller.fault_counts() == {'ledger': 1}
+
+
 def test_pulse_that_is_not_reserved_is_not_fired(virtual):
     driver = virtual().armed()
     run = driver.controller.start(TRAIN)
@@ -118,7 +150,9 @@ def test_dose_that_somebody_else_uses_up_ends_the_run(virtual):
     driver.advance(5.0)
     assert (run.cause, driver.controller.state) == ('limit', State.DISARMED)
     assert 'dose_pulses: expected at most 120 pulses' in run.ended
-    assert len(driver.device.commands) <= 60
+    given = len(driver.device.commands)
+    assert given <= 60
+    assert ledger.totals().pulses == given + 60
 
 
 def test_rest_power_and_session_survive_a_restart(virtual):

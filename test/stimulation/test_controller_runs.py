@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver apart from ROS while it runs: lateness, faults, interlocks, refusals."""
 
+import dataclasses
 from itertools import pairwise
 
 import pytest
@@ -17,6 +18,7 @@ from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices import SimulatedFaults
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.limits import Limits
 from rpms_ros.stimulation.safety_monitor import Halt
@@ -263,6 +265,25 @@ def test_profile_for_simulation_is_refused_for_a_real_device():
         StimulationError, match='expected the device specification of a real device'
     ):
         StimulationController(Real(), load_device_specification('simulated'), DriverSettings())
+
+
+def test_a_device_of_one_width_gives_no_pulse_of_another(virtual):
+    class OneWidth(SimulatedDevice):
+        sets_width = False
+
+    with pytest.raises(
+        StimulationError,
+        match=r'expected one width for a device on which none can be set, got 1e-05 s to 0\.001',
+    ):
+        StimulationController(OneWidth(), load_device_specification('simulated'), DriverSettings())
+    found = load_device_specification('rapid2-240v')
+    StimulationController(OneWidth(), found, DriverSettings())
+    assert not SerialDevice('/dev/null').sets_width
+    driver = virtual(specification='rapid2-240v').armed()
+    wide = dataclasses.replace(constant(0.1, 1.0, 20.0), width_s=500e-6)
+    with pytest.raises(Refused, match=r'expected a width in .* s, got 0\.0005 s'):
+        driver.controller.start(wide)
+    assert driver.controller.start(constant(0.1, 1.0, 20.0)).count == 20
 
 
 def test_temperature_and_force_close_again_but_stay_latched(driver_in):

@@ -77,6 +77,7 @@ def test_driver_takes_a_device_from_outside_by_its_name(distribution):
     from rpms_ros.errors import NodeError
     from rpms_ros.nodes.driver_parameters import DriverParameters
     from rpms_ros.nodes.driver_parameters import build_device
+    from rpms_ros.stimulation.device_specification import load_device_specification
 
     distribution('acme = acme_stimulator:AcmeDevice')
     # whatever is not `simulated` is held to what a real device needs
@@ -84,7 +85,8 @@ def test_driver_takes_a_device_from_outside_by_its_name(distribution):
         DriverParameters(device='acme', autostart=True)
     settings = DriverParameters()
     object.__setattr__(settings, 'device', 'acme')
-    assert type(build_device(settings)).__name__ == 'AcmeDevice'
+    specification = load_device_specification('simulated')
+    assert type(build_device(settings, specification)).__name__ == 'AcmeDevice'
 
 
 def test_unknown_name():

@@ -285,7 +285,10 @@ def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fak
 
 def test_temperature_is_asked_for_every_two_seconds(fake, device):
     assert device.keep_alive().temperature == 25.3
-    device.keep_alive()
+    # what was measured earlier does not come again: it is not known to be so now
+    assert device.keep_alive().temperature is None
+    assert device.arm().temperature is None
+    assert device.prepare(0.5).temperature is None
     assert fake.frames.count(b'F@') == 1
     device._temperature_ns -= 2_000_000_000
     fake.temperatures = 'xyz', '251'

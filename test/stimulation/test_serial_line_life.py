@@ -197,6 +197,22 @@ def test_guard_that_was_started_by_hand(fake, by_hand, wait_for, armed, patient_
     assert fake.fired() == [30, 30]
 
 
+def test_guard_by_hand_outlives_a_driver_that_gave_up_waiting(by_hand, patient_device):
+    guard, path = by_hand
+    first, last = patient_device(str(path)), patient_device(str(path))
+    first.open()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as waiting:
+        # it waits for the guard that the first one has, and goes
+        waiting.connect(str(path))
+    first.close()
+    last.open()
+    assert last.guard_pid == guard.pid
+    last.close()
+    guard.terminate()
+    assert guard.wait(10) == 0
+    assert b'a driver has left before it was served' in guard.stderr.read()
+
+
 def test_socket_that_is_no_guard(tmp_path):
     path = tmp_path / 'other'
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as other:

@@ -42,7 +42,9 @@ class DeviceStatus(NamedTuple):
     intensity : float or None
         The intensity that is set in it, read back (share).
     temperature : float or None
-        Of the coil [Celsius].
+        Of the coil [Celsius], measured by the call that returns it; None from every other call.
+        One that was measured earlier must not come again: the driver goes on from it with its
+        model of the coil, and would forget what the pulses since have warmed.
     """
 
     armed: bool | None = None
@@ -87,6 +89,14 @@ class Device(Protocol):
         """Whether it can hurt somebody."""
 
     @property
+    def sets_width(self) -> bool:
+        """Whether `fire` gives a pulse of the width that it is told.
+
+        One that does not has a single width, and needs a device specification with that width as
+        both ``minimum_width_s`` and ``maximum_width_s``.
+        """
+
+    @property
     def arm_s(self) -> float:
         """Longest time that `arm` may take, charging included [s]."""
 
@@ -129,7 +139,12 @@ class Device(Protocol):
         """
 
     def keep_alive(self) -> DeviceStatus:
-        """Tell the device that its driver is there; an armed one disarms by itself without."""
+        """Tell the device that its driver is there; an armed one disarms by itself without.
+
+        A device that measures its coil does so here, at the latest when the last temperature is
+        4 s old: the driver then calls this in a train too, and gives up a pulse if there is no
+        room for it.
+        """
 
     def beat(self) -> None:
         """Say that the owner is alive: at least every 50 ms, without waiting for anything."""

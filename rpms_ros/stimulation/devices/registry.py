@@ -19,7 +19,7 @@ _METHODS = (
     'arm', 'beat', 'close', 'fire', 'keep_alive', 'open', 'prepare', 'quantized', 'rest',
     'silence',
 )  # fmt: skip
-_FIGURES = ('arm_s', 'prepare_s', 'real', 'trigger_s')
+_FIGURES = ('arm_s', 'prepare_s', 'real', 'sets_width', 'trigger_s')
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class DeviceOptions:
     port : str
         Where it is connected, e.g. a serial port.
     maximum_intensity : float
-        Hard bound on the intensity (share), for a device that can hold it by itself.
+        Hard bound on the intensity (share), the tightest of device specification, patient and
+        parameter, for a device that can hold it by itself.
     """
 
     port: str = ''

@@ -60,6 +60,9 @@ class SerialDevice:
         Longest silence between the driver and its guard, either way [s].
     """
 
+    # the protocol has no word for it
+    sets_width = False
+
     def __init__(
         self,
         port: str,
@@ -75,7 +78,6 @@ class SerialDevice:
         # percent that was asked for, and whether it was read back
         self._set: tuple[int, bool] | None = None
         self._armed = False
-        self._temperature: float | None = None
         self._temperature_ns: int | None = None
         # a silence in the middle of a call shows as another number
         self._silences = itertools.count(1)
@@ -155,17 +157,18 @@ class SerialDevice:
         end = self._clock() + round(min(spare_s, _FOREVER_S) * _SECOND)
         percent = round(_STEPS * self.quantized(intensity))
         status = self._set_percent(percent)
+        temperature = None
         if self._temperature_is_due and self._fits(rapid2.TEMPERATURE_LENGTH, end):
-            self._read_temperature()
+            temperature = self._read_temperature()
         if self._parameters_length is not None and self._fits(self._parameters_length, end):
             status = self._read_back(percent, self._parameters_length)
         self._refuse_what_is_wrong(status, self._armed)
-        return self._status_of(status)
+        return self._status_of(status, temperature)
 
     def fire(
         self, intensity: float, width_s: float, latest_ns: int | None = None
     ) -> Delivery | None:
-        """Trigger; the device has one width."""
+        """Trigger; the device has one width, the only one of its specification."""
         del intensity, width_s
         prepared = self._set
         if self._is_silenced:
@@ -194,8 +197,7 @@ class SerialDevice:
             if self._is_silenced:
                 self._begin()
             status = self._ask(rapid2.ENABLE)
-            if self._temperature_is_due:
-                self._read_temperature()
+            temperature = self._read_temperature() if self._temperature_is_due else None
         except DeviceError:
             # silenced meanwhile, by another thread: nothing is wrong with the device
             if self._silenced != before:
@@ -204,7 +206,7 @@ class SerialDevice:
         # a disarmed device may have its coil changed
         if self._armed:
             self._refuse_what_is_wrong(status, armed=True)
-        return self._status_of(status)
+        return self._status_of(status, temperature)
 
     def beat(self) -> None:
         """Tell the guard that the driver is alive; raise if the guard is not, or has disarmed."""
@@ -276,10 +278,11 @@ class SerialDevice:
         last = self._temperature_ns
         return last is None or self._clock() - last >= _TEMPERATURE_INTERVAL_NS
 
-    def _read_temperature(self) -> None:
+    def _read_temperature(self) -> float:
         answer = self._checked_exchange(rapid2.TEMPERATURE, rapid2.TEMPERATURE_LENGTH)
-        self._temperature = _checked_number(rapid2.celsius, answer.data)
+        temperature = _checked_number(rapid2.celsius, answer.data)
         self._temperature_ns = self._clock()
+        return temperature
 
     def _ask(self, command: bytes) -> int:
         """Send a command; return the status in its answer."""
@@ -312,7 +315,7 @@ class SerialDevice:
                 f'status {status:#04x}'
             )
 
-    def _status_of(self, status: int) -> DeviceStatus:
+    def _status_of(self, status: int, temperature: float | None = None) -> DeviceStatus:
         percent, read_back = self._set or (0, False)
         return DeviceStatus(
             armed=bool(status & (rapid2.ARMED | rapid2.READY)),
@@ -321,7 +324,7 @@ class SerialDevice:
             replace_coil=bool(status & rapid2.REPLACE_COIL),
             error=bool(status & rapid2.ERROR),
             intensity=percent / _STEPS if read_back else None,
-            temperature=self._temperature,
+            temperature=temperature,
         )
 
 

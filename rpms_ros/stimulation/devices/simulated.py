@@ -143,6 +143,11 @@ class SimulatedDevice:
         return False
 
     @property
+    def sets_width(self) -> bool:
+        """True: it takes any."""
+        return True
+
+    @property
     def arm_s(self) -> float:
         """0 s."""
         return 0.0

@@ -1,0 +1,208 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The temperature of the coil, measured and modelled: in trains, and after a restart."""
+
+import dataclasses
+from itertools import pairwise
+
+import pytest
+
+from rpms_ros.stimulation import constant
+from rpms_ros.stimulation.controller import StimulationController
+from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.devices import WireTimes
+from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.dose import BookedPulse
+from rpms_ros.stimulation.dose_ledger import DoseLedger
+from rpms_ros.stimulation.dose_ledger import MemoryLedger
+from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.safety_monitor import EXECUTOR
+from rpms_ros.stimulation.settings import DriverSettings
+from rpms_ros.stimulation.threads import ControllerThreads
+
+SECOND = 1_000_000_000
+# 9600 baud, ten bits a byte: a status and a temperature take 6.3 and 12.5 ms
+WIRE = WireTimes(prepare_s=8.3e-3, keep_alive_s=20e-3, trigger_s=3.1e-3, answer_s=3.1e-3)
+
+
+@pytest.fixture
+def measuring(virtual):
+    """Build a driver whose device measures its coil where it is kept alive.
+
+    With ``prepares`` also every 2 s in a preparation, where it fits before the trigger.
+    """
+
+    def build(prepares=False, **options):
+        driver = virtual(wire=WIRE, **options)
+        driver.celsius, driver.readings = 25.0, []
+        ask, prepare = driver.device.keep_alive, driver.device.prepare
+
+        def measured(status):
+            driver.readings.append(driver.clock.now)
+            return status._replace(temperature=driver.celsius)
+
+        def prepared(intensity, spare_s):
+            status = prepare(intensity, spare_s)
+            if driver.clock.now - driver.readings[-1] < 2 * SECOND or spare_s < 24e-3:
+                return status
+            driver.clock.wait(15.5e-3)
+            return measured(status)
+
+        driver.device.instead['keep_alive'] = lambda: measured(ask())
+        if prepares:
+            driver.device.instead['prepare'] = prepared
+        driver.controller.configure()
+        driver.advance(1.0)
+        driver.controller.arm()
+        return driver
+
+    return build
+
+
+@pytest.mark.parametrize('rate', [34.0, 45.0, 50.0])
+@pytest.mark.parametrize('prepares', [False, True])
+def test_a_train_without_room_gives_up_a_pulse_for_each_reading(measuring, rate, prepares):
+    driver = measuring(prepares)
+    run = driver.controller.start(constant(0.5, 30.0, rate))
+    began = driver.clock.now
+    driver.advance(30.5)
+    assert run.ended.startswith('ended with')
+    readings = [when for when in driver.readings if when > began]
+    gaps = [later - sooner for sooner, later in pairwise(readings)]
+    assert max(gaps[:-1]) <= 4.1 * SECOND
+    # one pulse for a reading, and none late by it
+    assert 6 <= run.dropped <= 7
+    assert driver.controller.fault_counts() == {'temperature_reading': run.dropped}
+    assert driver.controller.lateness.max_s <= 1e-3
+
+
+@pytest.mark.parametrize(
+    ('rate', 'prepares'), [(5.0, False), (20.0, False), (20.0, True), (30.0, True)]
+)
+def test_where_there_is_room_a_reading_costs_no_pulse(measuring, rate, prepares):
+    driver = measuring(prepares)
+    run = driver.controller.start(constant(0.5, 20.0, rate))
+    began = driver.clock.now
+    driver.advance(20.5)
+    assert run.ended == 'completed'
+    assert driver.controller.lateness.max_s <= 1e-3
+    assert len([when for when in driver.readings if began < when < run.end_ns]) >= 4
+
+
+def test_heat_that_is_measured_in_a_quick_train_stops_it(measuring):
+    driver = measuring()
+    run = driver.controller.start(constant(0.5, 30.0, 45.0))
+    driver.advance(6.0)
+    driver.celsius = 45.0
+    driver.advance(4.2)
+    assert run.cause == 'stopped'
+    assert driver.controller.reason == 'temperature: expected at most 40 Celsius, got 45 Celsius'
+
+
+def test_a_device_that_measures_nothing_gives_up_no_pulse(virtual):
+    driver = virtual(wire=WIRE).armed()
+    run = driver.controller.start(constant(0.5, 20.0, 50.0))
+    driver.advance(20.5)
+    assert run.ended == 'completed'
+
+
+def test_a_device_that_does_not_tell_any_more_costs_no_more_pulses(measuring):
+    driver = measuring()
+    driver.celsius = None
+    run = driver.controller.start(constant(0.5, 20.0, 45.0))
+    driver.advance(20.5)
+    assert 4 <= run.dropped <= 5
+
+
+def test_quick_train_on_the_line_is_stopped_by_the_instruments_heat(
+    instrument, wait_for, tmp_path
+):
+    fake = instrument(watchdog_s=20.0, wire=True)
+    found = load_device_specification('rapid2-240v')
+    known = dataclasses.replace(found.limits, maximum_intensity_rise=1.0)
+    controller = StimulationController(
+        SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0),
+        dataclasses.replace(found, limits=known),
+        # a machine under load may hold up a thread or two
+        DriverSettings(
+            executor_timeout_s=5.0,
+            lateness_limit_s=0.1,
+            response_limit_s=1.0,
+            stuck_limit_s=2.0,
+        ),
+        ledger=DoseLedger(tmp_path, 'rapid2', 'test'),
+    )
+    threads = ControllerThreads(controller)
+    threads.start()
+    controller.configure()
+
+    def alive():
+        controller.seen(EXECUTOR)
+        return True
+
+    alive()
+    controller.arm()
+    run = controller.start(constant(0.3, 12.0, 45.0))
+    wait_for(lambda: alive() and len(fake.triggers) > 20)
+    fake.temperatures = '450', '440'
+    wait_for(lambda: alive() and bool(run.ended))
+    assert run.cause == 'stopped'
+    assert controller.reason == 'temperature: expected at most 40 Celsius, got 45 Celsius'
+    controller.cleanup()
+    threads.close()
+
+
+def test_model_goes_on_from_a_measured_temperature(measuring):
+    driver = measuring(specification='rapid2-240v')
+    run = driver.controller.start(constant(0.3, 3.0, 45.0))
+    driver.advance(3.0)
+    # a tenth of 22.7 J a pulse warms 700 J/K; it cools by 0.02 K meanwhile
+    warmed = 25.0 + run.delivered * 2.27 / 700.0
+    assert driver.controller.coil_temperature == pytest.approx(warmed, abs=0.03)
+
+
+class PastLedger(MemoryLedger):
+    """Of a device that gave pulses before this process; times relative to now."""
+
+    def __init__(self, past):
+        super().__init__()
+        self._past = past
+
+    def history(self, now_monotonic_ns):
+        return tuple(
+            pulse._replace(time_ns=now_monotonic_ns + pulse.time_ns) for pulse in self._past
+        )
+
+
+def test_a_restart_knows_how_warm_the_coil_is(virtual):
+    # a fifth of a time constant ago, 70 kJ within a second: 10 K of which 8.19 K are left
+    past = [BookedPulse(-121 * SECOND + n * SECOND // 20, 1.0, 3500.0) for n in range(20)]
+    warm = virtual(specification='rapid2-240v', ledger=PastLedger(past)).controller
+    assert warm.coil_temperature == pytest.approx(22.0 + 8.19, abs=0.02)
+    elsewhere = [pulse._replace(on_device=False) for pulse in past]
+    other = virtual(specification='rapid2-240v', ledger=PastLedger(elsewhere)).controller
+    assert other.coil_temperature == 22.0
+
+
+def test_a_coil_that_is_too_warm_after_a_restart_is_not_used_until_it_has_cooled(virtual):
+    past = [BookedPulse(-SECOND, 1.0, 140e3)]
+    driver = virtual(specification='rapid2-240v', ledger=PastLedger(past))
+    driver.controller.configure()
+    driver.advance(60.0)
+    with pytest.raises(Refused, match='temperature: expected at most 40 Celsius, got 40'):
+        driver.controller.arm()
+    driver.advance(10.0)
+    driver.controller.arm()
+
+
+def test_a_stop_by_the_modelled_temperature_can_be_reset_when_the_coil_has_cooled(virtual):
+    driver = virtual(specification='rapid2-240v').armed()
+    driver.controller.coil.measured(driver.clock.now, 40.5)
+    driver.advance(0.1)
+    assert driver.controller.reason.startswith('temperature: expected at most 40 Celsius, got 40')
+    with pytest.raises(Refused, match='reset: expected the cause temperature gone'):
+        driver.controller.reset()
+    driver.advance(60.0)
+    assert driver.controller.interlocks.latched
+    driver.controller.reset()
+    driver.controller.arm()
