@@ -14,6 +14,8 @@ from pathlib import Path
 
 from rpms_ros.errors import StimulationError
 
+# Linux alone has it; elsewhere a sleep is not seen.
+_BOOT_CLOCK = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)
 _BOOT_ID = Path('/proc/sys/kernel/random/boot_id')
 # Before this software existed [ns since 1970]: a wall clock that says so has not been set.
 EARLIEST_WALL_NS = 1_735_689_600 * 1_000_000_000
@@ -35,7 +37,7 @@ def read_boot_id() -> str:
 
 
 def _since_boot_ns() -> int:
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    return time.clock_gettime_ns(_BOOT_CLOCK)
 
 
 def slept_ns() -> int:
