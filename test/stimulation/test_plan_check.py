@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The check of a whole plan against the limiter, which holds the same pulses one by one."""
 
+import re
 from collections import Counter
 
 import numpy as np
@@ -52,6 +53,14 @@ def booked(limits, pulses):
     return limiter, time_ns
 
 
+def assert_alike(one, other):
+    """Two sums of the same numbers may be rounded to different last digits."""
+    number = re.compile(r'\d+(?:\.\d+)?(?:e[+-]?\d+)?')
+    assert number.sub('#', one) == number.sub('#', other)
+    pairs = zip(number.findall(one), number.findall(other), strict=True)
+    assert all(float(first) == pytest.approx(float(second), rel=2e-3) for first, second in pairs)
+
+
 @settings(max_examples=150)
 @given(LIMITS, PULSES, PULSES, st.sampled_from([100e-6, 5e-3]))
 def test_a_plan_at_once_and_pulse_by_pulse_are_refused_for_the_same(limits, before, plan, width):
@@ -71,7 +80,7 @@ def test_a_plan_at_once_and_pulse_by_pulse_are_refused_for_the_same(limits, befo
     for index, time_ns in enumerate((start_ns + onset_ns).tolist()):
         for refusal in limiter.refusals(time_ns, float(intensity[index]), width):
             one_by_one[index, refusal.limit] += 1
-            assert reasons[index, refusal.limit] == refusal.reason
+            assert_alike(reasons[index, refusal.limit], refusal.reason)
         limiter.book(time_ns, float(intensity[index]))
     assert at_once == one_by_one
     if len(plan):
