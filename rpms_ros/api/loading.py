@@ -37,6 +37,7 @@ def load(
     pulse: str | None = None,
     time_unit: str | None = None,
     force_unit: str | None = None,
+    pulse_unit: str | None = None,
     force_scale: float | None = None,
     sampling_rate: float | None = None,
     threshold: float | None = None,
@@ -65,6 +66,8 @@ def load(
     time_unit, force_unit : str, optional
         ``s``, ``ms``, ``us`` or ``min``; ``N``, ``mN``, ``kN``, ``g``, ``kg`` or ``lbf``;
         ``Nm``, ``mNm``, ``kNm``, ``kgm`` or ``ft-lbf`` of a torque; all forces are in N m then.
+    pulse_unit : str, optional
+        Unit of a list of trigger times, as of the time; ``samples`` for numbers of samples.
     force_scale : float, optional
         Newtons of one unit of the force signal, as for a force in V; newton metres with ``Nm``.
     sampling_rate : float, optional
@@ -135,6 +138,7 @@ def load(
         pulse=pulse,
         time_unit=time_unit,
         force_unit=force_unit,
+        pulse_unit=pulse_unit,
         force_scale=force_scale,
         sampling_rate=sampling_rate,
         threshold=threshold,

@@ -66,6 +66,8 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--time-unit', None, 'unit of the time', choices=units)
     text = 'unit of the force, or of the torque of a dynamometer'
     add_option(group, '--force-unit', None, text, choices=_SENSOR_UNITS)
+    text = 'unit of a list of trigger times; samples: numbers of samples'
+    add_option(group, '--pulse-unit', None, text, choices=(*units, 'samples'))
     text = 'newtons of one unit of the force signal, as for a force in V; newton metres with Nm'
     add_option(group, '--force-scale N', None, text, type=float)
     text = 'rate of the samples of a table without times'

@@ -3,7 +3,7 @@
 """Which signal is time, force and gate, and in which units: guessed, shown, decided by options."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,28 +12,20 @@ import numpy as np
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import TORQUE
 from rpms_ros.errors import RecordingError
+from rpms_ros.recording.importing.ambiguous import Ambiguous
+from rpms_ros.recording.importing.event_lists import LIST_UNITS
+from rpms_ros.recording.importing.event_lists import described
+from rpms_ros.recording.importing.event_lists import list_unit
+from rpms_ros.recording.importing.event_lists import lists_beside
+from rpms_ros.recording.importing.event_lists import rises
+from rpms_ros.recording.importing.event_lists import sampled_like
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.units import SENSOR_UNITS
+from rpms_ros.recording.importing.units import TIME_UNITS
+from rpms_ros.recording.importing.units import TORQUE_UNITS
+from rpms_ros.recording.importing.units import usual_unit
 
-TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0}
-FORCE_UNITS = {
-    'N': 1.0,
-    'mN': 1e-3,
-    'kN': 1e3,
-    'g': 9.80665e-3,
-    'kg': 9.80665,
-    'lbf': 4.4482216152605,
-}
-"""Newtons of each unit; grams are the weight of so much mass."""
-TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'kNm': 1e3, 'kgm': 9.80665, 'ft-lbf': 1.3558179483314004}
-"""Newton metres of each unit of a dynamometer's torque."""
-SENSOR_UNITS = FORCE_UNITS | TORQUE_UNITS
-_SYNONYMS = {
-    'sec': 's', 'seconds': 's', 'second': 's', 'µs': 'us', 'μs': 'us', 'gf': 'g', 'kgf': 'kg',
-    'N m': 'Nm', 'N·m': 'Nm', 'N*m': 'Nm', 'N.m': 'Nm', 'N-m': 'Nm', 'mN m': 'mNm', 'kg m': 'kgm',
-    'ft lbf': 'ft-lbf', 'ft-lb': 'ft-lbf', 'ft-lbs': 'ft-lbf', 'ft lb': 'ft-lbf',
-    'lbf-ft': 'ft-lbf',
-}  # fmt: skip
 _TIME = re.compile(r'\b(t|time|zeit|temps|tiempo|timestamps?|seconds|sec)\b|time', re.IGNORECASE)
 _FORCE = re.compile(
     r'force|kraft|fuerza|load|^f[xyzgm]|\bf\b|\bfz\b|strain|torque|moment', re.IGNORECASE
@@ -42,26 +34,7 @@ _PULSE = re.compile(r'stim|gate|trig|pulse|puls|sync|ttl|marker|digital', re.IGN
 # Sample periods of force in a recording, from 100 kHz to 100 Hz [s].
 _SHORTEST, _LONGEST = 1e-5, 1.0000001e-2
 _TWO_LEVELS = 0.9
-
-
-class Ambiguous(RecordingError):
-    """More than one signal, or none, could be what is looked for.
-
-    Attributes
-    ----------
-    option : str
-        The option that decides.
-    candidates : tuple of str
-        Names to choose from.
-    decided : tuple of (str, str)
-        What was guessed before it came to this, and why.
-    """
-
-    def __init__(self, message: str, option: str, candidates: Sequence[str]) -> None:
-        super().__init__(message)
-        self.option = option
-        self.candidates = tuple(candidates)
-        self.decided: tuple[tuple[str, str], ...] = ()
+_KNOWN_UNITS = (('time', TIME_UNITS), ('force', SENSOR_UNITS), ('pulses', LIST_UNITS))
 
 
 @dataclass(frozen=True)
@@ -80,6 +53,9 @@ class Guess:
         One of `FORCE_UNITS`, or of `TORQUE_UNITS` where a torque was measured.
     reasons : tuple of (str, str)
         What was guessed, and why.
+    pulse_unit : str or None
+        One of `LIST_UNITS` if the pulses are a list beside sampled signals; None for a gate, and
+        for events, which have their times in s.
     """
 
     time: str | None
@@ -88,6 +64,7 @@ class Guess:
     force_unit: str
     pulse: str
     reasons: tuple[tuple[str, str], ...]
+    pulse_unit: str | None = None
 
     @property
     def quantity(self) -> str:
@@ -104,6 +81,7 @@ def guessed(
     force_unit: str | None = None,
     sampling_rate_hz: float | None = None,
     force_scale: float | None = None,
+    pulse_unit: str | None = None,
 ) -> Guess:
     """Return what is taken for what; what is given is not guessed.
 
@@ -119,6 +97,8 @@ def guessed(
         Rate of the samples of a table without times [Hz].
     force_scale : float, optional
         Newtons of one unit of the force signal; newton metres if `force_unit` is one of a torque.
+    pulse_unit : str, optional
+        Unit of a list of pulses, one of `LIST_UNITS`.
 
     Raises
     ------
@@ -133,7 +113,7 @@ def guessed(
             file,
             reasons,
             (time, force, pulse),
-            (time_unit, force_unit),
+            (time_unit, force_unit, pulse_unit),
             sampling_rate_hz,
             force_scale,
         )
@@ -146,20 +126,24 @@ def _guessed(
     file: SignalFile,
     reasons: list[tuple[str, str]],
     names: tuple[str | None, str | None, str | None],
-    units: tuple[str | None, str | None],
+    units: tuple[str | None, str | None, str | None],
     sampling_rate_hz: float | None,
     force_scale: float | None,
 ) -> Guess:
-    """Return the guess, with reasons as they are found; names of time, force and pulses."""
+    """Return the guess, with reasons as they are found; names and units as in `_KNOWN_UNITS`."""
     time, force, pulse = names
     signals = {signal.name: signal for signal in file.signals}
     _check_given(file, time, force, pulse)
-    _check_unit(units[0], 'time', TIME_UNITS)
-    _check_unit(units[1], 'force', SENSOR_UNITS)
+    for stated, (what, known) in zip(units, _KNOWN_UNITS, strict=True):
+        _check_unit(stated, what, known)
     own_times = all(signal.time is not None for signal in file.signals)
-    if time is None and not own_times and not (sampling_rate_hz or file.sampling_rate_hz):
-        time = _time(file)
-    rest = [signal for signal in file.signals if signal.name != time]
+    length = _length_of_force(file, force)
+    sampled = sampled_like(file.signals, length)
+    rate = sampling_rate_hz or file.sampling_rate_hz
+    if time is None and not own_times and not rate:
+        time = _time(file, sampled)
+    rest = [signal for signal in sampled if signal.name != time]
+    lists = [one.name for one in lists_beside(file.signals, length) if one.name != time]
     unit = 's'
     if time is not None:
         unit, why = _time_unit(signals[time], units[0])
@@ -167,16 +151,42 @@ def _guessed(
     elif own_times:
         reasons.append(('time', 'of the file'))
     else:
-        rate = sampling_rate_hz or file.sampling_rate_hz
         reasons.append(('time', f'{rate:g} samples a second'))
     if pulse is None:
-        pulse = _pulse(file, [signal for signal in rest if signal.name != force])
+        pulse = _pulse(file, [signal for signal in rest if signal.name != force], lists)
     reasons.append(('pulses', repr(pulse)))
     if force is None:
         force = _force(file, [signal for signal in rest if signal.name != pulse])
     newton, why = _force_unit(signals[force], units[1], force_scale)
     reasons.insert(1, ('force', f'{force!r} in {newton}, {why}'))
-    return Guess(time, unit, force, newton, pulse, tuple(reasons))
+    if pulse not in lists and units[2] is None:
+        return Guess(time, unit, force, newton, pulse, tuple(reasons))
+    if pulse not in signals or signals[pulse].time is not None:
+        raise RecordingError(
+            f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
+        )
+    if time is not None:
+        seconds = signals[time].values * TIME_UNITS[unit]
+    else:
+        assert rate is not None
+        seconds = np.arange(len(signals[force].values)) / rate
+    list_in, why = list_unit(signals[pulse], seconds, units[2], units[0])
+    reasons[-1] = ('pulses', described(signals[pulse], list_in, why))
+    return Guess(time, unit, force, newton, pulse, tuple(reasons), list_in)
+
+
+def _length_of_force(file: SignalFile, force: str | None) -> int:
+    """Return the samples of the force, or of the longest signal that may be it."""
+    likely = [
+        one
+        for one in file.signals
+        if (one.name == force if force else _has_force_unit(one) or _FORCE.search(one.name))
+    ]
+    return max((len(one.values) for one in likely or file.signals), default=0)
+
+
+def _has_force_unit(signal: Signal) -> bool:
+    return usual_unit(signal.unit) in SENSOR_UNITS
 
 
 def _check_given(file: SignalFile, *names: str | None) -> None:
@@ -187,13 +197,13 @@ def _check_given(file: SignalFile, *names: str | None) -> None:
             raise RecordingError(f'expected column {name!r} in {file.path}, got {columns}')
 
 
-def _check_unit(given: str | None, what: str, known: Mapping[str, float]) -> None:
+def _check_unit(given: str | None, what: str, known: Collection[str]) -> None:
     if given is not None and given not in known:
         raise RecordingError(f'expected a unit of {what} of {", ".join(known)}, got {given!r}')
 
 
-def _time(file: SignalFile) -> str:
-    rising = [one for one in file.signals if len(one.values) > 1 and _rises(one)]
+def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:
+    rising = [one for one in sampled if rises(one.values)]
     named = [one for one in rising if _TIME.search(one.name)]
     chosen = named or rising
     if len(chosen) != 1:
@@ -202,7 +212,7 @@ def _time(file: SignalFile) -> str:
             f'expected one column of rising times in {file.path}, got {found}: '
             '--time COL or --sampling-rate HZ decides',
             '--time',
-            [one.name for one in chosen or file.signals],
+            [one.name for one in chosen or sampled or file.signals],
         )
     return chosen[0].name
 
@@ -220,14 +230,10 @@ def _why_none(file: SignalFile) -> str:
     return 'none'
 
 
-def _rises(signal: Signal) -> bool:
-    return bool(np.all(np.diff(signal.values) > 0.0))
-
-
 def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
     if given is not None:
         return given, 'as stated (--time-unit)'
-    stated = _SYNONYMS.get(signal.unit, signal.unit)
+    stated = usual_unit(signal.unit)
     if stated in TIME_UNITS:
         return stated, 'as the file says'
     period = float(np.median(np.diff(signal.values))) if len(signal.values) > 1 else 0.0
@@ -239,7 +245,7 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
 
 
 def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
-    in_newtons = [one for one in signals if _SYNONYMS.get(one.unit, one.unit) in SENSOR_UNITS]
+    in_newtons = [one for one in signals if _has_force_unit(one)]
     named = [one for one in signals if _FORCE.search(one.name)]
     both = [one for one in in_newtons if one in named]
     for chosen in (both, in_newtons, named, signals):
@@ -261,7 +267,7 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
         return whole, f'{scale:g} {whole} a unit (--force-scale)'
     if given is not None:
         return given, 'as stated (--force-unit)'
-    stated = _SYNONYMS.get(signal.unit, signal.unit)
+    stated = usual_unit(signal.unit)
     if stated in SENSOR_UNITS:
         return stated, 'as the file says'
     if stated in ('', '-', 'a.u.', 'au'):
@@ -274,16 +280,21 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
     )
 
 
-def _pulse(file: SignalFile, signals: Sequence[Signal]) -> str:
-    names = [one.name for one in signals] + [one.name for one in file.events]
+def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) -> str:
+    """Return the pulses: a gate among the sampled signals, a list beside them, or events."""
+    events = [one.name for one in file.events]
+    short = [one.name for one in file.signals if one.name in lists]
+    names = [*(one.name for one in sampled), *short, *events]
     named = [name for name in names if _PULSE.search(name)]
-    two_levels = [one.name for one in signals if _has_two_levels(one)]
-    for chosen in (named, [one.name for one in file.events], two_levels):
+    gates = [one.name for one in sampled if _has_two_levels(one)]
+    others = [name for name in gates if not _FORCE.search(name)] + short
+    for chosen in (named, events, others):
         if len(chosen) == 1:
             return chosen[0]
-        both = [name for name in chosen if name in two_levels]
-        if len(both) == 1:
-            return both[0]
+        for likely in (gates, short):
+            both = [name for name in chosen if name in likely]
+            if len(both) == 1 and len(chosen) > 1:
+                return both[0]
         if chosen:
             break
     found = ', '.join(map(repr, chosen)) or 'none'

@@ -36,6 +36,8 @@ class ImportOptions:
         Names of the columns or signals; of the pulses also a list of trigger times.
     time_unit, force_unit : str or None
         Units.
+    pulse_unit : str or None
+        Unit of a list of trigger times; ``samples`` for numbers of samples.
     force_scale : float or None
         Newtons of one unit of the force signal; newton metres with a unit of a torque.
     sampling_rate : float or None
@@ -55,6 +57,7 @@ class ImportOptions:
     pulse: str | None = None
     time_unit: str | None = None
     force_unit: str | None = None
+    pulse_unit: str | None = None
     force_scale: float | None = None
     sampling_rate: float | None = None
     threshold: float | None = None
@@ -107,6 +110,7 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
         pulse=options.pulse,
         time_unit=options.time_unit,
         force_unit=options.force_unit,
+        pulse_unit=options.pulse_unit,
         sampling_rate_hz=options.sampling_rate,
         force_scale=options.force_scale,
     )
