@@ -41,6 +41,7 @@ def load(
     force_scale: float | None = None,
     sampling_rate: float | None = None,
     threshold: float | None = None,
+    edge: str | None = None,
     intensity: float = 1.0,
     block: int | None = None,
     sheet: str | None = None,
@@ -75,6 +76,9 @@ def load(
     threshold : float, optional
         Level of the gate between rest and pulse, in its own unit; half of its range if it is not
         given.  Files only.
+    edge : str, optional
+        Edge of the gate with which a pulse begins, ``rising`` or ``falling``; falling if the gate
+        is high most of the time.  Files only.
     intensity : float
         Share of the stimulator's maximum of every pulse, 0 to 1: a gate does not tell it.  Files
         only.
@@ -142,6 +146,7 @@ def load(
         force_scale=force_scale,
         sampling_rate=sampling_rate,
         threshold=threshold,
+        edge=edge,
         intensity=intensity,
         block=block,
         sheet=sheet,

@@ -125,14 +125,14 @@ def test_times_beyond_the_force_are_not_guessed(tmp_path: Path) -> None:
         (
             {'stim_times': ONSETS[::-1].copy()},
             {'pulse': 'stim_times'},
-            r"got 'stim_times' with 60 values and 'force' with 4000",
+            r"got 'stim_times' with 60 values, 'force' with 4000",
         ),
         (
             {'stim': np.zeros(COUNT - 1)},
             {},
-            r"got 'stim' with 3999 values and 'force' with 4000",
+            r"got 'stim' with 3999 values, 'force' with 4000",
         ),
-        ({'time': TIME[1:], 'stim': FORCE}, {'time': 'time'}, r"got 'time' with 3999 values and"),
+        ({'time': TIME[1:], 'stim': FORCE}, {'time': 'time'}, r"got 'time' with 3999 values, "),
         ({'stim': FORCE}, {'pulse_unit': 's'}, r"expected rising times in column 'stim'"),
         ({'stim': PLACES}, {'pulse_unit': 'h'}, r'a unit of pulses of s, ms, us, min, samples'),
         (

@@ -31,7 +31,7 @@ class ImportChoices:
     Attributes
     ----------
     gate : GateSettings
-        Threshold of a sampled gate, and the intensity of every pulse.
+        Threshold and edge of a sampled gate, and the intensity of every pulse.
     sampling_rate_hz : float or None
         Rate of a table without times [Hz].
     force_scale : float or None
@@ -61,14 +61,12 @@ def converted(
     Raises
     ------
     RecordingError
-        If times do not rise, a gate is not finite or never rises, or there is no pulse; if the
-        signals have several lengths.
+        If times do not rise, a gate is not finite or never rises, or there is no pulse.
     """
     signals = {signal.name: signal for signal in file.signals}
     force = signals[guess.force]
     scale = choices.force_scale
     newton = SENSOR_UNITS[guess.force_unit] if scale is None else scale
-    _same_length(file, guess)
     stamp_ns = _stamps(file, force, guess, choices)
     if not np.isfinite(force.values).any():
         raise RecordingError(
@@ -83,19 +81,6 @@ def converted(
     gate = signals[guess.pulse]
     _finite(file, guess.pulse, gate.values)
     return gate_pulses(_stamps(file, gate, guess, choices), gate.values, choices.gate), trace
-
-
-def _same_length(file: SignalFile, guess: Guess) -> None:
-    """Refuse force, gate and time of which one has more values than the other."""
-    names = (guess.time, guess.pulse if guess.pulse_unit is None else None, guess.force)
-    signals = {one.name: one for one in file.signals if one.time is None}
-    lengths = {name: len(signals[name].values) for name in names if name in signals}
-    if len(set(lengths.values())) > 1:
-        found = ' and '.join(f'{name!r} with {length} values' for name, length in lengths.items())
-        raise RecordingError(
-            f'expected signals of one length in {file.path}, or a list of rising times of pulses '
-            f'much shorter than the force, got {found.removesuffix(" values")}'
-        )
 
 
 def _of_list(file: SignalFile, guess: Guess, stamp_ns: IntArray) -> IntArray:

@@ -4,6 +4,7 @@
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -41,6 +42,23 @@ def lists_beside(signals: Sequence[Signal], length: int) -> list[Signal]:
 def rises(values: FloatArray) -> bool:
     """Return whether each of the values is above the one before."""
     return bool(len(values) > 1 and np.all(np.diff(values) > 0.0))
+
+
+def refuse_other_lengths(path: Path, signals: Sequence[Signal]) -> None:
+    """Refuse signals of one sampling of which one has more values than another.
+
+    Raises
+    ------
+    RecordingError
+        If there are such: without their own times they do not belong together.
+    """
+    told = [(one.name, len(one.values)) for one in signals if one.time is None]
+    if len({length for _, length in told}) > 1:
+        found = ', '.join(f'{name!r} with {length} values' for name, length in told)
+        raise RecordingError(
+            f'expected signals of one length in {path}, or a list of rising times of pulses much '
+            f'shorter than the force, got {found}'
+        )
 
 
 def list_unit(

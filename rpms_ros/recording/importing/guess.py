@@ -12,13 +12,18 @@ import numpy as np
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import TORQUE
 from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import FloatArray
+from rpms_ros.recording.csv_import import GateSettings
 from rpms_ros.recording.importing.ambiguous import Ambiguous
 from rpms_ros.recording.importing.event_lists import LIST_UNITS
 from rpms_ros.recording.importing.event_lists import described
 from rpms_ros.recording.importing.event_lists import list_unit
 from rpms_ros.recording.importing.event_lists import lists_beside
+from rpms_ros.recording.importing.event_lists import refuse_other_lengths
 from rpms_ros.recording.importing.event_lists import rises
 from rpms_ros.recording.importing.event_lists import sampled_like
+from rpms_ros.recording.importing.gates import gate_told
+from rpms_ros.recording.importing.gates import has_two_levels
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.units import SENSOR_UNITS
@@ -33,7 +38,6 @@ _FORCE = re.compile(
 _PULSE = re.compile(r'stim|gate|trig|pulse|puls|sync|ttl|marker|digital', re.IGNORECASE)
 # Sample periods of force in a recording, from 100 kHz to 100 Hz [s].
 _SHORTEST, _LONGEST = 1e-5, 1.0000001e-2
-_TWO_LEVELS = 0.9
 _KNOWN_UNITS = (('time', TIME_UNITS), ('force', SENSOR_UNITS), ('pulses', LIST_UNITS))
 
 
@@ -82,6 +86,7 @@ def guessed(
     sampling_rate_hz: float | None = None,
     force_scale: float | None = None,
     pulse_unit: str | None = None,
+    gate: GateSettings | None = None,
 ) -> Guess:
     """Return what is taken for what; what is given is not guessed.
 
@@ -99,6 +104,8 @@ def guessed(
         Newtons of one unit of the force signal; newton metres if `force_unit` is one of a torque.
     pulse_unit : str, optional
         Unit of a list of pulses, one of `LIST_UNITS`.
+    gate : GateSettings, optional
+        What is stated of a gate.
 
     Raises
     ------
@@ -116,6 +123,7 @@ def guessed(
             (time_unit, force_unit, pulse_unit),
             sampling_rate_hz,
             force_scale,
+            gate or GateSettings(),
         )
     except Ambiguous as error:
         error.decided = tuple(reasons)
@@ -129,6 +137,7 @@ def _guessed(
     units: tuple[str | None, str | None, str | None],
     sampling_rate_hz: float | None,
     force_scale: float | None,
+    gate: GateSettings,
 ) -> Guess:
     """Return the guess, with reasons as they are found; names and units as in `_KNOWN_UNITS`."""
     time, force, pulse = names
@@ -136,22 +145,15 @@ def _guessed(
     _check_given(file, time, force, pulse)
     for stated, (what, known) in zip(units, _KNOWN_UNITS, strict=True):
         _check_unit(stated, what, known)
-    own_times = all(signal.time is not None for signal in file.signals)
     length = _length_of_force(file, force)
     sampled = sampled_like(file.signals, length)
     rate = sampling_rate_hz or file.sampling_rate_hz
-    if time is None and not own_times and not rate:
+    if time is None and not rate and any(one.time is None for one in file.signals):
         time = _time(file, sampled)
     rest = [signal for signal in sampled if signal.name != time]
     lists = [one.name for one in lists_beside(file.signals, length) if one.name != time]
-    unit = 's'
-    if time is not None:
-        unit, why = _time_unit(signals[time], units[0])
-        reasons.append(('time', f'{time!r} in {unit}, {why}'))
-    elif own_times:
-        reasons.append(('time', 'of the file'))
-    else:
-        reasons.append(('time', f'{rate:g} samples a second'))
+    unit, told = _time_told(signals.get(time or ''), units[0], rate)
+    reasons.append(('time', told))
     if pulse is None:
         pulse = _pulse(file, [signal for signal in rest if signal.name != force], lists)
     reasons.append(('pulses', repr(pulse)))
@@ -159,20 +161,30 @@ def _guessed(
         force = _force(file, [signal for signal in rest if signal.name != pulse])
     newton, why = _force_unit(signals[force], units[1], force_scale)
     reasons.insert(1, ('force', f'{force!r} in {newton}, {why}'))
-    if pulse not in lists and units[2] is None:
+    is_list = pulse in lists or units[2] is not None
+    used = [name for name in (time, None if is_list else pulse, force) if name in signals]
+    refuse_other_lengths(file.path, [signals[name] for name in used if name])
+    if not is_list:
+        if pulse in signals:
+            others = [one.name for one in rest if one.name != force]
+            reasons[-1] = ('pulses', gate_told(file.path, signals[pulse], gate, others))
         return Guess(time, unit, force, newton, pulse, tuple(reasons))
     if pulse not in signals or signals[pulse].time is not None:
         raise RecordingError(
             f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
         )
-    if time is not None:
-        seconds = signals[time].values * TIME_UNITS[unit]
-    else:
-        assert rate is not None
-        seconds = np.arange(len(signals[force].values)) / rate
+    seconds = _seconds(signals[force], signals.get(time or ''), TIME_UNITS[unit], rate)
     list_in, why = list_unit(signals[pulse], seconds, units[2], units[0])
     reasons[-1] = ('pulses', described(signals[pulse], list_in, why))
     return Guess(time, unit, force, newton, pulse, tuple(reasons), list_in)
+
+
+def _seconds(force: Signal, time: Signal | None, unit: float, rate: float | None) -> FloatArray:
+    """Return the times of the force [s]: those of a column, or by the rate."""
+    if time is not None:
+        return time.values * unit
+    assert rate is not None
+    return np.arange(len(force.values)) / rate
 
 
 def _length_of_force(file: SignalFile, force: str | None) -> int:
@@ -228,6 +240,14 @@ def _why_none(file: SignalFile) -> str:
                 f'{one.values[place + 1]:.9g} in row {place + 2}'
             )
     return 'none'
+
+
+def _time_told(column: Signal | None, given: str | None, rate: float | None) -> tuple[str, str]:
+    """Return the unit of the time, and what is taken for the time."""
+    if column is not None:
+        unit, why = _time_unit(column, given)
+        return unit, f'{column.name!r} in {unit}, {why}'
+    return 's', 'of the file' if rate is None else f'{rate:g} samples a second'
 
 
 def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
@@ -286,7 +306,7 @@ def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) ->
     short = [one.name for one in file.signals if one.name in lists]
     names = [*(one.name for one in sampled), *short, *events]
     named = [name for name in names if _PULSE.search(name)]
-    gates = [one.name for one in sampled if _has_two_levels(one)]
+    gates = [one.name for one in sampled if has_two_levels(one)]
     others = [name for name in gates if not _FORCE.search(name)] + short
     for chosen in (named, events, others):
         if len(chosen) == 1:
@@ -304,11 +324,3 @@ def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) ->
         '--pulse',
         chosen or names,
     )
-
-
-def _has_two_levels(signal: Signal) -> bool:
-    values = signal.values[np.isfinite(signal.values)]
-    if len(values) < 2 or np.ptp(values) == 0.0:
-        return False
-    share = (values - values.min()) / np.ptp(values)
-    return bool(np.mean((share < 0.1) | (share > 0.9)) > _TWO_LEVELS)

@@ -3,6 +3,7 @@
 """One file of a laboratory as pulses and force: read, guessed, converted."""
 
 from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import fields
 from pathlib import Path
@@ -20,6 +21,7 @@ from rpms_ros.recording.exporting import read_export
 from rpms_ros.recording.files import READERS
 from rpms_ros.recording.importing.conversion import ImportChoices
 from rpms_ros.recording.importing.conversion import converted
+from rpms_ros.recording.importing.gates import bounces
 from rpms_ros.recording.importing.guess import Guess
 from rpms_ros.recording.importing.guess import guessed
 from rpms_ros.recording.importing.reader import read_signals
@@ -44,6 +46,8 @@ class ImportOptions:
         Rate of a table without times [Hz].
     threshold : float or None
         Level of a gate between rest and pulse.
+    edge : str or None
+        Edge of a gate with which a pulse begins, ``rising`` or ``falling``.
     intensity : float
         Share of the stimulator's maximum of every pulse, 0 to 1.
     block : int or None
@@ -61,9 +65,15 @@ class ImportOptions:
     force_scale: float | None = None
     sampling_rate: float | None = None
     threshold: float | None = None
+    edge: str | None = None
     intensity: float = 1.0
     block: int | None = None
     sheet: str | None = None
+
+    @property
+    def gate(self) -> GateSettings:
+        """What is stated of a gate."""
+        return GateSettings(self.threshold, self.intensity, self.edge)
 
     def given(self) -> list[str]:
         """Return the names of the options that are not left at their defaults."""
@@ -84,6 +94,8 @@ class Imported:
         Whether anything was.
     quantity : str
         What was measured: ``force`` [N] or ``torque`` [N m].
+    remarks : tuple of (str, str)
+        Those of the facts that only its numbers tell, after the guess: what is missing or odd.
     """
 
     pulses: PulseTrain
@@ -91,6 +103,7 @@ class Imported:
     facts: tuple[tuple[str, str], ...]
     guessed: bool
     quantity: str = FORCE
+    remarks: tuple[tuple[str, str], ...] = ()
 
 
 def is_foreign(path: Path) -> bool:
@@ -113,6 +126,7 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
         pulse_unit=options.pulse_unit,
         sampling_rate_hz=options.sampling_rate,
         force_scale=options.force_scale,
+        gate=options.gate,
     )
 
 
@@ -149,16 +163,22 @@ def import_file(
         facts = (('file', 'export of rpms'),)
         return Imported(pulses, forces, facts, guessed=False, quantity=QUANTITIES[unit])
     choices = ImportChoices(
-        GateSettings(options.threshold, options.intensity),
+        options.gate,
         options.sampling_rate,
         options.force_scale,
     )
     file = read_signals(path, options.block, options.sheet)
     guess = decide(file, options)
     pulses, forces = converted(file, guess, choices)
-    read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons)
-    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
-        read = (*read, ('missing', f'{missing} samples of the force are no finite number'))
+    remarks = tuple(_remarks(pulses, forces))
+    read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
     named = None not in (options.time, options.force, options.pulse)
-    told = missing or any(text.endswith('decides)') for _, text in guess.reasons)
-    return Imported(pulses, forces, read, bool(told or not named), guess.quantity)
+    told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
+    return Imported(pulses, forces, read, bool(told or not named), guess.quantity, remarks)
+
+
+def _remarks(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
+    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
+        yield 'missing', f'{missing} samples of the force are no finite number'
+    if warning := bounces(pulses):
+        yield 'warning', warning
