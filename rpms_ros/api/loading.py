@@ -37,9 +37,11 @@ def load(
     pulse: str | None = None,
     time_unit: str | None = None,
     force_unit: str | None = None,
+    pulse_unit: str | None = None,
     force_scale: float | None = None,
     sampling_rate: float | None = None,
     threshold: float | None = None,
+    edge: str | None = None,
     intensity: float = 1.0,
     block: int | None = None,
     sheet: str | None = None,
@@ -65,6 +67,8 @@ def load(
     time_unit, force_unit : str, optional
         ``s``, ``ms``, ``us`` or ``min``; ``N``, ``mN``, ``kN``, ``g``, ``kg`` or ``lbf``;
         ``Nm``, ``mNm``, ``kNm``, ``kgm`` or ``ft-lbf`` of a torque; all forces are in N m then.
+    pulse_unit : str, optional
+        Unit of a list of trigger times, as of the time; ``samples`` for numbers of samples.
     force_scale : float, optional
         Newtons of one unit of the force signal, as for a force in V; newton metres with ``Nm``.
     sampling_rate : float, optional
@@ -72,6 +76,9 @@ def load(
     threshold : float, optional
         Level of the gate between rest and pulse, in its own unit; half of its range if it is not
         given.  Files only.
+    edge : str, optional
+        Edge of the gate with which a pulse begins, ``rising`` or ``falling``; falling if the gate
+        is high most of the time.  Files only.
     intensity : float
         Share of the stimulator's maximum of every pulse, 0 to 1: a gate does not tell it.  Files
         only.
@@ -135,9 +142,11 @@ def load(
         pulse=pulse,
         time_unit=time_unit,
         force_unit=force_unit,
+        pulse_unit=pulse_unit,
         force_scale=force_scale,
         sampling_rate=sampling_rate,
         threshold=threshold,
+        edge=edge,
         intensity=intensity,
         block=block,
         sheet=sheet,

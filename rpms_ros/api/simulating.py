@@ -169,7 +169,7 @@ def sample_times(length_s: float, rate_hz: float) -> IntArray:
     """
     if not 0 < rate_hz <= _HIGHEST_RATE:
         raise RecordingError(
-            f'expected a rate of the force up to {_HIGHEST_RATE:g} Hz, got {rate_hz}'
+            f'expected a rate of the force above 0 and up to {_HIGHEST_RATE:g} Hz, got {rate_hz}'
         )
     count = np.arange(round(length_s * rate_hz), dtype=np.int64)
     elapsed: IntArray = np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)

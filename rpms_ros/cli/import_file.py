@@ -30,7 +30,8 @@ Makes a recording of a file with time, force and the stimulator's gate or trigge
 (any separator, decimal commas, UTF-8, UTF-16 and Latin-1), text exported by LabChart and Spike2,
 MATLAB .mat, Excel .xlsx and XDF of the Lab Streaming Layer.  What is what is guessed and shown; on
 a terminal it is asked for, and each option below decides it.  Every rising edge of a gate is a
-pulse; its width is measured.  A gate does not tell the intensity: give it if it was below 1.
+pulse, or every falling one if the gate rests high; its width is measured.  A gate does not tell
+the intensity: give it if it was below 1.
 What `rpms export` has written is read again without options, with the same numbers.
 """
 _EXAMPLES = """\
@@ -66,12 +67,16 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--time-unit', None, 'unit of the time', choices=units)
     text = 'unit of the force, or of the torque of a dynamometer'
     add_option(group, '--force-unit', None, text, choices=_SENSOR_UNITS)
+    text = 'unit of a list of trigger times; samples: numbers of samples'
+    add_option(group, '--pulse-unit', None, text, choices=(*units, 'samples'))
     text = 'newtons of one unit of the force signal, as for a force in V; newton metres with Nm'
     add_option(group, '--force-scale N', None, text, type=float)
     text = 'rate of the samples of a table without times'
     add_option(group, '--sampling-rate HZ', None, text, type=float)
     text = 'level of the gate between rest and pulse; half of its range if not given'
     add_option(group, '--threshold LEVEL', None, text, type=float)
+    text = 'edge of the gate with which a pulse begins; falling if it is high most of the time'
+    add_option(group, '--edge', None, text, choices=('rising', 'falling'))
     text = "share of the stimulator's maximum of every pulse, 0 to 1"
     add_option(group, '--intensity SHARE', 1.0, text)
     add_option(group, '--block N', None, 'block of a LabChart file, from 1', type=int)
@@ -90,8 +95,10 @@ def run(arguments: argparse.Namespace) -> int:
     print(f'{arguments.out}: {len(found.pulses)} pulses, {len(stamps)} samples, {span:.3f} s')
     if found.quantity != FORCE:
         print(f'  a {found.quantity}: read it with --quantity {found.quantity}')
-    if found.guessed and not _asked(arguments):
-        print(labelled(found.facts), file=sys.stderr)
+    # A terminal has seen the guess, but not what the numbers told after it.
+    told = found.remarks if _asked(arguments) else found.facts
+    if found.guessed and told:
+        print(labelled(told), file=sys.stderr)
     return 0
 
 

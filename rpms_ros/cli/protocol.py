@@ -3,6 +3,7 @@
 """`rpms protocol`: schedules with a name, written to a file."""
 
 import argparse
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,7 +120,7 @@ def add_parser(subparsers: Any) -> None:
         + '; '.join(f'{name}: {entry.summary}' for name, entry in PROTOCOLS.items()),
     )
     parser.add_argument('name', choices=sorted(PROTOCOLS), help='which one')
-    parser.add_argument('--out', type=Path, required=True, metavar='FILE', help='YAML file')
+    parser.add_argument('--out', type=Path, required=True, metavar='FILE', help='new YAML file')
     parser.add_argument(
         '--rate', dest='rate_hz', type=float, metavar='HZ', help='repetition rate instead'
     )
@@ -147,6 +148,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.errors import StimulationError
     from rpms_ros.stimulation.description import schedule_to_text
 
+    if os.path.lexists(arguments.out):
+        raise StimulationError(f'expected a new file for the schedule, got {arguments.out}')
     schedule = PROTOCOLS[arguments.name].build(arguments)
     changes: tuple[str, ...] = ()
     if arguments.device is not None:
@@ -154,7 +157,9 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.patient is not None:
         raise StimulationError('expected --device with --patient, got none')
     try:
-        arguments.out.write_text(schedule_to_text(schedule), encoding='utf-8')
+        # 'x': what another program has written meanwhile is not replaced either.
+        with arguments.out.open('x', encoding='utf-8') as file:
+            file.write(schedule_to_text(schedule))
     except OSError as error:
         raise StimulationError(
             f'expected a file to write, got {arguments.out}: {error}'

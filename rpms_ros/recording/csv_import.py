@@ -4,7 +4,7 @@
 
 The gate is the stimulator's trigger as the data acquisition sampled it.  A pulse begins where it
 rises through the upper threshold and ends where it falls through the lower one: noise between the
-two does not count.
+two does not count.  A gate that rests at its high level is read the other way round.
 """
 
 from collections.abc import Sequence
@@ -25,6 +25,9 @@ BoolArray = npt.NDArray[np.bool_]
 
 # 5 % of the threshold's distance to the rest, either way: far above the noise of a converter.
 HYSTERESIS = 0.05
+RISING, FALLING = 'rising', 'falling'
+# Pulses last a few milliseconds: a gate that is high for longer than this share rests there.
+_RESTS_HIGH = 0.9
 
 
 @dataclass(frozen=True)
@@ -37,16 +40,22 @@ class GateSettings:
         Level of the gate between rest and pulse, in its own unit; None for half of its range.
     intensity : float
         Share of the stimulator's maximum that every pulse gets, 0..1: a gate does not tell it.
+    edge : str or None
+        ``rising`` or ``falling``, with which a pulse begins; None for falling if the gate is high
+        more than 90 % of the time, else rising.
     """
 
     threshold: float | None = None
     intensity: float = 1.0
+    edge: str | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.intensity <= 1:
             raise RecordingError(f'expected an intensity from 0 to 1, got {self.intensity}')
         if self.threshold is not None and not np.isfinite(self.threshold):
             raise RecordingError(f'expected a finite threshold, got {self.threshold}')
+        if self.edge not in (None, RISING, FALLING):
+            raise RecordingError(f'expected an edge rising or falling, got {self.edge!r}')
 
 
 def read_csv(
@@ -109,20 +118,23 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) ->
     gate : ndarray, shape (samples,)
         Level of the gate.
     settings : GateSettings
-        Threshold and intensity.
+        Threshold, intensity and edge.
 
     Raises
     ------
     RecordingError
-        If the gate never rises through the threshold.
+        If the gate never rises through the threshold, or falls if it rests high.
     """
-    rest, top = float(gate.min()), float(gate.max())
-    threshold = (rest + top) / 2 if settings.threshold is None else settings.threshold
-    band = HYSTERESIS * (top - rest)
-    rises, falls = _edges(gate > threshold + band, gate < threshold - band)
+    low, top = float(gate.min()), float(gate.max())
+    threshold = _threshold(gate, settings)
+    band = HYSTERESIS * (top - low)
+    above, below = gate > threshold + band, gate < threshold - band
+    falling = edge_and_high(gate, settings)[0] == FALLING
+    rises, falls = _edges(below, above) if falling else _edges(above, below)
     if not len(rises):
         raise RecordingError(
-            f'expected a gate that rises through {threshold:g}, got levels {rest:g} to {top:g}'
+            f'expected a gate that {"falls" if falling else "rises"} through {threshold:g}, '
+            f'got levels {low:g} to {top:g}'
         )
     onset = stamp_ns[rises]
     # A gate that is still up at the end is as wide as it was seen.
@@ -130,6 +142,18 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) ->
     width = (end - onset) / NANOSECONDS_PER_SECOND
     intensity = np.full(len(onset), settings.intensity)
     return PulseTrain(onset, intensity, np.arange(len(onset), dtype=np.int64), width)
+
+
+def edge_and_high(gate: FloatArray, settings: GateSettings) -> tuple[str, float]:
+    """Return the edge with which pulses of a gate begin, and the share of time it is high."""
+    high = float(np.mean(gate > _threshold(gate, settings))) if len(gate) else 0.0
+    return settings.edge or (FALLING if high > _RESTS_HIGH else RISING), high
+
+
+def _threshold(gate: FloatArray, settings: GateSettings) -> float:
+    if settings.threshold is not None:
+        return settings.threshold
+    return (float(gate.min()) + float(gate.max())) / 2
 
 
 def _edges(high: BoolArray, low: BoolArray) -> tuple[IntArray, IntArray]:

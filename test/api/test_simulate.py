@@ -45,7 +45,7 @@ def test_a_muscle_and_a_schedule_of_ones_own() -> None:
         ({'schedule': 'zigzag'}, 'expected a schedule of .* or a file, got zigzag'),
         ({'subject': 'nobody'}, 'expected .*nobody'),
         ({'scenario': 'nothing'}, 'expected .*nothing'),
-        ({'force_rate_hz': 0.0}, 'expected a rate of the force up to'),
+        ({'force_rate_hz': 0.0}, 'expected a rate of the force above 0 and up to'),
         ({'noise': -1.0}, 'expected .*noise.*-1'),
         ({'duration': -1.0}, 'expected .*-1'),
     ],

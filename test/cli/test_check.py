@@ -31,7 +31,7 @@ def written(tmp_path, rpms):
     """Write a protocol; return its file."""
 
     def write(name, *options):
-        path = tmp_path / f'{name}.yaml'
+        path = tmp_path / f'{name}{len(list(tmp_path.iterdir()))}.yaml'
         code, out, err = rpms('protocol', name, '--out', path, *options)
         assert (code, err) == (0, '')
         assert str(path) in out
@@ -162,6 +162,15 @@ def test_files_that_cannot_be_read_or_written(tmp_path, rpms):
     code, _, err = rpms('protocol', 'uniform_random', '--out', tmp_path / 'x.yaml', '--rate', '0')
     assert code == 2
     assert 'rate_hz: expected a number in [0.001, 1000] Hz, got 0.0' in err
+
+
+def test_a_protocol_replaces_no_file(rpms, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('mine')
+    code, out, err = rpms('protocol', 'sinusoid', '--out', path)
+    assert (code, out) == (2, '')
+    assert f'expected a new file for the schedule, got {path}' in err
+    assert path.read_text() == 'mine'
 
 
 def test_help_names_every_protocol(rpms, capsys):

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of laboratories as pulses and forces: reading, guessing what is what, converting."""
 
+from rpms_ros.recording.importing.ambiguous import Ambiguous
 from rpms_ros.recording.importing.conversion import ImportChoices
 from rpms_ros.recording.importing.conversion import converted
-from rpms_ros.recording.importing.guess import Ambiguous
 from rpms_ros.recording.importing.guess import Guess
 from rpms_ros.recording.importing.guess import guessed
 from rpms_ros.recording.importing.reader import read_signals

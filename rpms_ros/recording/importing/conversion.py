@@ -15,11 +15,13 @@ from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording.csv_import import GateSettings
 from rpms_ros.recording.csv_import import gate_pulses
-from rpms_ros.recording.importing.guess import SENSOR_UNITS
-from rpms_ros.recording.importing.guess import TIME_UNITS
+from rpms_ros.recording.importing.event_lists import SAMPLES
+from rpms_ros.recording.importing.event_lists import stamps_of_numbers
 from rpms_ros.recording.importing.guess import Guess
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.units import SENSOR_UNITS
+from rpms_ros.recording.importing.units import TIME_UNITS
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class ImportChoices:
     Attributes
     ----------
     gate : GateSettings
-        Threshold of a sampled gate, and the intensity of every pulse.
+        Threshold and edge of a sampled gate, and the intensity of every pulse.
     sampling_rate_hz : float or None
         Rate of a table without times [Hz].
     force_scale : float or None
@@ -73,10 +75,25 @@ def converted(
     trace = ForceTrace(stamp_ns, newton * force.values)
     events = {one.name: one.time for one in file.events}
     if guess.pulse in events:
-        return _of_events(events[guess.pulse], choices.gate.intensity, file), trace
+        return _of_events(_rounded(np.sort(events[guess.pulse])), choices.gate, file), trace
+    if guess.pulse_unit is not None:
+        return _of_events(_of_list(file, guess, stamp_ns), choices.gate, file), trace
     gate = signals[guess.pulse]
     _finite(file, guess.pulse, gate.values)
     return gate_pulses(_stamps(file, gate, guess, choices), gate.values, choices.gate), trace
+
+
+def _of_list(file: SignalFile, guess: Guess, stamp_ns: IntArray) -> IntArray:
+    """Return the stamps [ns] of a list of times or numbers of samples."""
+    signal = next(one for one in file.signals if one.name == guess.pulse)
+    if guess.pulse_unit == SAMPLES:
+        return stamps_of_numbers(signal, stamp_ns)
+    assert guess.pulse_unit is not None
+    return _rising(file, signal.name, signal.values, TIME_UNITS[guess.pulse_unit])
+
+
+def _rounded(seconds: FloatArray) -> IntArray:
+    return np.rint(seconds * NANOSECONDS_PER_SECOND).astype(np.int64)
 
 
 def _stamps(file: SignalFile, signal: Signal, guess: Guess, choices: ImportChoices) -> IntArray:
@@ -117,17 +134,16 @@ def _rising(file: SignalFile, name: str, values: FloatArray, unit: float) -> Int
             f'expected times below 9e9 s in {file.path}, got {np.abs(seconds).max():g} s: '
             '--time-unit decides'
         )
-    return np.rint(seconds * NANOSECONDS_PER_SECOND).astype(np.int64)
+    return _rounded(seconds)
 
 
-def _of_events(time: FloatArray, intensity: float, file: SignalFile) -> PulseTrain:
-    if not len(time):
+def _of_events(onset: IntArray, gate: GateSettings, file: SignalFile) -> PulseTrain:
+    if not len(onset):
         raise RecordingError(f'expected pulses in {file.path}, got an empty list of events')
-    onset = np.rint(np.sort(time) * NANOSECONDS_PER_SECOND).astype(np.int64)
     count = len(onset)
     return PulseTrain(
         onset,
-        np.full(count, intensity),
+        np.full(count, gate.intensity),
         np.arange(count, dtype=np.int64),
         np.full(count, MAGNETIC_PULSE_WIDTH),
     )

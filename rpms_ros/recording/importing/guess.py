@@ -3,7 +3,7 @@
 """Which signal is time, force and gate, and in which units: guessed, shown, decided by options."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,28 +12,25 @@ import numpy as np
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import TORQUE
 from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import FloatArray
+from rpms_ros.recording.csv_import import GateSettings
+from rpms_ros.recording.importing.ambiguous import Ambiguous
+from rpms_ros.recording.importing.event_lists import LIST_UNITS
+from rpms_ros.recording.importing.event_lists import described
+from rpms_ros.recording.importing.event_lists import list_unit
+from rpms_ros.recording.importing.event_lists import lists_beside
+from rpms_ros.recording.importing.event_lists import refuse_other_lengths
+from rpms_ros.recording.importing.event_lists import rises
+from rpms_ros.recording.importing.event_lists import sampled_like
+from rpms_ros.recording.importing.gates import gate_told
+from rpms_ros.recording.importing.gates import has_two_levels
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.units import SENSOR_UNITS
+from rpms_ros.recording.importing.units import TIME_UNITS
+from rpms_ros.recording.importing.units import TORQUE_UNITS
+from rpms_ros.recording.importing.units import usual_unit
 
-TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0}
-FORCE_UNITS = {
-    'N': 1.0,
-    'mN': 1e-3,
-    'kN': 1e3,
-    'g': 9.80665e-3,
-    'kg': 9.80665,
-    'lbf': 4.4482216152605,
-}
-"""Newtons of each unit; grams are the weight of so much mass."""
-TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'kNm': 1e3, 'kgm': 9.80665, 'ft-lbf': 1.3558179483314004}
-"""Newton metres of each unit of a dynamometer's torque."""
-SENSOR_UNITS = FORCE_UNITS | TORQUE_UNITS
-_SYNONYMS = {
-    'sec': 's', 'seconds': 's', 'second': 's', 'µs': 'us', 'μs': 'us', 'gf': 'g', 'kgf': 'kg',
-    'N m': 'Nm', 'N·m': 'Nm', 'N*m': 'Nm', 'N.m': 'Nm', 'N-m': 'Nm', 'mN m': 'mNm', 'kg m': 'kgm',
-    'ft lbf': 'ft-lbf', 'ft-lb': 'ft-lbf', 'ft-lbs': 'ft-lbf', 'ft lb': 'ft-lbf',
-    'lbf-ft': 'ft-lbf',
-}  # fmt: skip
 _TIME = re.compile(r'\b(t|time|zeit|temps|tiempo|timestamps?|seconds|sec)\b|time', re.IGNORECASE)
 _FORCE = re.compile(
     r'force|kraft|fuerza|load|^f[xyzgm]|\bf\b|\bfz\b|strain|torque|moment', re.IGNORECASE
@@ -41,27 +38,7 @@ _FORCE = re.compile(
 _PULSE = re.compile(r'stim|gate|trig|pulse|puls|sync|ttl|marker|digital', re.IGNORECASE)
 # Sample periods of force in a recording, from 100 kHz to 100 Hz [s].
 _SHORTEST, _LONGEST = 1e-5, 1.0000001e-2
-_TWO_LEVELS = 0.9
-
-
-class Ambiguous(RecordingError):
-    """More than one signal, or none, could be what is looked for.
-
-    Attributes
-    ----------
-    option : str
-        The option that decides.
-    candidates : tuple of str
-        Names to choose from.
-    decided : tuple of (str, str)
-        What was guessed before it came to this, and why.
-    """
-
-    def __init__(self, message: str, option: str, candidates: Sequence[str]) -> None:
-        super().__init__(message)
-        self.option = option
-        self.candidates = tuple(candidates)
-        self.decided: tuple[tuple[str, str], ...] = ()
+_KNOWN_UNITS = (('time', TIME_UNITS), ('force', SENSOR_UNITS), ('pulses', LIST_UNITS))
 
 
 @dataclass(frozen=True)
@@ -80,6 +57,9 @@ class Guess:
         One of `FORCE_UNITS`, or of `TORQUE_UNITS` where a torque was measured.
     reasons : tuple of (str, str)
         What was guessed, and why.
+    pulse_unit : str or None
+        One of `LIST_UNITS` if the pulses are a list beside sampled signals; None for a gate, and
+        for events, which have their times in s.
     """
 
     time: str | None
@@ -88,6 +68,7 @@ class Guess:
     force_unit: str
     pulse: str
     reasons: tuple[tuple[str, str], ...]
+    pulse_unit: str | None = None
 
     @property
     def quantity(self) -> str:
@@ -104,6 +85,8 @@ def guessed(
     force_unit: str | None = None,
     sampling_rate_hz: float | None = None,
     force_scale: float | None = None,
+    pulse_unit: str | None = None,
+    gate: GateSettings | None = None,
 ) -> Guess:
     """Return what is taken for what; what is given is not guessed.
 
@@ -119,6 +102,10 @@ def guessed(
         Rate of the samples of a table without times [Hz].
     force_scale : float, optional
         Newtons of one unit of the force signal; newton metres if `force_unit` is one of a torque.
+    pulse_unit : str, optional
+        Unit of a list of pulses, one of `LIST_UNITS`.
+    gate : GateSettings, optional
+        What is stated of a gate.
 
     Raises
     ------
@@ -133,9 +120,10 @@ def guessed(
             file,
             reasons,
             (time, force, pulse),
-            (time_unit, force_unit),
+            (time_unit, force_unit, pulse_unit),
             sampling_rate_hz,
             force_scale,
+            gate or GateSettings(),
         )
     except Ambiguous as error:
         error.decided = tuple(reasons)
@@ -146,37 +134,71 @@ def _guessed(
     file: SignalFile,
     reasons: list[tuple[str, str]],
     names: tuple[str | None, str | None, str | None],
-    units: tuple[str | None, str | None],
+    units: tuple[str | None, str | None, str | None],
     sampling_rate_hz: float | None,
     force_scale: float | None,
+    gate: GateSettings,
 ) -> Guess:
-    """Return the guess, with reasons as they are found; names of time, force and pulses."""
+    """Return the guess, with reasons as they are found; names and units as in `_KNOWN_UNITS`."""
     time, force, pulse = names
     signals = {signal.name: signal for signal in file.signals}
     _check_given(file, time, force, pulse)
-    _check_unit(units[0], 'time', TIME_UNITS)
-    _check_unit(units[1], 'force', SENSOR_UNITS)
-    own_times = all(signal.time is not None for signal in file.signals)
-    if time is None and not own_times and not (sampling_rate_hz or file.sampling_rate_hz):
-        time = _time(file)
-    rest = [signal for signal in file.signals if signal.name != time]
-    unit = 's'
-    if time is not None:
-        unit, why = _time_unit(signals[time], units[0])
-        reasons.append(('time', f'{time!r} in {unit}, {why}'))
-    elif own_times:
-        reasons.append(('time', 'of the file'))
-    else:
-        rate = sampling_rate_hz or file.sampling_rate_hz
-        reasons.append(('time', f'{rate:g} samples a second'))
+    for stated, (what, known) in zip(units, _KNOWN_UNITS, strict=True):
+        _check_unit(stated, what, known)
+    length = _length_of_force(file, force)
+    sampled = sampled_like(file.signals, length)
+    rate = sampling_rate_hz or file.sampling_rate_hz
+    if time is None and not rate and any(one.time is None for one in file.signals):
+        time = _time(file, sampled)
+    rest = [signal for signal in sampled if signal.name != time]
+    lists = [one.name for one in lists_beside(file.signals, length) if one.name != time]
+    unit, told = _time_told(signals.get(time or ''), units[0], rate)
+    reasons.append(('time', told))
     if pulse is None:
-        pulse = _pulse(file, [signal for signal in rest if signal.name != force])
+        pulse = _pulse(file, [signal for signal in rest if signal.name != force], lists)
     reasons.append(('pulses', repr(pulse)))
     if force is None:
         force = _force(file, [signal for signal in rest if signal.name != pulse])
     newton, why = _force_unit(signals[force], units[1], force_scale)
     reasons.insert(1, ('force', f'{force!r} in {newton}, {why}'))
-    return Guess(time, unit, force, newton, pulse, tuple(reasons))
+    is_list = pulse in lists or units[2] is not None
+    used = [name for name in (time, None if is_list else pulse, force) if name in signals]
+    refuse_other_lengths(file.path, [signals[name] for name in used if name])
+    if not is_list:
+        if pulse in signals:
+            others = [one.name for one in rest if one.name != force]
+            reasons[-1] = ('pulses', gate_told(file.path, signals[pulse], gate, others))
+        return Guess(time, unit, force, newton, pulse, tuple(reasons))
+    if pulse not in signals or signals[pulse].time is not None:
+        raise RecordingError(
+            f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
+        )
+    seconds = _seconds(signals[force], signals.get(time or ''), TIME_UNITS[unit], rate)
+    list_in, why = list_unit(signals[pulse], seconds, units[2], units[0])
+    reasons[-1] = ('pulses', described(signals[pulse], list_in, why))
+    return Guess(time, unit, force, newton, pulse, tuple(reasons), list_in)
+
+
+def _seconds(force: Signal, time: Signal | None, unit: float, rate: float | None) -> FloatArray:
+    """Return the times of the force [s]: those of a column, or by the rate."""
+    if time is not None:
+        return time.values * unit
+    assert rate is not None
+    return np.arange(len(force.values)) / rate
+
+
+def _length_of_force(file: SignalFile, force: str | None) -> int:
+    """Return the samples of the force, or of the longest signal that may be it."""
+    likely = [
+        one
+        for one in file.signals
+        if (one.name == force if force else _has_force_unit(one) or _FORCE.search(one.name))
+    ]
+    return max((len(one.values) for one in likely or file.signals), default=0)
+
+
+def _has_force_unit(signal: Signal) -> bool:
+    return usual_unit(signal.unit) in SENSOR_UNITS
 
 
 def _check_given(file: SignalFile, *names: str | None) -> None:
@@ -187,13 +209,13 @@ def _check_given(file: SignalFile, *names: str | None) -> None:
             raise RecordingError(f'expected column {name!r} in {file.path}, got {columns}')
 
 
-def _check_unit(given: str | None, what: str, known: Mapping[str, float]) -> None:
+def _check_unit(given: str | None, what: str, known: Collection[str]) -> None:
     if given is not None and given not in known:
         raise RecordingError(f'expected a unit of {what} of {", ".join(known)}, got {given!r}')
 
 
-def _time(file: SignalFile) -> str:
-    rising = [one for one in file.signals if len(one.values) > 1 and _rises(one)]
+def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:
+    rising = [one for one in sampled if rises(one.values)]
     named = [one for one in rising if _TIME.search(one.name)]
     chosen = named or rising
     if len(chosen) != 1:
@@ -202,7 +224,7 @@ def _time(file: SignalFile) -> str:
             f'expected one column of rising times in {file.path}, got {found}: '
             '--time COL or --sampling-rate HZ decides',
             '--time',
-            [one.name for one in chosen or file.signals],
+            [one.name for one in chosen or sampled or file.signals],
         )
     return chosen[0].name
 
@@ -220,14 +242,18 @@ def _why_none(file: SignalFile) -> str:
     return 'none'
 
 
-def _rises(signal: Signal) -> bool:
-    return bool(np.all(np.diff(signal.values) > 0.0))
+def _time_told(column: Signal | None, given: str | None, rate: float | None) -> tuple[str, str]:
+    """Return the unit of the time, and what is taken for the time."""
+    if column is not None:
+        unit, why = _time_unit(column, given)
+        return unit, f'{column.name!r} in {unit}, {why}'
+    return 's', 'of the file' if rate is None else f'{rate:g} samples a second'
 
 
 def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
     if given is not None:
         return given, 'as stated (--time-unit)'
-    stated = _SYNONYMS.get(signal.unit, signal.unit)
+    stated = usual_unit(signal.unit)
     if stated in TIME_UNITS:
         return stated, 'as the file says'
     period = float(np.median(np.diff(signal.values))) if len(signal.values) > 1 else 0.0
@@ -239,7 +265,7 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
 
 
 def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
-    in_newtons = [one for one in signals if _SYNONYMS.get(one.unit, one.unit) in SENSOR_UNITS]
+    in_newtons = [one for one in signals if _has_force_unit(one)]
     named = [one for one in signals if _FORCE.search(one.name)]
     both = [one for one in in_newtons if one in named]
     for chosen in (both, in_newtons, named, signals):
@@ -261,7 +287,7 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
         return whole, f'{scale:g} {whole} a unit (--force-scale)'
     if given is not None:
         return given, 'as stated (--force-unit)'
-    stated = _SYNONYMS.get(signal.unit, signal.unit)
+    stated = usual_unit(signal.unit)
     if stated in SENSOR_UNITS:
         return stated, 'as the file says'
     if stated in ('', '-', 'a.u.', 'au'):
@@ -274,16 +300,21 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
     )
 
 
-def _pulse(file: SignalFile, signals: Sequence[Signal]) -> str:
-    names = [one.name for one in signals] + [one.name for one in file.events]
+def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) -> str:
+    """Return the pulses: a gate among the sampled signals, a list beside them, or events."""
+    events = [one.name for one in file.events]
+    short = [one.name for one in file.signals if one.name in lists]
+    names = [*(one.name for one in sampled), *short, *events]
     named = [name for name in names if _PULSE.search(name)]
-    two_levels = [one.name for one in signals if _has_two_levels(one)]
-    for chosen in (named, [one.name for one in file.events], two_levels):
+    gates = [one.name for one in sampled if has_two_levels(one)]
+    others = [name for name in gates if not _FORCE.search(name)] + short
+    for chosen in (named, events, others):
         if len(chosen) == 1:
             return chosen[0]
-        both = [name for name in chosen if name in two_levels]
-        if len(both) == 1:
-            return both[0]
+        for likely in (gates, short):
+            both = [name for name in chosen if name in likely]
+            if len(both) == 1 and len(chosen) > 1:
+                return both[0]
         if chosen:
             break
     found = ', '.join(map(repr, chosen)) or 'none'
@@ -293,11 +324,3 @@ def _pulse(file: SignalFile, signals: Sequence[Signal]) -> str:
         '--pulse',
         chosen or names,
     )
-
-
-def _has_two_levels(signal: Signal) -> bool:
-    values = signal.values[np.isfinite(signal.values)]
-    if len(values) < 2 or np.ptp(values) == 0.0:
-        return False
-    share = (values - values.min()) / np.ptp(values)
-    return bool(np.mean((share < 0.1) | (share > 0.9)) > _TWO_LEVELS)

@@ -92,6 +92,9 @@ def read_table(path: Path) -> SignalFile:
             f'expected rows of numbers below the header of {path}, got none among {first} lines'
         )
     width = len(rows(lines[first]))
+    if separator == ',' and first:
+        sample = [rows(line) for line in lines[first : first + _LOOKED_AT]]
+        _refuse_decimal_commas(path, rows(lines[first - 1]), sample)
     names, units = _header([rows(line) for line in lines[:first]], width)
     columns = _columns(path, rows, lines, first, width, comma)
     facts = [encoding, f'separated by {_SEPARATORS[separator]}']
@@ -135,6 +138,23 @@ def _splitter(separator: str) -> Callable[[str], list[str]]:
 def _decimal_comma(rows: Callable[[str], list[str]], lines: Sequence[str]) -> bool:
     cells = [cell for line in lines[-_LOOKED_AT:] for cell in rows(line)]
     return any(re.fullmatch(r'[-+]?\d*,\d+(?:[eE][-+]?\d+)?', cell) for cell in cells)
+
+
+def _refuse_decimal_commas(path: Path, titles: list[str], sample: list[list[str]]) -> None:
+    """Refuse a table whose separators are commas, as its decimal marks: two cells a number."""
+    count, width = len(titles), len(sample[0])
+    if count < 2 or width != 2 * count:
+        return
+    before = [cell for row in sample for cell in row[::2]]
+    behind = [cell for row in sample for cell in row[1::2]]
+    if all(re.fullmatch(r'[-+]?\d+', cell) for cell in before) and all(
+        re.fullmatch(r'\d+(?:[eE][-+]?\d+)?', cell) for cell in behind
+    ):
+        raise RecordingError(
+            f'expected a cell for each title of {path}, got {count} titles, {width} cells a row: '
+            'comma as decimal mark and as separator? Export it with semicolons or tabs between '
+            'the cells, or with decimal points'
+        )
 
 
 def number(cell: str, comma: bool) -> float | None:

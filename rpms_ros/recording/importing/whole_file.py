@@ -3,6 +3,7 @@
 """One file of a laboratory as pulses and force: read, guessed, converted."""
 
 from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import fields
 from pathlib import Path
@@ -20,6 +21,7 @@ from rpms_ros.recording.exporting import read_export
 from rpms_ros.recording.files import READERS
 from rpms_ros.recording.importing.conversion import ImportChoices
 from rpms_ros.recording.importing.conversion import converted
+from rpms_ros.recording.importing.gates import bounces
 from rpms_ros.recording.importing.guess import Guess
 from rpms_ros.recording.importing.guess import guessed
 from rpms_ros.recording.importing.reader import read_signals
@@ -36,12 +38,16 @@ class ImportOptions:
         Names of the columns or signals; of the pulses also a list of trigger times.
     time_unit, force_unit : str or None
         Units.
+    pulse_unit : str or None
+        Unit of a list of trigger times; ``samples`` for numbers of samples.
     force_scale : float or None
         Newtons of one unit of the force signal; newton metres with a unit of a torque.
     sampling_rate : float or None
         Rate of a table without times [Hz].
     threshold : float or None
         Level of a gate between rest and pulse.
+    edge : str or None
+        Edge of a gate with which a pulse begins, ``rising`` or ``falling``.
     intensity : float
         Share of the stimulator's maximum of every pulse, 0 to 1.
     block : int or None
@@ -55,12 +61,19 @@ class ImportOptions:
     pulse: str | None = None
     time_unit: str | None = None
     force_unit: str | None = None
+    pulse_unit: str | None = None
     force_scale: float | None = None
     sampling_rate: float | None = None
     threshold: float | None = None
+    edge: str | None = None
     intensity: float = 1.0
     block: int | None = None
     sheet: str | None = None
+
+    @property
+    def gate(self) -> GateSettings:
+        """What is stated of a gate."""
+        return GateSettings(self.threshold, self.intensity, self.edge)
 
     def given(self) -> list[str]:
         """Return the names of the options that are not left at their defaults."""
@@ -81,6 +94,8 @@ class Imported:
         Whether anything was.
     quantity : str
         What was measured: ``force`` [N] or ``torque`` [N m].
+    remarks : tuple of (str, str)
+        Those of the facts that only its numbers tell, after the guess: what is missing or odd.
     """
 
     pulses: PulseTrain
@@ -88,6 +103,7 @@ class Imported:
     facts: tuple[tuple[str, str], ...]
     guessed: bool
     quantity: str = FORCE
+    remarks: tuple[tuple[str, str], ...] = ()
 
 
 def is_foreign(path: Path) -> bool:
@@ -107,8 +123,10 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
         pulse=options.pulse,
         time_unit=options.time_unit,
         force_unit=options.force_unit,
+        pulse_unit=options.pulse_unit,
         sampling_rate_hz=options.sampling_rate,
         force_scale=options.force_scale,
+        gate=options.gate,
     )
 
 
@@ -145,16 +163,22 @@ def import_file(
         facts = (('file', 'export of rpms'),)
         return Imported(pulses, forces, facts, guessed=False, quantity=QUANTITIES[unit])
     choices = ImportChoices(
-        GateSettings(options.threshold, options.intensity),
+        options.gate,
         options.sampling_rate,
         options.force_scale,
     )
     file = read_signals(path, options.block, options.sheet)
     guess = decide(file, options)
     pulses, forces = converted(file, guess, choices)
-    read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons)
-    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
-        read = (*read, ('missing', f'{missing} samples of the force are no finite number'))
+    remarks = tuple(_remarks(pulses, forces))
+    read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
     named = None not in (options.time, options.force, options.pulse)
-    told = missing or any(text.endswith('decides)') for _, text in guess.reasons)
-    return Imported(pulses, forces, read, bool(told or not named), guess.quantity)
+    told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
+    return Imported(pulses, forces, read, bool(told or not named), guess.quantity, remarks)
+
+
+def _remarks(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
+    if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
+        yield 'missing', f'{missing} samples of the force are no finite number'
+    if warning := bounces(pulses):
+        yield 'warning', warning
