@@ -47,9 +47,10 @@ class Session:
     topics : Topics
         Names of the topics that were read.
     subject : Subject or None
-        The true muscle, of a simulated session; at rest, if it changes.
+        The true muscle, of a simulated session or a recording of one; at rest, if it changes.
     truth : KnownMuscle or None
-        The true muscle over a simulated session in which it changes.
+        The true muscle over a simulated session with a scenario; None without one, since the
+        muscle stays `subject` then.
     imported : tuple of (str, str)
         How a file of a laboratory was read, and what was guessed with its reason.
     """
