@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
+from rpms_ros.identification.pulse_checks import no_overlap
 from rpms_ros.muscle import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -87,11 +88,12 @@ class Session:
             ``name``, ``path``, ``storage``, ``samples``, ``pulses``, ``duration_s``,
             ``force_rate_hz`` and ``pulse_rate_hz`` (medians), ``lowest_force_n``,
             ``highest_force_n``, ``lowest_intensity``, ``highest_intensity``, ``faults`` of the
-            recording by kind, ``remarks`` on them, and how a file was ``imported``.  What cannot
-            be told is None.
+            recording by kind, ``remarks`` on them and on pulses that do not overlap with the
+            force, and how a file was ``imported``.  What cannot be told is None.
         """
         forces = self.force.force[np.isfinite(self.force.force)]
         facts = self.recording.facts
+        apart = no_overlap(self.pulses.onset_ns, self.force.stamp_ns)
         return {
             'name': self.name,
             'path': str(facts.path),
@@ -106,7 +108,7 @@ class Session:
             'lowest_intensity': _end(self.pulses.intensity, np.min),
             'highest_intensity': _end(self.pulses.intensity, np.max),
             'faults': dict(facts.faults),
-            'remarks': list(facts.remarks),
+            'remarks': [*facts.remarks, *([] if apart is None else [apart])],
             'imported': [f'{label}: {text}' for label, text in self.imported],
         }
 

@@ -11,6 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.identification.pulse_checks import no_overlap
+from rpms_ros.identification.pulse_checks import outside_shares
+from rpms_ros.identification.pulse_checks import range_outside
 from rpms_ros.printable import printable
 from rpms_ros.pulses import IntArray
 from rpms_ros.recording.audited_pulses import audited
@@ -200,6 +203,9 @@ def _clock(recording: Recording) -> list[Finding]:
             furthest = -float(steps.min()) * 1e-9
             text = f'{name}: {back} steps back, the furthest by {furthest:.6g} s'
             findings.append(Finding('clock', FAULT, text))
+    apart = no_overlap(recording.pulses.onset_ns, recording.forces.stamp_ns)
+    if apart is not None:
+        findings.append(Finding('clock', FAULT, apart))
     return findings or [Finding('clock', OK, 'no step back')]
 
 
@@ -258,8 +264,8 @@ def _values(recording: Recording) -> Iterator[Finding]:
     pulses, force = recording.pulses, recording.forces.force
     counts = {
         'forces that are no finite number': np.count_nonzero(~np.isfinite(force)),
-        'intensities outside 0 to 1': np.count_nonzero(
-            ~((pulses.intensity >= 0) & (pulses.intensity <= 1))
+        f'intensities outside 0 to 1, {range_outside(pulses.intensity)}': np.count_nonzero(
+            outside_shares(pulses.intensity)
         ),
         'widths that are no time': np.count_nonzero(
             ~(np.isfinite(pulses.width) & (pulses.width > 0))

@@ -45,7 +45,7 @@ def draw_recruitment(
         place.plot(intensity, last.curve_force, color=MODELLED, label='identified')
     else:
         place.set_yticks([])
-        _note(place, 'one intensity only:\nrecruitment and dynamics\ncannot be told apart')
+        _note(place, 'no curve: recruitment\nand dynamics\ncannot be told apart')
     if dose.pulses:
         share, edges = np.histogram(dose.intensities, bins=50, range=(0.0, 1.0))
         # behind the curve, which must not be hidden
