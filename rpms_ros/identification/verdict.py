@@ -157,7 +157,7 @@ def _of_dynamics(
     explained = 1.0 - (1.0 - dynamics.fit_percent / 100.0) ** 2
     text = (
         f'{_DYNAMICS_ONLY}; the model of the trains ({dynamics.model}) explains '
-        f'{percent_explained(explained)} % of the {QUANTITIES[unit]}'
+        f'{percent_explained(explained)} % of the variance of the {QUANTITIES[unit]}'
     )
     if explained < settings.good_explained:
         grade = NO if explained < settings.least_explained else DOUBTFUL

@@ -98,14 +98,14 @@ def test_what_is_wrong_with_a_session_is_named(rpms: Rpms, tmp_path: Path) -> No
     found = lines_of(out)
     assert code == 1
     assert 'FAULT    /force had 2 publishers' in found['publishers']
-    assert 'the stamps of the force: 1 steps back, the furthest by 0.099 s' in found['clock']
-    assert '1 gaps in the force, about 5 samples missing, the longest 0.006 s' in found['gaps']
+    assert 'the stamps of the force: 1 step back, the furthest by 0.099 s' in found['clock']
+    assert '1 gap in the force, about 5 samples missing, the longest 0.006 s' in found['gaps']
     assert '3 pulses are missing in their numbering' in found['gaps']
     assert '100 force samples with the stamp of another' in found['doubles']
-    assert '1 pulses with the number of the one before' in found['doubles']
-    assert '1 forces that are no finite number' in found['values']
-    assert '1 intensities outside 0 to 1' in found['values']
-    assert '1 widths that are no time' in found['values']
+    assert '1 pulse with the number of the one before' in found['doubles']
+    assert '1 force: no finite number' in found['values']
+    assert '1 intensity outside 0 to 1, 1.5' in found['values']
+    assert '1 width: no time' in found['values']
 
 
 def test_pulses_on_another_clock_are_a_fault(rpms: Rpms, tmp_path: Path) -> None:

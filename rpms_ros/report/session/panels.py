@@ -95,7 +95,7 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
     what = QUANTITIES[session.last.unit].capitalize()
     axes[0].set_title(f'{what}, last {min(_SHOWN, shown):.3g} s of stimulation')
     _force_and_residual(
-        axes, time[kept], session.force[kept], session.prediction[kept], session.last.unit
+        axes, time[kept], session.force[kept], session.shown_prediction[kept], session.last.unit
     )
 
 
