@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Text from anybody, on one line of a terminal or in a cell of a table; shares near 100 %."""
+"""Text from anybody, on one line of a terminal or in a cell of a table; numbers in words."""
 
 import math
 
@@ -14,6 +14,15 @@ def printable(text: str) -> str:
         char if char.isprintable() else char.encode('unicode_escape', 'replace').decode()
         for char in text
     )
+
+
+def counted(count: int, one: str, several: str | None = None) -> str:
+    """Return a number with its noun, in the plural where there is not exactly one.
+
+    >>> counted(1, 'pulse'), counted(0, 'pulse'), counted(2, 'intensity', 'intensities')
+    ('1 pulse', '0 pulses', '2 intensities')
+    """
+    return f'{count} {one if count == 1 else several or one + "s"}'
 
 
 def spreadsheet_text(text: str) -> str:

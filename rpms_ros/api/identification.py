@@ -106,7 +106,7 @@ class Identification:
     def curve(self) -> Curve | None:
         """Recruitment curve as steady mean force at ``result.rate_hz``, with its interval.
 
-        None if the pulses have nearly one intensity: then the data do not tell it.
+        None if the data do not tell it, as pulses of nearly one intensity.
         """
         return self.result.curve
 
@@ -160,7 +160,7 @@ class Identification:
             raise ReportError(f'expected an intensity from 0 to 1, got {intensity}')
         curve = self.curve
         if curve is None:
-            raise ReportError('expected pulses of several intensities, got nearly one intensity')
+            raise ReportError(self.result.without_curve)
 
         def at(values: FloatArray | None) -> float:
             return NAN if values is None else float(np.interp(intensity, curve.intensity, values))

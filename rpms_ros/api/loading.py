@@ -22,6 +22,7 @@ from rpms_ros.recording.importing import Ambiguous
 from rpms_ros.recording.importing import ImportOptions
 from rpms_ros.recording.importing import import_file
 from rpms_ros.recording.importing import is_foreign
+from rpms_ros.report.recorded import recorded_truth
 
 _TABLES = ('.csv', '.tsv', '.txt')
 # Options of the command, as messages name them: keywords here.
@@ -100,7 +101,7 @@ def load(
     Returns
     -------
     Session
-        What was recorded.
+        What was recorded; of ``rpms simulate`` with the true muscle.
 
     Raises
     ------
@@ -164,7 +165,8 @@ def load(
     topics = Topics(pulses_topic, force_topic)
     recording = read_recording(place, topics, axis, sign, quantity=quantity)
     name = (place.resolve() if place.is_dir() else place).stem
-    return Session(name=name, recording=recording, topics=topics)
+    subject, truth = recorded_truth(recording)
+    return Session(name=name, recording=recording, topics=topics, subject=subject, truth=truth)
 
 
 def _with_columns(options: ImportOptions, columns: tuple[str, str, str] | None) -> ImportOptions:

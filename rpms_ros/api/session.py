@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
+from rpms_ros.identification.pulse_checks import no_overlap
 from rpms_ros.muscle import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
@@ -47,9 +48,10 @@ class Session:
     topics : Topics
         Names of the topics that were read.
     subject : Subject or None
-        The true muscle, of a simulated session; at rest, if it changes.
+        The true muscle, of a simulated session or a recording of one; at rest, if it changes.
     truth : KnownMuscle or None
-        The true muscle over a simulated session in which it changes.
+        The true muscle over a simulated session with a scenario; None without one, since the
+        muscle stays `subject` then.
     imported : tuple of (str, str)
         How a file of a laboratory was read, and what was guessed with its reason.
     """
@@ -86,11 +88,12 @@ class Session:
             ``name``, ``path``, ``storage``, ``samples``, ``pulses``, ``duration_s``,
             ``force_rate_hz`` and ``pulse_rate_hz`` (medians), ``lowest_force_n``,
             ``highest_force_n``, ``lowest_intensity``, ``highest_intensity``, ``faults`` of the
-            recording by kind, ``remarks`` on them, and how a file was ``imported``.  What cannot
-            be told is None.
+            recording by kind, ``remarks`` on them and on pulses that do not overlap with the
+            force, and how a file was ``imported``.  What cannot be told is None.
         """
         forces = self.force.force[np.isfinite(self.force.force)]
         facts = self.recording.facts
+        apart = no_overlap(self.pulses.onset_ns, self.force.stamp_ns)
         return {
             'name': self.name,
             'path': str(facts.path),
@@ -105,7 +108,7 @@ class Session:
             'lowest_intensity': _end(self.pulses.intensity, np.min),
             'highest_intensity': _end(self.pulses.intensity, np.max),
             'faults': dict(facts.faults),
-            'remarks': list(facts.remarks),
+            'remarks': [*facts.remarks, *([] if apart is None else [apart])],
             'imported': [f'{label}: {text}' for label, text in self.imported],
         }
 

@@ -42,7 +42,7 @@ def as_frame(result: 'Identification', table: str) -> 'pd.DataFrame':
         index = pandas.Index(list(found), name='parameter')
     elif table == 'curve':
         if result.curve is None:
-            raise ReportError('expected pulses of several intensities, got nearly one intensity')
+            raise ReportError(result.result.without_curve)
         columns = _banded(result.curve.force, result.curve.lower, result.curve.upper)
         index = pandas.Index(result.curve.intensity, name='intensity')
     elif table == 'response':

@@ -19,6 +19,7 @@ from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import read
 from rpms_ros.cli.options import warn
 from rpms_ros.errors import RecordingError
+from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
     from rpms_ros.recording.exporting import SessionExport
@@ -92,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     written_whole(arguments.out, write)
     rows = 0 if session.estimates is None else len(session.estimates.stamp_ns)
-    counts = f'{len(session.pulses)} pulses, {len(session.forces)} samples'
+    counts = f'{counted(len(session.pulses), "pulse")}, {counted(len(session.forces), "sample")}'
     print(f'{arguments.out}: {counts}, {rows} estimates')
     warn(findings)
     return INCOMPLETE if findings else SUCCESS

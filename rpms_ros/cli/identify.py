@@ -23,6 +23,7 @@ from rpms_ros.cli.options import read
 from rpms_ros.cli.options import told_if_slow
 from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
+from rpms_ros.printable import counted
 from rpms_ros.printable import printable
 from rpms_ros.report.named import label
 from rpms_ros.report.named import recruitment_shown
@@ -187,7 +188,7 @@ def as_text(document: dict[str, Any]) -> str:
     duration = document['duration_s']
     rows = [
         ('estimator', FOLLOWED if FOLLOWED in document['notes'] else document['estimator']),
-        ('data', f'{document["samples"]} samples, {document["pulses"]} pulses, {duration:.3f} s'),
+        ('data', f'{_counts(document)}, {duration:.3f} s'),
         ('session hash', document['session_hash']),
         *(('schedule', f'{one["name"]}, sha256 {one["sha256"]}') for one in document['schedules']),
     ]
@@ -205,6 +206,11 @@ def as_text(document: dict[str, Any]) -> str:
     rows.append(('verdict', f'{verdict["grade"]}: {first}'))
     rows += [('', reason) for reason in others]
     return labelled(rows)
+
+
+def _counts(document: dict[str, Any]) -> str:
+    samples, pulses = document['samples'], document['pulses']
+    return f'{counted(samples, "sample")}, {counted(pulses, "pulse")}'
 
 
 def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
@@ -252,19 +258,22 @@ def _dynamics(found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
         (f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'),
         ('T_a', f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}'),
         ('latency of the model', _milliseconds(found['latency_s'])),
-        (
-            'fit',
-            (
-                f'{found["model"]} {found["fit_percent"]:.1f} % (equal pulses '
-                f'{found["fit_equal_percent"]:.1f} %, a gain a pulse '
-                f'{found["fit_gains_percent"]:.1f} %)'
-            ),
-        ),
+        ('fit', f'{_fits(found)} (100 (1 - |residual| / |force - mean|))'),
     ]
     if found['law']:
         numbers = (f'{name} {value:.3g}' for name, value in found['law'].items())
         rows.append(('history law', '  '.join(numbers)))
     return rows
+
+
+def _fits(found: dict[str, Any]) -> str:
+    """Return how well each model fits the trains, the one that is stated first."""
+    fits = {
+        found['model']: found['fit_percent'],
+        'equal pulses': found['fit_equal_percent'],
+        'a gain a pulse': found['fit_gains_percent'],
+    }
+    return ', '.join(f'{model} {percent:.1f} %' for model, percent in fits.items())
 
 
 def _milliseconds(found: dict[str, float | None]) -> str:

@@ -15,6 +15,7 @@ from rpms_ros.axis import FORCE
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.errors import RecordingError
+from rpms_ros.printable import counted
 from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
     _write(arguments, found)
     stamps = found.forces.stamp_ns
     span = (stamps[-1] - stamps[0]) / 1e9 if len(stamps) else 0.0
-    print(f'{arguments.out}: {len(found.pulses)} pulses, {len(stamps)} samples, {span:.3f} s')
+    counts = f'{counted(len(found.pulses), "pulse")}, {counted(len(stamps), "sample")}'
+    print(f'{arguments.out}: {counts}, {span:.3f} s')
     if found.quantity != FORCE:
         print(f'  a {found.quantity}: read it with --quantity {found.quantity}')
     # A terminal has seen the guess, but not what the numbers told after it.

@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_memory_option
 from rpms_ros.cli.options import progress
+from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.text import noted
@@ -48,12 +50,28 @@ def run(arguments: argparse.Namespace) -> int:
 
     with progress('reading', None, 'messages', arguments.quiet) as advance:
         facts = read_facts(arguments.bag, advance, arguments.max_memory)
+    if (apart := _apart(arguments.bag, arguments.max_memory)) is not None:
+        faults = {**facts.faults, 'pulses_apart': 1}
+        facts = replace(facts, faults=faults, remarks=(*facts.remarks, apart))
     if arguments.json:
         json.dump(as_document(facts), sys.stdout, indent=2)
         print()
     else:
         print(as_text(facts))
     return 1 if facts.faults else 0
+
+
+def _apart(bag: Path, memory: int | None) -> str | None:
+    """Return a sentence if pulses and force do not overlap by their stamps, else None."""
+    from rpms_ros.identification.pulse_checks import no_overlap
+    from rpms_ros.recording import read_recording
+
+    try:
+        recording = read_recording(bag, memory=memory)
+    except RecordingError:
+        # topics of other names, or without messages: there is nothing to compare
+        return None
+    return no_overlap(recording.pulses.onset_ns, recording.forces.stamp_ns)
 
 
 def as_document(facts: 'RecordingFacts') -> dict[str, Any]:

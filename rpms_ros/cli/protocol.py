@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.printable import counted
+
 if TYPE_CHECKING:
     from rpms_ros.stimulation.schedule import Schedule
 
@@ -166,7 +168,7 @@ def run(arguments: argparse.Namespace) -> int:
         ) from error
     totals = schedule.totals
     print(
-        f'{arguments.out}: {totals.pulses} pulses in {totals.duration:g} s, '
+        f'{arguments.out}: {counted(totals.pulses, "pulse")} in {totals.duration:g} s, '
         f'at most {totals.highest_rate_hz:.4g} Hz and intensity {totals.highest_intensity:.3g}'
     )
     for change in changes:

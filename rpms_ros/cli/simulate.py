@@ -14,6 +14,7 @@ from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import progress
 from rpms_ros.errors import RecordingError
+from rpms_ros.printable import counted
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
@@ -129,7 +130,8 @@ def run(arguments: argparse.Namespace) -> int:
             advance,
         )
     _write(arguments, pulses, forces, truths, _notes(arguments, schedule, subject))
-    print(f'{arguments.out}: {len(pulses)} pulses, {len(forces)} samples, {schedule.length_s:g} s')
+    counts = f'{counted(len(pulses), "pulse")}, {counted(len(forces), "sample")}'
+    print(f'{arguments.out}: {counts}, {schedule.length_s:g} s')
     return 0
 
 

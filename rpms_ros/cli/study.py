@@ -13,6 +13,7 @@ from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import warn
+from rpms_ros.printable import counted
 
 _DESCRIPTION = """\
 Identifies many recordings and writes one table, results.csv and results.parquet, with a row for
@@ -71,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.cli.study_work import StudyOptions
     from rpms_ros.cli.study_work import finished
     from rpms_ros.errors import RecordingError
+    from rpms_ros.identification.verdict_settings import DOUBTFUL
     from rpms_ros.identification.verdict_settings import GRADES
 
     options = StudyOptions(
@@ -107,11 +109,15 @@ def run(arguments: argparse.Namespace) -> int:
     warn((row['recording'], row['reason']) for row in failed)
     doubted = [row for row in rows if row['verdict'] not in (None, 'good')]
     warn((row['recording'], f'{row["verdict"]}: {row["reasons"]}') for row in doubted)
+    averaged = [row['recording'] for row in doubted if row['verdict'] == DOUBTFUL]
+    if averaged and not arguments.one_person:
+        count = counted(len(averaged), 'doubtful recording')
+        warn([('warning', f'the means in index.html include {count}: {", ".join(averaged)}')])
     done = len(rows) - len(waiting)
     counts = Counter(row['verdict'] for row in rows)
     grades = ', '.join(f'{counts[grade]} {grade}' for grade in GRADES if counts[grade])
     print(
-        f'{arguments.out}: {len(rows)} recordings, {len(failed)} failed, {done} done before'
-        + (f'; verdicts: {grades}' if grades else '')
+        f'{arguments.out}: {counted(len(rows), "recording")}, {len(failed)} failed, '
+        f'{done} done before' + (f'; verdicts: {grades}' if grades else '')
     )
     return 1 if failed or doubted or any(row['faults'] != '{}' for row in rows) else 0

@@ -69,6 +69,13 @@ class IdentifiedSession:
         return part
 
     @property
+    def shown_prediction(self) -> FloatArray:
+        """The predictions (samples,) [N]; NaN before the first, where estimators state 0."""
+        made = np.flatnonzero(self.prediction)
+        first = int(made[0]) if len(made) else len(self.prediction)
+        return np.where(np.arange(len(self.prediction)) < first, np.nan, self.prediction)
+
+    @property
     def output_error(self) -> OutputError:
         """Error of the a-priori predictions over the whole session after settling."""
         return output_error(self.stamp_ns, self.force, self.prediction, self.usable)

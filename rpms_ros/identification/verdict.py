@@ -50,6 +50,7 @@ _AFTER_NS = NANOSECONDS_PER_SECOND // 2
 # The estimate after this share of the session has to predict the rest.
 _LEARNT_SHARE = 0.8
 _HINT = f'; --estimator {FOLLOWER} tells a muscle that changes, efforts and tremor apart'
+_DYNAMICS_ONLY = 'dynamics only: one intensity shows no recruitment curve'
 # With so many estimates there is one close to that time.
 _ESTIMATES = 8
 
@@ -112,7 +113,11 @@ def verdict_of(
     """
     settings = settings or VerdictSettings()
     unit = session.last.unit
-    reasons = list(verdict_of_data.reasons(pulses, forces, settings.expected_force, unit))
+    reasons = list(
+        verdict_of_data.reasons(
+            pulses, forces, settings.expected_force, settings.least_force, unit
+        )
+    )
     if any(grade == NO for grade, _ in reasons):
         return of_reasons(reasons, '')
     if dynamics is not None and not session.last.curve_known:
@@ -129,8 +134,10 @@ def verdict_of(
     reasons += _of_the_fit(session, pulses, part, found, settings, hint)
     explained = found.explained >= settings.good_explained
     reasons += verdict_of_estimate.of_the_estimator(session, pulses, settings, explained)
+    # without a curve the force is explained at one intensity only
+    scope = '' if session.last.curve_known else f'{_DYNAMICS_ONLY}; '
     praise = (
-        f'the identified muscle explains {percent_explained(found.explained)} % of the '
+        f'{scope}the identified muscle explains {percent_explained(found.explained)} % of the '
         f'{QUANTITIES[unit]}, its error is {found.error:.2g} {unit}, '
         f'{100 * found.error / span:.2g} % of the range'
     )
@@ -149,8 +156,8 @@ def _of_dynamics(
         return of_reasons([*reasons, (NO, text)], '')
     explained = 1.0 - (1.0 - dynamics.fit_percent / 100.0) ** 2
     text = (
-        f'dynamics only: one intensity shows no recruitment curve; {dynamics.model} explains '
-        f'{percent_explained(explained)} % of the force'
+        f'{_DYNAMICS_ONLY}; the model of the trains ({dynamics.model}) explains '
+        f'{percent_explained(explained)} % of the variance of the {QUANTITIES[unit]}'
     )
     if explained < settings.good_explained:
         grade = NO if explained < settings.least_explained else DOUBTFUL

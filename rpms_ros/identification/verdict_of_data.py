@@ -1,12 +1,16 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of pulses and force before identification: wrong unit, topic or axis."""
+"""Checks of pulses and force before identification: wrong unit, clock, topic or axis."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from rpms_ros.axis import QUANTITIES
+from rpms_ros.identification.faults import PULSE_INTENSITY_INVALID
+from rpms_ros.identification.pulse_checks import no_overlap
+from rpms_ros.identification.pulse_checks import outside_shares
+from rpms_ros.identification.pulse_checks import range_outside
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
@@ -21,7 +25,11 @@ _MOST_PULSES_HZ = 200.0
 
 
 def reasons(
-    pulses: PulseTrain, forces: ForceTrace, expected_force: float, unit: str = 'N'
+    pulses: PulseTrain,
+    forces: ForceTrace,
+    expected_force: float,
+    least_force: float,
+    unit: str = 'N',
 ) -> Iterator[tuple[str, str]]:
     """Yield grade and sentence for everything that cannot be right.
 
@@ -31,12 +39,23 @@ def reasons(
         The recording.
     expected_force : float
         Largest force that the muscle can have [N].
+    least_force : float
+        Least range of the force that a force sensor for people resolves [N]; no torque is
+        compared with it.
     unit : str
         Unit of the force: ``N``, or ``N m`` for a torque.
     """
     force = forces.force[np.isfinite(forces.force)]
+    # an intensity of NaN was not recorded: dynamics can be found without it
+    wrong = outside_shares(pulses.intensity) & ~np.isnan(pulses.intensity)
+    if 2 * np.count_nonzero(wrong) > len(pulses):
+        yield 'no', invalid_intensities(pulses)
+        return
     if not np.any(pulses.intensity > 0.0) and not np.isnan(pulses.intensity).any():
         yield 'no', 'there is no pulse above intensity 0'
+        return
+    if (apart := no_overlap(pulses.onset_ns, forces.stamp_ns)) is not None:
+        yield 'no', apart
         return
     if not len(force) or np.ptp(force) == 0.0:
         yield (
@@ -58,6 +77,23 @@ def reasons(
                 'or has this muscle a higher --expected-force?'
             ),
         )
+    if unit == 'N' and span < least_force:
+        yield (
+            'doubtful',
+            (
+                f'the force spans {span:.2g} N, less than the {least_force:g} N that a sensor '
+                'for people resolves: is the force in kN?'
+            ),
+        )
+
+
+def invalid_intensities(pulses: PulseTrain) -> str:
+    """Return how many pulses have an intensity that is no share of the maximum, and which."""
+    count = np.count_nonzero(outside_shares(pulses.intensity))
+    return (
+        f'{PULSE_INTENSITY_INVALID}: the intensity of {count} of {len(pulses)} pulses is outside '
+        f'0 to 1 ({range_outside(pulses.intensity)})'
+    )
 
 
 def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:

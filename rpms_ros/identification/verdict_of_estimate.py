@@ -10,9 +10,12 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification.estimate import NOT_INFORMED
 from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import FORCE_UNEXPLAINED
+from rpms_ros.identification.faults import PULSE_INTENSITY_INVALID
+from rpms_ros.identification.faults import SAMPLES_EXCLUDED
 from rpms_ros.identification.plausibility import meaning_of_doubt
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.simulated_fit import SimulatedFit
+from rpms_ros.identification.verdict_of_data import invalid_intensities
 from rpms_ros.identification.verdict_settings import DOUBTFUL
 from rpms_ros.identification.verdict_settings import NO
 from rpms_ros.identification.verdict_settings import Reason
@@ -109,6 +112,11 @@ def of_the_estimator(
     for name in last.doubts:
         # One that follows changes and efforts names them; what counts is the muscle of the end.
         if name == FORCE_UNEXPLAINED and last.rate_names and explained:
+            continue
+        if name == SAMPLES_EXCLUDED and last.faults.get(PULSE_INTENSITY_INVALID):
+            # its cause says what to correct
+            cause = invalid_intensities(pulses)
+            yield DOUBTFUL, f'{cause}; where these act nothing is learnt ({SAMPLES_EXCLUDED})'
             continue
         yield DOUBTFUL, f'{name}: {meaning_of_doubt(name)}'
     if not last.curve_known:

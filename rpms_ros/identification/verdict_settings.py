@@ -22,6 +22,9 @@ class VerdictSettings:
     expected_force : float
         Largest force of the muscle at a sensor [N].  200 N are far above that of a hand, a
         forearm or a foot; a strong leg at a dynamometer needs more.
+    least_force : float
+        Least range of the force [N].  Sensors for people resolve 0.01 to 0.1 N, and muscles of
+        rats pull with some newtons; in kN a force of 10 N is 0.01.
     least_explained, good_explained : float
         Share of the force's variance, noise apart, that the estimate has to explain, or it is
         not used, or doubted.  Equal pulses explain about 0.98 of trains of real muscle, whose
@@ -52,6 +55,7 @@ class VerdictSettings:
     """
 
     expected_force: float = 200.0
+    least_force: float = 0.05
     least_explained: float = 0.7
     good_explained: float = 0.9
     largest_error: float = 0.08

@@ -9,6 +9,7 @@ from typing import Any
 from rosbags.serde import SerdeError
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.printable import counted
 from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording.budget import Budget
@@ -36,9 +37,8 @@ class RecordedSchedule:
 
     def __str__(self) -> str:
         who = f', started by {self.operator}' if self.operator else ''
-        return (
-            f'{self.name}, {self.pulses} pulses, {self.duration_s:g} s{who}, sha256 {self.sha256}'
-        )
+        pulses = counted(self.pulses, 'pulse')
+        return f'{self.name}, {pulses}, {self.duration_s:g} s{who}, sha256 {self.sha256}'
 
 
 class ScheduleReading:

@@ -11,6 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.identification.pulse_checks import no_overlap
+from rpms_ros.identification.pulse_checks import outside_shares
+from rpms_ros.identification.pulse_checks import range_outside
+from rpms_ros.printable import counted
 from rpms_ros.printable import printable
 from rpms_ros.pulses import IntArray
 from rpms_ros.recording.audited_pulses import audited
@@ -198,8 +202,11 @@ def _clock(recording: Recording) -> list[Finding]:
         steps = np.diff(times)
         if back := int(np.count_nonzero(steps < 0)):
             furthest = -float(steps.min()) * 1e-9
-            text = f'{name}: {back} steps back, the furthest by {furthest:.6g} s'
+            text = f'{name}: {counted(back, "step")} back, the furthest by {furthest:.6g} s'
             findings.append(Finding('clock', FAULT, text))
+    apart = no_overlap(recording.pulses.onset_ns, recording.forces.stamp_ns)
+    if apart is not None:
+        findings.append(Finding('clock', FAULT, apart))
     return findings or [Finding('clock', OK, 'no step back')]
 
 
@@ -217,12 +224,14 @@ def _gaps(recording: Recording) -> Iterator[Finding]:
     gaps = rising[rising > _LONGEST_STEP * interval]
     if len(gaps):
         missing = int(np.sum(np.rint(gaps / interval) - 1))
-        text = f'{len(gaps)} gaps in the force, about {missing} samples missing, '
-        yield Finding('gaps', FAULT, f'{text}the longest {gaps.max() * 1e-9:.6g} s')
+        text = f'{counted(len(gaps), "gap")} in the force, about {counted(missing, "sample")} '
+        yield Finding('gaps', FAULT, f'{text}missing, the longest {gaps.max() * 1e-9:.6g} s')
     steps = _steps(recording.pulses.sequence)
     lost = int(np.sum(steps[(steps > 1) & (steps < _SEQUENCES // 2)] - 1))
     if lost:
-        yield Finding('gaps', FAULT, f'{lost} pulses are missing in their numbering')
+        are = 'is' if lost == 1 else 'are'
+        text = f'{counted(lost, "pulse")} {are} missing in their numbering'
+        yield Finding('gaps', FAULT, text)
     if not len(gaps) and not lost:
         yield Finding(
             'gaps', OK, f'none in the force every {interval * 1e-6:.6g} ms nor in pulses'
@@ -237,15 +246,15 @@ def _steps(sequence: IntArray) -> IntArray:
 
 def _doubles(recording: Recording) -> Iterator[Finding]:
     counts = {
-        'force samples with the stamp of another': _repeated(recording.forces.stamp_ns),
-        'pulses with the stamp of another': _repeated(recording.pulses.onset_ns),
-        'pulses with the number of the one before': int(
+        ('force sample', 'the stamp of another'): _repeated(recording.forces.stamp_ns),
+        ('pulse', 'the stamp of another'): _repeated(recording.pulses.onset_ns),
+        ('pulse', 'the number of the one before'): int(
             np.count_nonzero(_steps(recording.pulses.sequence) == 0)
         ),
     }
-    for name, count in counts.items():
+    for (one, what), count in counts.items():
         if count:
-            yield Finding('doubles', FAULT, f'{count} {name}')
+            yield Finding('doubles', FAULT, f'{counted(count, one)} with {what}')
     if not any(counts.values()):
         yield Finding('doubles', OK, 'none')
 
@@ -256,17 +265,17 @@ def _repeated(values: IntArray) -> int:
 
 def _values(recording: Recording) -> Iterator[Finding]:
     pulses, force = recording.pulses, recording.forces.force
-    counts = {
-        'forces that are no finite number': np.count_nonzero(~np.isfinite(force)),
-        'intensities outside 0 to 1': np.count_nonzero(
-            ~((pulses.intensity >= 0) & (pulses.intensity <= 1))
-        ),
-        'widths that are no time': np.count_nonzero(
-            ~(np.isfinite(pulses.width) & (pulses.width > 0))
-        ),
-    }
-    for name, count in counts.items():
-        if count:
-            yield Finding('values', FAULT, f'{count} {name}')
-    if not any(counts.values()):
+    no_force = int(np.count_nonzero(~np.isfinite(force)))
+    no_share = int(np.count_nonzero(outside_shares(pulses.intensity)))
+    no_time = int(np.count_nonzero(~(np.isfinite(pulses.width) & (pulses.width > 0))))
+    if no_force:
+        text = f'{counted(no_force, "force")}: no finite number'
+        yield Finding('values', FAULT, text)
+    if no_share:
+        text = counted(no_share, 'intensity', 'intensities')
+        where = range_outside(pulses.intensity)
+        yield Finding('values', FAULT, f'{text} outside 0 to 1, {where}')
+    if no_time:
+        yield Finding('values', FAULT, f'{counted(no_time, "width")}: no time')
+    if not (no_force or no_share or no_time):
         yield Finding('values', OK, 'finite, intensities from 0 to 1')

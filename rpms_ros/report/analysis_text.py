@@ -141,7 +141,7 @@ def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
             'order',
             (
                 f'{choice.order} (held-out error: {choice.held_out_order}; '
-                f'as a real number {choice.free_order:.2f} +- {choice.free_order_spread:.2f})'
+                f'as a real number {_plus_minus(choice.free_order, choice.free_order_spread)})'
             ),
         ),
     ]
@@ -252,8 +252,13 @@ def _spread(mean: float, spread: float, digits: int = 2) -> str:
 
 
 def _milliseconds(mean: float, spread: float, digits: int = 2) -> str:
-    interval = '' if math.isnan(spread) else f' +- {spread * 1e3:.{digits}f}'
-    return f'{mean * 1e3:.{digits}f}{interval}'
+    return _plus_minus(mean * 1e3, spread * 1e3, digits)
+
+
+def _plus_minus(mean: float, spread: float, digits: int = 2) -> str:
+    """Return a number with its spread, which a single one does not have."""
+    interval = '' if math.isnan(spread) else f' +- {spread:.{digits}f}'
+    return f'{mean:.{digits}f}{interval}'
 
 
 def _plural(kind: str, count: int) -> str:

@@ -14,7 +14,9 @@ from rosbags.serde import SerdeError
 from rpms_ros import messages
 from rpms_ros.errors import MessageError
 from rpms_ros.errors import RecordingError
+from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification import Estimate
+from rpms_ros.muscle import Subject
 from rpms_ros.muscle.truth import Truth
 from rpms_ros.recording.definitions import MUSCLE_ESTIMATE
 from rpms_ros.recording.definitions import types_of
@@ -159,13 +161,37 @@ def true_muscle(
     RecordingError
         If the recording cannot be read.
     """
+    return known_muscle(_truths(recording, memory), recording.facts.custom, rate_hz)
+
+
+def recorded_truth(recording: 'Recording') -> tuple[Subject | None, KnownMuscle | None]:
+    """Return the subject that a simulated recording notes, and its muscle over time.
+
+    Either is None where the recording does not tell it, or tells no possible muscle; the second
+    also where the muscle does not change.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read.
+    """
+    notes = recording.facts.custom
+    noted = known_muscle((), notes, DEFAULT_RATE)
+    truths = _truths(recording, None)
+    return (
+        None if noted is None else noted.subject,
+        known_muscle(truths, notes, DEFAULT_RATE) if truths else None,
+    )
+
+
+def _truths(recording: 'Recording', memory: int | None) -> list[Truth]:
+    """Return the messages of a simulation in a recording."""
     facts = recording.facts
-    truths: list[Truth] = []
-    if any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
-        truths = recorded_messages(
-            facts.path, memory=memory, held=held_bytes(recording), only=(messages.MUSCLE_TRUTH,)
-        ).truths
-    return known_muscle(truths, facts.custom, rate_hz)
+    if not any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
+        return []
+    return recorded_messages(
+        facts.path, memory=memory, held=held_bytes(recording), only=(messages.MUSCLE_TRUTH,)
+    ).truths
 
 
 def _decoded(scan: Scan, only: tuple[str, ...]) -> Iterator[tuple[str, str, int, Any]]:

@@ -23,6 +23,7 @@ from rpms_ros.identification.analysis.dynamics import response_to_one_pulse
 from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.informed import informed_parameters
 from rpms_ros.identification.informed import informed_physiology
+from rpms_ros.identification.pulse_checks import of_one_intensity
 from rpms_ros.identification.simulated_fit import weight_at_own_rate
 from rpms_ros.identification.verdict import Verdict
 from rpms_ros.identification.verdict import verdict_of
@@ -130,6 +131,13 @@ class IdentificationResult:
     notes: list[str] = documented('warnings')
     verdict: Verdict = documented('whether the result may be used, and why')
 
+    @property
+    def without_curve(self) -> str:
+        """Why there is no curve, in the words of an error."""
+        if ONE_INTENSITY in self.notes:
+            return 'expected pulses of several intensities, got nearly one intensity'
+        return f'expected data that determine a recruitment curve, got {self.verdict.line}'
+
 
 def result_of(
     recording: Recording,
@@ -199,7 +207,7 @@ def result_of(
         faults={**recording.facts.faults, **last.faults},
         notes=[
             *recording.facts.remarks,
-            *([] if known else [ONE_INTENSITY]),
+            *([ONE_INTENSITY] if not known and of_one_intensity(recording.pulses, stamps) else []),
             *([FOLLOWED] if FOLLOWED in last.reasons else []),
         ],
         verdict=verdict_of(session, recording.pulses, recording.forces, settings, dynamics),

@@ -110,6 +110,17 @@ def test_one_intensity_has_no_curve_but_a_response() -> None:
             refused()
 
 
+def test_no_curve_from_pulses_on_another_clock_is_not_called_one_intensity() -> None:
+    session = rpms_ros.simulate(duration=5.0)
+    pulses = session.pulses
+    late = replace(pulses, onset_ns=pulses.onset_ns + 3_600_000_000_000)
+    result = replace(session, recording=replace(session.recording, pulses=late)).identify()
+    assert result.result.notes == []
+    assert 'they do not overlap' in result.verdict.line
+    with pytest.raises(RpmsError, match='determine a recruitment curve, got no: pulses are from'):
+        result.force_at(0.5)
+
+
 def test_trains_of_one_intensity_give_time_constant_and_latency(tmp_path: Path) -> None:
     """Eight pulses at 50 Hz, as `rpms identify` states them."""
     onset = 1.0 + np.arange(8) / 50

@@ -58,6 +58,12 @@ def test_a_table_becomes_a_session(tmp_path: Path) -> None:
     assert session.force.force.tolist() == [-0.5 * i for i in range(200)]
 
 
+def test_a_measured_session_has_no_truth(simulated: Session, tmp_path: Path) -> None:
+    simulated.save(tmp_path / 'kept')
+    session = rpms_ros.load(tmp_path / 'kept')
+    assert (session.subject, session.truth) == (None, None)
+
+
 def test_a_session_is_written_and_read_again(simulated: Session, tmp_path: Path) -> None:
     simulated.save(tmp_path / 'kept', compression='zstd')
     again = rpms_ros.load(tmp_path / 'kept')

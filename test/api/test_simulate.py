@@ -25,6 +25,23 @@ def test_it_is_the_session_of_the_command(tmp_path: Path) -> None:
     assert session_hash(session.recording) == session_hash(written.recording)
 
 
+@pytest.mark.parametrize('scenario', ['', 'fatigue'])
+def test_a_recording_of_the_command_has_the_truth_of_the_session(
+    tmp_path: Path, scenario: str
+) -> None:
+    path = tmp_path / 'session'
+    given = ['--scenario', scenario] if scenario else []
+    assert main(['simulate', '--out', str(path), '--duration', '3', *given, '--quiet']) == 0
+    session = rpms_ros.simulate(duration=3.0, scenario=scenario or None)
+    written = rpms_ros.load(path)
+    assert written.subject == session.subject
+    assert (written.truth is None) == (session.truth is None) == (not scenario)
+    if session.truth is not None and written.truth is not None:
+        assert written.truth.subject == session.subject
+        np.testing.assert_array_equal(written.truth.stamp_ns, session.truth.stamp_ns)
+        np.testing.assert_allclose(written.truth.curve, session.truth.curve, rtol=1e-6)
+
+
 def test_a_scenario_is_taken_by_its_name() -> None:
     steady = rpms_ros.simulate('sinusoid', duration=4.0)
     restless = rpms_ros.simulate('sinusoid', duration=4.0, scenario='restless')

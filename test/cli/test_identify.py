@@ -344,8 +344,12 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
     assert code == 0
     for word in ('onset of force', 'latency of the model', '1 of 8 pulses at 50 Hz', 'T_a'):
         assert word in out
-    assert 'verdict' in out
-    assert 'good: dynamics only' in out
+    words = ' '.join(out.split())
+    assert 'verdict good: dynamics only' in words
+    assert re.search(r'fit equal pulses \d+\.\d %, a gain a pulse \d+\.\d %', words)
+    assert '(100 (1 - |residual| / |force - mean|))' in words
+    assert 'the model of the trains (equal pulses) explains' in words
+    assert '% of the variance of the force' in words
     document = json.loads(rpms('identify', tmp_path / 'train', '--json')[1])
     found = document['dynamics']
     assert found['twitch_time_constant_s']['value'] == pytest.approx(15e-3, rel=0.01)
@@ -382,7 +386,11 @@ def test_single_pulses_of_one_intensity_give_their_response(rpms: Rpms, tmp_path
     force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
     onset = np.round(1e9 * begin).astype(np.int64)
     pulses = PulseTrain(onset, np.full(8, 0.8), np.arange(8), np.full(8, 1e-4))
-    write_recording(tmp_path / 'single', pulses, ForceTrace(1_000_000 * np.arange(10_000), force))
+    forces = ForceTrace(1_000_000 * np.arange(10_000), force)
+    write_recording(tmp_path / 'single', pulses, forces)
+    first = ForceTrace(forces.stamp_ns[:1900], force[:1900])
+    write_recording(tmp_path / 'first', pulses[:1], first)
+    assert '1900 samples, 1 pulse, 1.899 s' in rpms('identify', tmp_path / 'first')[1]
     document = json.loads(rpms('identify', tmp_path / 'single', '--json')[1])
     assert document['curve'] is None
     assert 'dynamics' not in document

@@ -27,7 +27,7 @@ def test_a_table_becomes_a_recording(rpms: Rpms, tmp_path: Path) -> None:
         options = ['--storage', storage, '--intensity', '0.6']
         code, out, err = rpms('import', table, '--out', path, *COLUMNS, *options)
         assert (code, err) == (0, '')
-        assert out == f'{path}: 1 pulses, 3 samples, 1.000 s\n'
+        assert out == f'{path}: 1 pulse, 3 samples, 1.000 s\n'
         recording = read_recording(path)
         assert recording.forces.force.tolist() == [1.0, 2.0, 3.0]
         assert recording.pulses.intensity.tolist() == [0.6]

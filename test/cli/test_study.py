@@ -108,7 +108,7 @@ def test_goes_on_where_it_stopped(
     # Other options, or a recording that has changed, are other rows.
     options = ['--out', tmp_path, '--jobs', 1, '--rate-hz', 10]
     _, text, _ = rpms('study', sessions / 'session_2', *options)
-    assert text == f'{tmp_path}: 1 recordings, 0 failed, 0 done before; verdicts: 1 good\n'
+    assert text == f'{tmp_path}: 1 recording, 0 failed, 0 done before; verdicts: 1 good\n'
 
 
 def test_interrupted_study_keeps_what_is_done(
@@ -181,7 +181,7 @@ def test_earlier_results_are_no_recordings(rpms: Rpms, sessions: Path, tmp_path:
         code, text, _ = rpms('study', *given, '--out', out / 'study', '--jobs', 1)
         assert (code, text.split('; ')[0].split(': ')[1]) == (
             0,
-            f'1 recordings, 0 failed, {done} done before',
+            f'1 recording, 0 failed, {done} done before',
         )
     # a study below a folder that is looked through is no recording either
     assert found_recordings([out], out / 'study') == [out / 'session']
@@ -210,6 +210,17 @@ def test_a_verdict_that_is_not_good_is_told(rpms: Rpms, sessions: Path, tmp_path
     assert 'no: the force comes out negative' in err
     (row,) = table_of(tmp_path)
     assert (row['status'], row['verdict']) == ('ok', 'no')
+
+
+def test_doubtful_recordings_in_the_means_are_told(
+    rpms: Rpms, sessions: Path, tmp_path: Path
+) -> None:
+    options = ['--out', tmp_path, '--jobs', 1, '--expected-force', 1]
+    code, text, err = rpms('study', sessions / 'session_0', *options)
+    assert code == 1
+    assert ': 1 recording, 0 failed' in text
+    name = sessions / 'session_0'
+    assert f'the means in index.html include 1 doubtful recording: {name}\n' in err
 
 
 def test_nothing_to_study_is_an_error(rpms: Rpms, tmp_path: Path) -> None:

@@ -4,10 +4,12 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from rpms_ros import load
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
@@ -96,14 +98,38 @@ def test_what_is_wrong_with_a_session_is_named(rpms: Rpms, tmp_path: Path) -> No
     found = lines_of(out)
     assert code == 1
     assert 'FAULT    /force had 2 publishers' in found['publishers']
-    assert 'the stamps of the force: 1 steps back, the furthest by 0.099 s' in found['clock']
-    assert '1 gaps in the force, about 5 samples missing, the longest 0.006 s' in found['gaps']
+    assert 'the stamps of the force: 1 step back, the furthest by 0.099 s' in found['clock']
+    assert '1 gap in the force, about 5 samples missing, the longest 0.006 s' in found['gaps']
     assert '3 pulses are missing in their numbering' in found['gaps']
     assert '100 force samples with the stamp of another' in found['doubles']
-    assert '1 pulses with the number of the one before' in found['doubles']
-    assert '1 forces that are no finite number' in found['values']
-    assert '1 intensities outside 0 to 1' in found['values']
-    assert '1 widths that are no time' in found['values']
+    assert '1 pulse with the number of the one before' in found['doubles']
+    assert '1 force: no finite number' in found['values']
+    assert '1 intensity outside 0 to 1, 1.5' in found['values']
+    assert '1 width: no time' in found['values']
+
+
+def test_pulses_on_another_clock_are_a_fault(rpms: Rpms, tmp_path: Path) -> None:
+    pulses, forces = session()
+    late = PulseTrain.regular(pulses.intensity, 20.0, 10**18 + 3_600_000 * MILLISECOND)
+    write_recording(tmp_path / 'bag', late, forces)
+    text = 'pulses are from 3600.0 s to 3600.9 s, force from 0.0 s to 1.0 s: they do not overlap'
+    code, out, _ = rpms('verify', tmp_path / 'bag')
+    assert code == 1
+    assert lines_of(out)['clock'] == f'FAULT    {text}\n'
+    code, out, _ = rpms('info', tmp_path / 'bag')
+    assert code == 1
+    assert f'  warning: {text}' in out
+    assert load(tmp_path / 'bag').info()['remarks'] == [text]
+
+
+def test_intensities_in_percent_are_guessed(rpms: Rpms, tmp_path: Path) -> None:
+    pulses, forces = session()
+    percent = replace(pulses, intensity=np.linspace(5.0, 99.8, len(pulses)))
+    write_recording(tmp_path / 'bag', percent, forces)
+    code, out, _ = rpms('verify', tmp_path / 'bag')
+    assert code == 1
+    text = '20 intensities outside 0 to 1, up to 99.8: percent?'
+    assert lines_of(out)['values'] == f'FAULT    {text}\n'
 
 
 def test_what_cannot_be_read(rpms: Rpms, tmp_path: Path) -> None:

@@ -252,6 +252,32 @@ def test_a_stronger_muscle_can_be_expected(trial: Trial) -> None:
         VerdictSettings(expected_force=0.0)
 
 
+def test_a_force_in_kilonewtons_is_doubted(trial: Trial) -> None:
+    verdict = judged(with_force(trial, lambda force: 1e-3 * force))
+    assert verdict.grade == 'doubtful'
+    assert any('is the force in kN?' in text for text in verdict.reasons), verdict.line
+
+
+def test_some_invalid_intensities_are_named_as_the_cause(trial: Trial) -> None:
+    pulses, forces = trial
+    low = np.where(pulses.intensity < 0.15, -pulses.intensity, pulses.intensity)
+    count = np.count_nonzero(low < 0.0)
+    verdict = judged((replace(pulses, intensity=low), forces))
+    cause = f'pulse_intensity_invalid: the intensity of {count} of 400 pulses is outside 0 to 1'
+    assert verdict.grade == 'doubtful'
+    assert any(text.startswith(f'{cause} (from -0.1') for text in verdict.reasons), verdict.line
+    assert not any(text.startswith('samples_excluded') for text in verdict.reasons)
+
+
+@pytest.mark.parametrize('count', [1, 20 * SECONDS])
+def test_a_good_verdict_on_one_intensity_is_one_on_the_dynamics(count: int) -> None:
+    verdict = judged(simulated(np.full(count, 0.8)))
+    assert verdict.grade == 'good', verdict.line
+    assert verdict.reasons[0].startswith(
+        'dynamics only: one intensity shows no recruitment curve; the identified muscle explains'
+    )
+
+
 def test_the_most_serious_reason_decides_and_comes_first() -> None:
     verdict = of_reasons([('doubtful', 'a'), ('no', 'b'), ('doubtful', 'c')], 'well')
     assert verdict == Verdict(grade='no', reasons=('b', 'a', 'c'))

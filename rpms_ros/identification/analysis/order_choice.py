@@ -8,6 +8,7 @@ evidence of all of them.  A higher order is only chosen if it is better by more 
 factor of about 150 in the odds.  The error on held-out samples is given for comparison.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +62,8 @@ class OrderChoice:
     held_out_order : int
         Order with the smallest held-out error.
     free_order, free_order_spread : float
-        Median and scaled interquartile range of the order fitted as a real number.
+        Median and scaled interquartile range of the order fitted as a real number; the range of
+        one twitch is NaN.
     evidence : tuple of OrderEvidence
         One for each order.
     """
@@ -102,7 +104,7 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
         order=fits.orders[best],
         held_out_order=fits.orders[int(np.argmin(held_out))],
         free_order=float(median),
-        free_order_spread=float((high - low) / 1.349),
+        free_order_spread=float((high - low) / 1.349) if len(fits.free_order) > 1 else math.nan,
         evidence=evidence,
     )
 

@@ -12,6 +12,7 @@ from datetime import datetime
 from pathlib import PurePath
 from typing import Any
 
+from rpms_ros.identification.verdict_settings import DOUBTFUL
 from rpms_ros.identification.verdict_settings import GRADES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.group.measured import QUANTITIES
@@ -56,6 +57,7 @@ def group_document(rows: Sequence[Row], title: str, one_person: bool) -> dict[st
         'title': title,
         'one_person': one_person,
         'confidence': confidence,
+        'doubtful': [one['name'] for one in shown if one['verdict'] == DOUBTFUL],
         'verdicts': {grade: counts[grade] for grade in (*GRADES, FAILED)},
         'quantities': [asdict(one) for one in compared],
         'recordings': shown,

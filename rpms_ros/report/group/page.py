@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from rpms_ros.printable import counted
 from rpms_ros.report.group.figures import group_figure
 from rpms_ros.report.session.page import UNKNOWN
 from rpms_ros.report.session.page import number
@@ -29,7 +30,7 @@ def as_group_page(document: Mapping[str, Any], folder: Path) -> str:
     folder : Path
         Where the page goes: links are relative to it.
     """
-    template = page_template(_HERE, number=number, stated=stated)
+    template = page_template(_HERE, number=number, stated=stated, counted=counted)
     return template.render(
         document,
         # all numbers stand in the details and in results.csv already

@@ -35,6 +35,9 @@ _ADVICE = (
     ('another topic', 'Look whether the sensor was on and which topic and axis it published.'),
     ('noise only', 'Look at topic, axis and gain of the sensor, and whether the coil was placed.'),
     ('time in another unit', 'Import the recording again with the right --time-unit.'),
+    ('do not overlap', 'Stamp pulses and force by one clock, or set both clocks.'),
+    ('outside 0 to 1', 'Record intensities as shares of the maximum: 80 % is 0.8.'),
+    ('is the force in kN', 'Import the recording again with the right --force-unit.'),
     ('grams or millinewtons', 'Import the recording again with the right --force-unit.'),
     ('converged', 'Identify again with --estimator batch, which uses all of the recording.'),
     ('a muscle only pulls', 'Identify again with --estimator batch, which uses all data.'),
@@ -51,9 +54,7 @@ _ADVICE = (
     ('force_unexplained', 'Look where the residual is largest: effort, spasm or a moved coil.'),
     ('explains', 'Identify again with --estimator batch, and look at the force below.'),
 )
-_USE_DYNAMICS = (
-    'Use onset, T_a and latency. For a recruitment curve, stimulate with several intensities.'
-)
+_NO_CURVE = 'For a recruitment curve, stimulate with several intensities.'
 _USE = 'Use the curve. Keep coil and sensor where they are for the next session.'
 
 
@@ -189,7 +190,10 @@ def _next_steps(result: IdentificationResult, changes: list[Change]) -> list[str
         f'The curve is that of the coil after {at:.0f} s: fix it better.' for at in moved[-1:]
     ]
     if verdict.grade == 'good':
-        return steps or [_USE if result.dynamics is None else _USE_DYNAMICS]
+        if result.curve is not None:
+            return steps or [_USE]
+        known = 'T_a' if result.dynamics is None else 'onset, T_a'
+        return steps or [f'Use {known} and latency. {_NO_CURVE}']
     steps += [step for reason in verdict.reasons for sign, step in _ADVICE if sign in reason]
     return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
 

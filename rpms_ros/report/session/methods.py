@@ -10,6 +10,7 @@ from typing import Any
 
 from rpms_ros import __version__
 from rpms_ros.axis import QUANTITIES
+from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
     from rpms_ros.report.session.analysis import SessionAnalysis
@@ -47,8 +48,9 @@ def _sentence(analysis: 'SessionAnalysis') -> str:
     parts = [
         (
             f'{identified} were identified with rpms_ros {__version__} '
-            f'({by}) from {result.pulses} pulses and '
-            f'{result.samples} samples of isometric {what} over {result.duration_s:.4g} s'
+            f'({by}) from {counted(result.pulses, "pulse")} and '
+            f'{counted(result.samples, "sample")} of isometric {what} over '
+            f'{result.duration_s:.4g} s'
         )
     ]
     if dose.rate_hz and dose.intensity:
@@ -60,7 +62,8 @@ def _sentence(analysis: 'SessionAnalysis') -> str:
     if found is not None:
         return (
             f'{" ".join(parts)}. The {found.model} fits {found.fit_percent:.1f} % '
-            f'(100 (1 - |residual| / |force - mean|)) of {found.trains} trains at their own rate.'
+            f'(100 (1 - |residual| / |force - mean|)) of {counted(found.trains, "train")} at '
+            'their own rate.'
         )
     text = ' '.join(parts) + f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
     if result.confidence:

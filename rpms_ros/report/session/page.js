@@ -10,13 +10,16 @@
   const numbers = (text) =>
     new Float32Array(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
 
+  /* uPlot leaves a gap where a value is null. */
+  const withGaps = (values) => Array.from(values, (value) => Number.isNaN(value) ? null : value);
+
   function source(packed, start) {
     const time = Float64Array.from(numbers(packed.time), (value) => value + start);
     const measured = numbers(packed.measured), modelled = numbers(packed.modelled);
     const residual = packed.residual ? numbers(packed.residual)
       : measured.map((value, index) => value - modelled[index]);
     return { label: packed.label, first: time[0], last: time[time.length - 1],
-      force: [time, measured, modelled], residual: [time, residual] };
+      force: [time, measured, withGaps(modelled)], residual: [time, withGaps(residual)] };
   }
   const windows = traces.windows.map((packed) => source(packed, packed.start));
   const envelope = traces.envelope && source(traces.envelope, 0);
@@ -28,7 +31,8 @@
       width: place.clientWidth, height: Math.round(share * 416),
       scales: { x: { time: false, range: () => view }, y: limit ? { range: () => [-limit, limit] } : {} },
       axes: [{ label: share < 0.5 ? 'time / s' : '', labelSize: 20, size: 36, grid },
-        { label, size: 60, labelSize: 20, grid }],
+        /* With the usual 30 pixels between ticks a low plot may have a single one, at 0. */
+        { label, size: 60, labelSize: 20, grid, ...(share < 0.5 ? { space: 20 } : {}) }],
       series: [{ label: 'time / s', value: (_, value) => value === null ? '' : value.toFixed(3) },
         ...series],
       cursor: { sync: { key: 'force' }, drag: { x: false, y: false } },

@@ -45,7 +45,7 @@ def draw_recruitment(
         place.plot(intensity, last.curve_force, color=MODELLED, label='identified')
     else:
         place.set_yticks([])
-        _note(place, 'one intensity only:\nrecruitment and dynamics\ncannot be told apart')
+        _note(place, 'no curve: recruitment\nand dynamics\ncannot be told apart')
     if dose.pulses:
         share, edges = np.histogram(dose.intensities, bins=50, range=(0.0, 1.0))
         # behind the curve, which must not be hidden
@@ -95,7 +95,7 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
     what = QUANTITIES[session.last.unit].capitalize()
     axes[0].set_title(f'{what}, last {min(_SHOWN, shown):.3g} s of stimulation')
     _force_and_residual(
-        axes, time[kept], session.force[kept], session.prediction[kept], session.last.unit
+        axes, time[kept], session.force[kept], session.shown_prediction[kept], session.last.unit
     )
 
 

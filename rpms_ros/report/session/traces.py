@@ -62,7 +62,7 @@ def force_traces(session: IdentifiedSession) -> dict[str, Any]:
     """Return the traces as JSON takes them: arrays are little-endian float32 in base 64.
 
     Times are in s after the first sample (`start` of a window, plus `time` within it), forces
-    in N.
+    in N; NaN where there is no prediction yet.
     """
     elapsed = (session.stamp_ns - session.stamp_ns[0]) / NANOSECONDS_PER_SECOND
     traces: dict[str, Any] = {
@@ -109,7 +109,7 @@ def _window(session: IdentifiedSession, elapsed: FloatArray, window: Window) -> 
         'start': start,
         'time': encoded(elapsed[part] - start),
         'measured': encoded(session.force[part]),
-        'modelled': encoded(session.prediction[part]),
+        'modelled': encoded(session.shown_prediction[part]),
     }
 
 
@@ -119,8 +119,8 @@ def _envelope(session: IdentifiedSession, elapsed: FloatArray) -> dict[str, Any]
     middles = (starts + np.append(starts[1:], len(elapsed))) // 2
     series = {
         'measured': session.force,
-        'modelled': session.prediction,
-        'residual': session.force - session.prediction,
+        'modelled': session.shown_prediction,
+        'residual': session.force - session.shown_prediction,
     }
     extremes = {
         name: [np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)]

@@ -65,6 +65,11 @@ def test_the_evidence_says_what_the_choice_rests_on():
     assert choice.free_order == pytest.approx(3.0, abs=0.1)
 
 
+def test_one_twitch_has_no_spread():
+    draws, _ = responses(3, 1)
+    assert np.isnan(choose_order(fit_twitches(draws, ORDERS)).free_order_spread)
+
+
 def test_a_higher_order_that_explains_no_more_is_not_taken():
     draws, _ = responses(3, 5, noise=3.0)
     choice = choose_order(fit_twitches(draws, (3, 4)))

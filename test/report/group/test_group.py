@@ -75,6 +75,18 @@ def test_sessions_are_ordered_by_their_dates_and_compared() -> None:
     assert document['remarks'] == []
 
 
+def test_doubtful_recordings_in_the_means_are_named(tmp_path: Path) -> None:
+    rows = [row(1), row(2, verdict='doubtful'), row(3, verdict='no'), row(4, verdict='doubtful')]
+    document = group_document(rows, 'Ada', one_person=False)
+    assert document['doubtful'] == ['visit2', 'visit4']
+    page = as_group_page(document, tmp_path)
+    assert 'The means include 2 doubtful recordings: visit2, visit4.' in page
+    page = as_group_page(group_document(rows[:2], 'Ada', one_person=False), tmp_path)
+    assert 'The means include 1 doubtful recording: visit2.' in page
+    page = as_group_page(group_document(rows[:1], 'Ada', one_person=False), tmp_path)
+    assert 'The means include' not in page
+
+
 def test_a_study_of_torques_is_in_newton_metres() -> None:
     document = group_document([row(1, unit='N m'), row(2, unit='N m')], 'Ada', one_person=True)
     units = {one['label']: one['unit'] for one in document['quantities']}

@@ -156,6 +156,25 @@ def test_a_short_session_is_kept_sample_by_sample(analysis: SessionAnalysis) -> 
     assert decoded(window['time'])[-1] == pytest.approx(found['end'])
 
 
+def test_before_the_first_prediction_there_is_none(
+    analysis: SessionAnalysis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = analysis.session.prediction.copy()
+    late[:1000] = 0.0
+    late[4000] = 0.0
+    session = replace(analysis.session, prediction=late)
+    assert np.flatnonzero(np.isnan(session.shown_prediction)).tolist() == list(range(1000))
+    (window,) = traces.force_traces(session)['windows']
+    assert np.flatnonzero(np.isnan(decoded(window['modelled']))).tolist() == list(range(1000))
+    monkeypatch.setattr(traces, 'MOST_SAMPLES', 1000)
+    monkeypatch.setattr(traces, 'ENVELOPE_BINS', 50)
+    envelope = traces.force_traces(session)['envelope']
+    for name in ('modelled', 'residual'):
+        # five bins of 200 samples, a minimum and a maximum each
+        assert np.flatnonzero(np.isnan(decoded(envelope[name]))).tolist() == list(range(10))
+    assert np.isfinite(decoded(envelope['measured'])).all()
+
+
 def test_of_a_long_session_no_extreme_is_lost(
     analysis: SessionAnalysis, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,12 @@ FLAGS = (
 )
 LISTEN = """<script>
 const noted = { errors: [], refused: [] };
+const written = [];
+const fillText = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+  written.push([this.canvas, text]);
+  fillText.call(this, text, ...place);
+};
 addEventListener('error', (event) => noted.errors.push(event.message));
 addEventListener('securitypolicyviolation', (event) => noted.refused.push(event.blockedURI));
 </script>"""
@@ -49,6 +55,8 @@ const pixels = () => {
   }
   return { black, grey };
 };
+const low = plots.querySelectorAll('canvas')[1];
+noted.residual = written.filter(([place]) => place === low).map(([, text]) => text);
 noted.viewer = !document.getElementById('viewer').hidden;
 noted.still = !document.getElementById('still').hidden;
 noted.labels = [...document.querySelectorAll('.tools button')].map((one) => one.textContent);
@@ -168,6 +176,20 @@ def test_both_lines_are_on_the_canvas(noted: dict[str, Any]) -> None:
     # a line across some thousand pixels, and one three times as thick behind it
     assert noted['pixels']['black'] > 500
     assert noted['pixels']['grey'] > 500
+
+
+def test_the_scale_of_the_residual_can_be_read(
+    opened: Open, tmp_path: Path, page: str, noted: dict[str, Any]
+) -> None:
+    # whichever the limit is, there are ticks on both sides of 0
+    for limit in (None, 0.049, 0.0101, 0.26):
+        if limit is not None:
+            changed = re.sub(r'"residual_limit": ?[0-9.e-]+', f'"residual_limit": {limit}', page)
+            assert changed != page
+            noted = probed(opened, tmp_path, changed)
+        ticks = {text for text in noted['residual'] if re.fullmatch(r'\D?0\.\d+', text)}
+        below = {text for text in ticks if not text.startswith('0')}
+        assert len(below) == len(ticks - below) > 0, (limit, noted['residual'])
 
 
 @pytest.mark.parametrize('dark', [False, True])
