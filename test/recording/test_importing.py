@@ -221,6 +221,9 @@ def test_spike2_matlab(tmp_path: Path) -> None:
     assert [one.name for one in file.signals] == ['Force']
     assert [one.name for one in file.events] == ['Trigger']
     expect_the_session(*imported(path), late_s=0.25)
+    for name in ('force', 'time'):
+        with pytest.raises(RecordingError, match=r"expected column 'Trigger' in .*, got 'Force'"):
+            imported(path, **{name: 'Trigger'})
     savemat(path, spike2_matlab(title='', units='mN'))
     assert [one.name for one in read_signals(path).signals] == ['leg_Ch1']
     expect_the_session(*imported(path), scale=1e-3, late_s=0.25)

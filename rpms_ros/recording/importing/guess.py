@@ -142,7 +142,7 @@ def _guessed(
     """Return the guess, with reasons as they are found; names and units as in `_KNOWN_UNITS`."""
     time, force, pulse = names
     signals = {signal.name: signal for signal in file.signals}
-    _check_given(file, time, force, pulse)
+    _check_given(file, (time, force), pulse)
     for stated, (what, known) in zip(units, _KNOWN_UNITS, strict=True):
         _check_unit(stated, what, known)
     length = _length_of_force(file, force)
@@ -180,7 +180,9 @@ def _guessed(
 
 
 def _seconds(force: Signal, time: Signal | None, unit: float, rate: float | None) -> FloatArray:
-    """Return the times of the force [s]: those of a column, or by the rate."""
+    """Return the times of the force [s]: its own, those of a column, or by the rate."""
+    if force.time is not None:
+        return force.time
     if time is not None:
         return time.values * unit
     assert rate is not None
@@ -201,9 +203,11 @@ def _has_force_unit(signal: Signal) -> bool:
     return usual_unit(signal.unit) in SENSOR_UNITS
 
 
-def _check_given(file: SignalFile, *names: str | None) -> None:
-    known = [signal.name for signal in file.signals] + [one.name for one in file.events]
-    for name in names:
+def _check_given(file: SignalFile, sampled: Sequence[str | None], pulse: str | None) -> None:
+    """Refuse names that are none of the file; events can be pulses alone."""
+    signals = [signal.name for signal in file.signals]
+    both = [*signals, *(one.name for one in file.events)]
+    for name, known in (*((one, signals) for one in sampled), (pulse, both)):
         if name is not None and name not in known:
             columns = ', '.join(map(repr, known)) or 'no columns'
             raise RecordingError(f'expected column {name!r} in {file.path}, got {columns}')
