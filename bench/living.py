@@ -171,15 +171,17 @@ def unknown_dynamics(excitations, seeds):
             row(f'{name}, {excitation}', outcomes)
 
 
-def false_alarms(excitations, hours):
-    """Print how many changes are found in a muscle that does not change."""
+def false_alarms(excitations, length_h):
+    """Print how many changes are found in a muscle that does not change, hour by hour."""
     for excitation in excitations:
-        alarms, sessions = 0, round(12 * hours)
+        alarms, sessions = 0, round(12 * length_h)
         for seed in range(sessions):
             recording = session('steady', excitation, 1000 + seed, 300.0)
             alarms += int(Outcome(TrackingEstimator(), recording).changes[-1])
             session.cache_clear()
-        print(f'false alarms in {sessions / 12:g} h of steady muscle, {excitation}: {alarms}')
+            if (seed + 1) % 12 == 0 or seed + 1 == sessions:
+                hours = (seed + 1) / 12
+                print(f'false alarms in {hours:g} h of {excitation}: {alarms}', flush=True)
 
 
 def main():
