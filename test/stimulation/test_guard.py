@@ -188,7 +188,8 @@ def test_a_guard_that_was_stopped_relays_nothing_old_and_obeys_the_silence_first
 
 
 def test_keep_alives_come_only_while_the_driver_beats(fake, wait_for):
-    driver = Driver(fake.port, '--beat-limit=0.5', '--keep-alive=0.05').armed()
+    # longer than a busy machine stands still
+    driver = Driver(fake.port, '--beat-limit=2', '--keep-alive=0.05').armed()
     asked = fake.frames.count(b'Q@')
 
     def kept_alive():
@@ -291,11 +292,8 @@ def random_packet(chance):
     return packets.packed(Packet(kind, chance.randrange(2**32), latest, payload))
 
 
-@pytest.mark.parametrize('seed', range(12))
-def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarmed(
-    fake, seed, wait_for
-):
-    chance = random.Random(seed)
+def attacked_at_random(fake, chance):
+    """Send what comes to mind to a guard, until it ends or a pulse was given."""
     driver = Driver(fake.port, '--beat-limit=20', '--answer-limit=5', '--maximum-percent=40')
     assert driver.listen().exchange(b'Q@').kind == packets.ANSWER
     # begin anew whenever it was refused: most of what follows then passes
@@ -319,9 +317,21 @@ def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarme
             # it has ended
             break
     driver.close()
-    assert not fake.armed
-    assert fake.percent == 0
-    wait_for(lambda: fake.frames[-1] == b'R@')
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_whatever_a_driver_sends_no_trigger_passes_the_bound_and_it_ends_disarmed(
+    fake, seed, wait_for
+):
+    chance = random.Random(seed)
+    # one that ends before its first pulse shows little
+    for _ in range(5):
+        attacked_at_random(fake, chance)
+        assert not fake.armed
+        assert fake.percent == 0
+        wait_for(lambda: fake.frames[-1] == b'R@')
+        if fake.fired():
+            break
     assert fake.fired()
     assert all(percent <= 40 for percent in fake.fired())
     assert not {b'@041', b'@100'} & set(fake.frames)
