@@ -62,7 +62,7 @@ def test_the_page_names_the_depth_of_each_topic(topic: str, profile: qos.QoSProf
 def test_the_code_on_the_page_runs_until_a_signal(domain: int, sent: signal.Signals) -> None:
     # the other block is a test of its own: test/test_testing.py
     code, _ = (part.split('```')[0] for part in PAGE.split('```python\n')[1:])
-    told = code.replace('try:\n', 'print("running", flush=True)\ntry:\n')
+    told = code.replace('while not', 'print("running", flush=True)\nwhile not')
     assert told != code
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
     with subprocess.Popen(
