@@ -12,6 +12,7 @@ from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
+from rpms_ros.stimulation.dose_ledger import DoseLedger
 from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import HEARTBEAT
@@ -163,6 +164,27 @@ class Driver:
             self.clock.now = max(self.clock.now, following + late)
         self.clock.now = max(self.clock.now, end)
         self.look()
+
+
+@pytest.fixture
+def controller_of(tmp_path):
+    """Build a controller of a simulated instrument on a line, for a device specification."""
+
+    def build(fake, specification):
+        return StimulationController(
+            SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0),
+            specification,
+            # a machine under load may hold up a thread or two
+            DriverSettings(
+                executor_timeout_s=5.0,
+                lateness_limit_s=0.1,
+                response_limit_s=1.0,
+                stuck_limit_s=2.0,
+            ),
+            ledger=DoseLedger(tmp_path, 'rapid2', 'test'),
+        )
+
+    return build
 
 
 @pytest.fixture

@@ -8,16 +8,12 @@ from itertools import pairwise
 import pytest
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import WireTimes
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.dose import BookedPulse
-from rpms_ros.stimulation.dose_ledger import DoseLedger
 from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
-from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.threads import ControllerThreads
 
 SECOND = 1_000_000_000
@@ -115,23 +111,12 @@ def test_a_device_that_does_not_tell_any_more_costs_no_more_pulses(measuring):
 
 
 def test_quick_train_on_the_line_is_stopped_by_the_instruments_heat(
-    instrument, wait_for, tmp_path
+    instrument, controller_of, wait_for
 ):
     fake = instrument(watchdog_s=20.0, wire=True)
     found = load_device_specification('rapid2-240v')
     known = dataclasses.replace(found.limits, maximum_intensity_rise=1.0)
-    controller = StimulationController(
-        SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0),
-        dataclasses.replace(found, limits=known),
-        # a machine under load may hold up a thread or two
-        DriverSettings(
-            executor_timeout_s=5.0,
-            lateness_limit_s=0.1,
-            response_limit_s=1.0,
-            stuck_limit_s=2.0,
-        ),
-        ledger=DoseLedger(tmp_path, 'rapid2', 'test'),
-    )
+    controller = controller_of(fake, dataclasses.replace(found, limits=known))
     threads = ControllerThreads(controller)
     threads.start()
     controller.configure()

@@ -3,30 +3,15 @@
 """The whole driver apart from ROS: controller, threads, serial device, guard, instrument."""
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.devices.serial_line import SerialDevice
-from rpms_ros.stimulation.dose_ledger import DoseLedger
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
-from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import State
 from rpms_ros.stimulation.threads import ControllerThreads
 
 
-def test_whole_driver_on_the_line(instrument, wait_for, tmp_path):
+def test_whole_driver_on_the_line(instrument, controller_of, wait_for):
     fake = instrument(watchdog_s=20.0)
-    controller = StimulationController(
-        SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0),
-        load_device_specification('rapid2-240v'),
-        # a machine under load may hold up a thread or two
-        DriverSettings(
-            executor_timeout_s=5.0,
-            lateness_limit_s=0.1,
-            response_limit_s=1.0,
-            stuck_limit_s=2.0,
-        ),
-        ledger=DoseLedger(tmp_path, 'rapid2', 'test'),
-    )
+    controller = controller_of(fake, load_device_specification('rapid2-240v'))
     fired = []
     controller.on_fired = fired.append
     threads = ControllerThreads(controller)
