@@ -9,12 +9,14 @@ from dataclasses import replace
 
 import pytest
 
+from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import stimulator_driver
 from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.recording import read_recording
 
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 TOKEN = 'correct-horse-battery'
@@ -57,6 +59,24 @@ def driven(graph):
         **PATIENT,
     )
     return identifier, driver
+
+
+@pytest.fixture
+def written_so_far():
+    """Read a recording that is still being written; None before its first pulse.
+
+    On a busy machine thousands of samples are heard before that.
+    """
+
+    def read(path):
+        try:
+            return read_recording(path)
+        except RecordingError as error:
+            if 'expected topic pulses' not in str(error):
+                raise
+            return None
+
+    return read
 
 
 @pytest.fixture
