@@ -45,12 +45,8 @@ class DiagnosticsTimer:
 
     Parameters
     ----------
-    node : Node
-        Whose health it is.
-    task : str
-        What the node does.
-    hardware : str
-        What it does it with.
+    node, task, hardware
+        As of `DiagnosticsPublisher`; the hardware is told from that of others by the node's name.
     health : callable
         Returns the health.
     """

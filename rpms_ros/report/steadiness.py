@@ -29,11 +29,12 @@ _TIME_CONSTANT = 'twitch_time_constant_s'
 
 def steadiness(course: Course) -> str:
     """Return sentences on whether the muscle stayed the same."""
-    sudden = [_told(change, course) for change in course.changes]
+    lasted = [_lasted(course, change) for change in course.changes]
+    sudden = [_told(*pair, course) for pair in zip(course.changes, lasted, strict=True)]
     if not course.follows and not sudden:
         return _not_told(course)
     slow = [text for span in _spans(course) if (text := _slow(course, *span))]
-    if slow or any(_lasted(course, change) for change in course.changes):
+    if slow or any(lasted):
         return ' '.join([*sudden, *slow])
     return ' '.join([*sudden, _same(course)])
 
@@ -132,10 +133,10 @@ def _ratio(path: Path, first: int, last: int) -> tuple[float, float]:
     return ratio - 1.0, abs(ratio) * math.hypot(*half.tolist())
 
 
-def _told(change: Change, course: Course) -> str:
+def _told(change: Change, lasted: bool, course: Course) -> str:
     """Return a sentence on a sudden change."""
     at = f'at {change.time_s:.1f} s'
-    if not _lasted(course, change):
+    if not lasted:
         return (
             f'Something {at} looked like another muscle, but thresholds, twitch and '
             f'{_what(course)} were the same afterwards: an effort, a spasm or a bump, say.'
