@@ -28,6 +28,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
@@ -253,6 +254,8 @@ def main() -> int:
     arguments = parser.parse_args()
     os.environ.setdefault('OMP_NUM_THREADS', '1')
     if arguments.worker:
+        # a warning of NumPy is no line that a user can do something with
+        warnings.simplefilter('error', RuntimeWarning)
         worker(arguments.kind, *arguments.worker)
         return 0
     names = [arguments.kind] if arguments.kind else NAMES

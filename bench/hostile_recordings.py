@@ -6,7 +6,8 @@ Mutations: bytes changed, cut out, doubled, cut off, of every file of small reco
 storage, one of them packed as a whole, given to `rpms info`, `verify` and `identify`.  None may
 end in a traceback, take more than 10 s of processor time or more memory than 1 GB and four times
 the file, or return an exit code that is not documented.  Flips: one bit of a storage file or of
-metadata.yaml; either a fault is named, or nothing that is printed changes.
+metadata.yaml; either a fault is named, or nothing that is printed changes.  A warning of NumPy
+counts as a traceback: it is no line that a user can do something with.
 
 python bench/hostile_recordings.py [--mutations 10000] [--flips 2000] [--seed 1]
 """
@@ -22,6 +23,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -192,6 +194,7 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=1)
     arguments = parser.parse_args()
     os.environ.setdefault('OMP_NUM_THREADS', '1')
+    warnings.simplefilter('error', RuntimeWarning)
     with tempfile.TemporaryDirectory() as name:
         paths = simulated(Path(name))
         # Compilation does not count.

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.monitors import MONITORS
 
+LARGEST_FORCE = 10_000.0
+"""No muscle and no sensor for people reaches it [N]."""
+
 
 @dataclass(frozen=True)
 class StreamSettings:
@@ -40,7 +43,7 @@ class StreamSettings:
     pulse_look_ahead: float = 0.1
     estimate_period: float = 0.1
     longest_gap: float = 1.0
-    largest_force: float = 10_000.0
+    largest_force: float = LARGEST_FORCE
     monitors: tuple[str, ...] = tuple(MONITORS)
 
     def __post_init__(self) -> None:

@@ -21,6 +21,7 @@ from rpms_ros.identification import verdict_of_estimate
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
 from rpms_ros.identification.constancy.answer import FOLLOWER
 from rpms_ros.identification.constancy.answer import change_over
+from rpms_ros.identification.faults import PULSE_INTENSITY_INVALID
 from rpms_ros.identification.output_error import settled
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.simulated_fit import SimulatedFit
@@ -124,7 +125,7 @@ def verdict_of(
         return _of_dynamics(reasons, dynamics, settings, unit)
     part = _looked_at(session, pulses)
     if np.count_nonzero(part) < 3:
-        return of_reasons([*reasons, (NO, 'there is no force to judge by while pulses act')], '')
+        return of_reasons([*reasons, (NO, _nothing_to_judge_by(session, pulses))], '')
     found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
     reasons += verdict_of_estimate.of_the_estimate(session.last, found, span, settings)
@@ -142,6 +143,13 @@ def verdict_of(
         f'{100 * found.error / span:.2g} % of the range'
     )
     return of_reasons(reasons, praise)
+
+
+def _nothing_to_judge_by(session: IdentifiedSession, pulses: PulseTrain) -> str:
+    nothing = 'there is no force to judge by while pulses act'
+    if session.last.faults.get(PULSE_INTENSITY_INVALID):
+        return f'{nothing}: {verdict_of_data.invalid_intensities(pulses)}'
+    return nothing
 
 
 def _of_dynamics(

@@ -46,6 +46,8 @@ def reasons(
         Unit of the force: ``N``, or ``N m`` for a torque.
     """
     force = forces.force[np.isfinite(forces.force)]
+    with np.errstate(over='ignore'):
+        span = float(np.ptp(force)) if len(force) else 0.0
     # an intensity of NaN was not recorded: dynamics can be found without it
     wrong = outside_shares(pulses.intensity) & ~np.isnan(pulses.intensity)
     if 2 * np.count_nonzero(wrong) > len(pulses):
@@ -57,7 +59,7 @@ def reasons(
     if (apart := no_overlap(pulses.onset_ns, forces.stamp_ns)) is not None:
         yield 'no', apart
         return
-    if not len(force) or np.ptp(force) == 0.0:
+    if span == 0.0:
         yield (
             'no',
             (
@@ -67,7 +69,6 @@ def reasons(
         )
         return
     yield from _of_time(pulses, forces)
-    span = float(np.ptp(force))
     if span > expected_force:
         yield (
             'doubtful',

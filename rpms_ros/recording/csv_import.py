@@ -98,7 +98,7 @@ def read_csv(
                 f'expected finite numbers in column {name!r} of {path}, '
                 f'got {values[row]} in row {row + 1}'
             )
-    if (late := np.flatnonzero(np.diff(seconds) <= 0)).size:
+    if (late := np.flatnonzero(seconds[1:] <= seconds[:-1])).size:
         raise RecordingError(
             f'expected rising times in column {time!r} of {path}, '
             f'got {seconds[late[0]]} and then {seconds[late[0] + 1]}'

@@ -24,6 +24,7 @@ from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.informed import informed_parameters
 from rpms_ros.identification.informed import informed_physiology
 from rpms_ros.identification.pulse_checks import of_one_intensity
+from rpms_ros.identification.pulse_checks import outside_shares
 from rpms_ros.identification.simulated_fit import weight_at_own_rate
 from rpms_ros.identification.verdict import Verdict
 from rpms_ros.identification.verdict import verdict_of
@@ -239,8 +240,9 @@ def impulse_response(
     """Return the response to one pulse (times,) [N].
 
     At full intensity; where the recruitment is not known, at intensity and rate of the pulses,
-    since the response to any other is not determined.  With `dynamics` it is that of the model of
-    the trains: the estimator takes their pulses for equal.
+    since the response to any other is not determined.  Without a pulse whose intensity is a share
+    of the maximum it is at full intensity, too.  With `dynamics` it is that of the model of the
+    trains: the estimator takes their pulses for equal.
     """
     estimate = session.last
     if estimate.curve_known:
@@ -248,7 +250,8 @@ def impulse_response(
     if dynamics is not None:
         return response_to_one_pulse(dynamics, estimate.response_time)
     parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
-    applied = float(np.median(pulses.intensity))
+    shares = pulses.intensity[~outside_shares(pulses.intensity)]
+    applied = float(np.median(shares)) if len(shares) else 1.0
     share = identified_recruitment(parameters, applied) / identified_recruitment(parameters, 1.0)
     kept = np.flatnonzero(session.usable)
     kept = kept[np.argsort(session.stamp_ns[kept], kind='stable')]

@@ -1,8 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers that no session has: a result, or a line that says why not; never a traceback."""
+"""Numbers that no session has: a result, or a line that says why not.
 
+Never a traceback, and no warning of a library between the lines.
+"""
+
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -15,37 +20,86 @@ from rpms_ros.recording import write_recording
 Rpms = Callable[..., tuple[int, str, str]]
 STAMP_NS = 10**18 + np.arange(2000, dtype=np.int64) * 1_000_000
 INTENSITY = np.random.default_rng(1).random(40)
+EVERY_OTHER = np.arange(40) % 2 == 1
 WIDTH = np.full(40, 1e-4)
 FORCE = np.sin(np.arange(2000.0))
 ONE = np.eye(1, 2000, 500)[0]
 CASES = {
     'no intensity': (INTENSITY * np.nan, WIDTH, FORCE),
+    'half of the intensities': (np.where(EVERY_OTHER, np.nan, 0.7), WIDTH, FORCE),
+    'infinite intensities': (np.full(40, np.inf), WIDTH, FORCE),
+    'some infinite intensities': (np.where(INTENSITY > 0.9, -np.inf, INTENSITY), WIDTH, FORCE),
     'one huge intensity': (np.where(INTENSITY > 0.9, 1e300, INTENSITY), WIDTH, FORCE),
     'no width': (INTENSITY, WIDTH * np.nan, FORCE),
     'one huge force': (INTENSITY, WIDTH, FORCE + 1e155 * ONE),
+    'one infinite force': (INTENSITY, WIDTH, np.where(ONE > 0.0, np.inf, FORCE)),
     'huge forces': (INTENSITY, WIDTH, FORCE * 1e155),
+    'largest forces': (INTENSITY, WIDTH, FORCE * 1e308),
     'tiny forces': (INTENSITY, WIDTH, FORCE * 1e-310),
     'no force': (INTENSITY, WIDTH, FORCE * np.nan),
 }
 
 
-@pytest.mark.filterwarnings('ignore::RuntimeWarning')
+def recording_of(path: Path, name: str) -> Path:
+    intensity, width, force = CASES[name]
+    onset_ns = STAMP_NS[::50].copy()
+    pulses = PulseTrain(onset_ns, intensity, np.arange(40, dtype=np.int64), width)
+    write_recording(path, pulses, ForceTrace(STAMP_NS, force))
+    return path
+
+
+def refused_in_one_line(out: str, err: str) -> bool:
+    return out == '' and err.startswith('rpms: error: expected ') and err.count('\n') == 1
+
+
 @pytest.mark.parametrize('estimator', ['recursive', 'batch'])
 @pytest.mark.parametrize('name', list(CASES))
 def test_identify_ends_as_documented(
     rpms: Rpms, tmp_path: Path, name: str, estimator: str
 ) -> None:
-    intensity, width, force = CASES[name]
-    onset_ns = STAMP_NS[::50].copy()
-    pulses = PulseTrain(onset_ns, intensity, np.arange(40, dtype=np.int64), width)
-    write_recording(tmp_path / 'bag', pulses, ForceTrace(STAMP_NS, force))
+    path = recording_of(tmp_path / 'bag', name)
     for options in ([], ['--json']):
-        command = ('identify', tmp_path / 'bag', '--estimator', estimator, *options)
-        code, out, err = rpms(*command)
+        code, out, err = rpms('identify', path, '--estimator', estimator, *options)
         assert code in (0, 1, 2, 3)
         if code == 2:
-            assert out == ''
-            assert err.startswith('rpms: error: expected ')
-            assert err.count('\n') == 1
+            assert refused_in_one_line(out, err)
         elif options:
             assert 'NaN' not in out
+
+
+@pytest.mark.parametrize('name', list(CASES))
+def test_analyze_and_report_end_as_documented(rpms: Rpms, tmp_path: Path, name: str) -> None:
+    path = recording_of(tmp_path / 'bag', name)
+    for command in (('analyze', path), ('report', path, '--out', tmp_path / 'report')):
+        code, out, err = rpms(*command, '--quiet')
+        assert code in (0, 1, 2, 3)
+        if code == 2:
+            assert refused_in_one_line(out, err)
+
+
+@pytest.mark.parametrize(
+    ('name', 'reason'),
+    [
+        ('half of the intensities', '20 of 40 pulses'),
+        ('no intensity', '40 of 40 pulses'),
+        ('infinite intensities', '40 of 40 pulses'),
+    ],
+)
+def test_what_is_wrong_with_the_intensities_is_the_reason_of_the_verdict(
+    rpms: Rpms, tmp_path: Path, name: str, reason: str
+) -> None:
+    code, out, _ = rpms('identify', recording_of(tmp_path / 'bag', name), '--quiet')
+    assert code == 3
+    assert f'the intensity of {reason}' in ' '.join(out.split())
+
+
+def test_pulses_that_can_all_not_be_decoded_leave_a_verdict(rpms: Rpms, tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    pulses = PulseTrain.regular(INTENSITY, 20.0, int(STAMP_NS[0]))
+    write_recording(path, pulses, ForceTrace(STAMP_NS, FORCE), storage='sqlite3')
+    with closing(sqlite3.connect(path / 'bag_0.db3')) as database, database:
+        (number,) = database.execute("SELECT id FROM topics WHERE name = '/pulses'").fetchone()
+        database.execute("UPDATE messages SET data = x'00010000' WHERE topic_id = ?", (number,))
+    code, out, _ = rpms('identify', path, '--quiet')
+    assert code == 3
+    assert 'no: there is no pulse above intensity 0' in ' '.join(out.split())

@@ -5,6 +5,7 @@
 from collections import Counter
 from collections.abc import Callable
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from rpms_ros.identification.analysis.summation import SummationAnalysis
 from rpms_ros.identification.analysis.summation import analyze_trains
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis
 from rpms_ros.identification.analysis.twitches import analyze_twitches
+from rpms_ros.identification.pulse_checks import outside_shares
 from rpms_ros.muscle import RateRecruitment
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import ForceTrace
@@ -85,7 +87,7 @@ class _Analysis:
         self._progress = progress
         self.trace: CleanTrace = clean(force)
         self.findings = list(self.trace.findings)
-        self.pulses = self._within(in_order(pulses))
+        self.pulses = self._within(_with_shares(in_order(pulses)))
         self.groups = groups_of(self.pulses, settings.rest)
 
     def result(self) -> MuscleAnalysis:
@@ -121,8 +123,9 @@ class _Analysis:
         if len(known) < len(self.pulses):
             count, of = len(self.pulses) - len(known), len(self.pulses)
             self.findings.append(
-                f'the intensity of {count} of {of} pulses is not recorded: latency, twitch and '
-                'summation do not need it, recruitment against intensity does'
+                f'the intensity of {count} of {of} pulses is not recorded, or no share of the '
+                'maximum: latency, twitch and summation do not need it, recruitment against '
+                'intensity does'
             )
         elif np.ptp(known) < ALIKE:
             self.findings.append(
@@ -289,6 +292,12 @@ class _Analysis:
             return None
         tell = self._progress
         return lambda done, total: tell(label, done, total)
+
+
+def _with_shares(pulses: PulseTrain) -> PulseTrain:
+    """Return the pulses with NaN for what is no share of the maximum."""
+    intensity = np.where(outside_shares(pulses.intensity), np.nan, pulses.intensity)
+    return replace(pulses, intensity=intensity)
 
 
 def _chosen(pulses: PulseTrain, mask: BoolArray) -> PulseTrain:

@@ -1,12 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Preparation of a force trace: ascending and finite samples, sample rate, saturation, noise."""
+"""Preparation of a force: ascending samples that can be forces, rate, saturation, noise."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.stream_settings import LARGEST_FORCE
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -53,7 +54,7 @@ class CleanTrace:
 
 
 def clean(trace: ForceTrace) -> CleanTrace:
-    """Return the trace in order, without samples that are not finite.
+    """Return the trace in order, without samples that are not finite or beyond `LARGEST_FORCE`.
 
     Parameters
     ----------
@@ -70,11 +71,18 @@ def clean(trace: ForceTrace) -> CleanTrace:
     if not finite.all():
         count = int((~finite).sum())
         findings.append(f'{count} force samples are NaN or infinite; they are not used')
-    stamps, first = np.unique(trace.stamp_ns[finite], return_index=True)
-    force = trace.force[finite][first]
-    if len(stamps) < finite.sum():
+    believed = finite & (np.abs(trace.force) <= LARGEST_FORCE)
+    used = int(believed.sum())
+    if used < finite.sum():
         findings.append(
-            f'{int(finite.sum()) - len(stamps)} force samples have the stamp of another; '
+            f'{int(finite.sum()) - used} force samples are beyond {LARGEST_FORCE:g} N; they are '
+            'not used'
+        )
+    stamps, first = np.unique(trace.stamp_ns[believed], return_index=True)
+    force = trace.force[believed][first]
+    if len(stamps) < used:
+        findings.append(
+            f'{used - len(stamps)} force samples have the stamp of another; '
             'the first of each is kept'
         )
     if len(stamps) < RATE_BLOCK:

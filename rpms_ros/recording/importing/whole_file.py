@@ -130,6 +130,8 @@ def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
     )
 
 
+# What overflows or is no number fails the checks below, in words; NumPy's own say nothing more.
+@np.errstate(over='ignore', invalid='ignore')
 def import_file(
     path: Path,
     options: ImportOptions,
