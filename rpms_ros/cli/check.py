@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.printable import counted
+
 if TYPE_CHECKING:
     from rpms_ros.stimulation.device_specification import DeviceSpecification
     from rpms_ros.stimulation.forecast import Forecast
@@ -134,7 +136,7 @@ def report(
     lines.extend(_plot(schedule, ahead))
     for found in ahead.violations:
         lines.append(f'  {found.limit}: {found.reason}')
-        lines.append(f'    first at {found.time_s:.4g} s, {found.pulses} pulses')
+        lines.append(f'    first at {found.time_s:.4g} s, {counted(found.pulses, "pulse")}')
     return lines
 
 

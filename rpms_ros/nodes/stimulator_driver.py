@@ -49,6 +49,7 @@ from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.nodes.runner import run
+from rpms_ros.printable import counted
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
@@ -279,7 +280,8 @@ class StimulatorDriver(GuardedLifecycleNode):
             text_sha256=text_hash(text),
         )
         self._accepted.publish(schedule, text, operator)
-        self._reports.say(f'running {plain_text(schedule.name)}, {schedule.pulse_count} pulses')
+        pulses = counted(schedule.pulse_count, 'pulse')
+        self._reports.say(f'running {plain_text(schedule.name)}, {pulses}')
 
     def _on_reset(self) -> None:
         self._reports.say('stop was reset')

@@ -9,6 +9,7 @@ import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.errors import StimulationError
+from rpms_ros.printable import counted
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.stimulation.audit_log import verify
 from rpms_ros.stimulation.pulse_hash import HashedPulses
@@ -47,8 +48,8 @@ def differences(pulses: PulseTrain, runs: list[HashedPulses]) -> Iterator[str]:
         for begin in begins[:1].tolist():
             part = pulses[slice(begin, begin + run.count)]
             if hash_of(part) != run.sha256:
-                found = f'{run.count} pulses from stamp {run.first_ns} on'
-                yield f'{found} are not those that the driver gave'
+                found = f'{counted(run.count, "pulse")} from stamp {run.first_ns} on'
+                yield f'{found}: not what the driver gave'
 
 
 def covered(pulses: PulseTrain, runs: list[HashedPulses]) -> int:

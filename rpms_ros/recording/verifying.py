@@ -184,10 +184,10 @@ def _audit(recording: Recording, path: Path) -> Iterator[Finding]:
         yield Finding('audit', FAULT, printable(text))
     count, known = len(recording.pulses), covered(recording.pulses, runs)
     if known < count:
-        text = f'the log has {known} of {count} pulses'
+        text = f'the log has {known} of {counted(count, "pulse")}'
         yield Finding('audit', FAULT if known else UNKNOWN, text)
     elif not wrong:
-        yield Finding('audit', OK, f'all {count} pulses are those that the driver gave')
+        yield Finding('audit', OK, f'{counted(count, "pulse")} as the driver gave them')
 
 
 def _clock(recording: Recording) -> list[Finding]:

@@ -24,6 +24,7 @@ from rpms_ros.identification.analysis.summation import TrainAnalysis
 from rpms_ros.identification.analysis.twitch_fits import CONSTANT
 from rpms_ros.identification.analysis.twitch_fits import PEAK
 from rpms_ros.muscle import twitch
+from rpms_ros.printable import counted
 
 MEASURED = '#b0b0b0'
 COLOURS = ('#0b4f7d', '#c65d00', '#3f7f2c', '#7b4fa3', '#a8234a', '#5f5f5f')
@@ -243,7 +244,7 @@ def _draw_train(axes: Axes, train: TrainAnalysis) -> None:
 
 
 def _name(train: TrainAnalysis) -> str:
-    return f'{len(train.response.onset)} pulses, {train.rate_hz:.3g} Hz'
+    return f'{counted(len(train.response.onset), "pulse")}, {train.rate_hz:.3g} Hz'
 
 
 def draw_field(found: FieldAnalysis, title: str = '') -> Figure:

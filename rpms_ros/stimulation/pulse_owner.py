@@ -5,6 +5,7 @@
 import dataclasses
 from collections.abc import Callable
 
+from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.device_faults import intensity_fault
@@ -236,7 +237,7 @@ class PulseOwner(DeviceOwner):
         if run.completed:
             self.cancel('completed', 'completed')
         else:
-            self.cancel(f'ended with {missing} pulses missing', 'incomplete')
+            self.cancel(f'ended with {counted(missing, "pulse")} missing', 'incomplete')
 
     def _account(self, run: Run, fired: Fired, began_ns: int) -> None:
         """Compare what was delivered with what was commanded."""

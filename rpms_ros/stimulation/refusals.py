@@ -4,6 +4,7 @@
 
 from typing import NamedTuple
 
+from rpms_ros.printable import counted
 from rpms_ros.stimulation.limits import Limits
 
 
@@ -85,7 +86,7 @@ def too_short_a_wait(wait_s: float, pulses: int, energy_j: float, gap_s: float) 
     """Return what a pulse is told that follows a train of so many pulses too soon."""
     return Refusal(
         'wait',
-        f'expected a wait of {wait_s:.3g} s after a train of {pulses} pulses '
+        f'expected a wait of {wait_s:.3g} s after a train of {counted(pulses, "pulse")} '
         f'and {energy_j:.4g} J, got {gap_s:.3g} s',
     )
 

@@ -138,7 +138,7 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
     recorder.close()
     running.driver._audit.close()
     assert audit_findings(path, running.audit) == [
-        ('ok', 'all 20 pulses are those that the driver gave')
+        ('ok', '20 pulses as the driver gave them')
     ]
     recording = read_recording(path)
     pulses = recording.pulses
@@ -146,7 +146,7 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
     write_recording(tmp_path / 'halved', halved, recording.forces)
     found = audit_findings(tmp_path / 'halved', running.audit)
     assert [state for state, _ in found] == ['FAULT', 'FAULT']
-    assert found[0][1].endswith('are not those that the driver gave')
+    assert found[0][1].endswith('not what the driver gave')
     later = replace(pulses[:1], onset_ns=pulses.onset_ns[-1:] + 10**9)
     write_recording(tmp_path / 'more', PulseTrain.joined([pulses, later]), recording.forces)
     assert audit_findings(tmp_path / 'more', running.audit) == [
