@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of laboratories that cannot be read: said at once, and with what to do."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -49,18 +48,15 @@ def test_whole_numbers_below_a_note_are_a_table(tmp_path: Path) -> None:
     ],
     ids=['zeros', 'zeros behind a header'],
 )
-def test_zeros_are_no_matlab_file_and_take_no_time(
-    tmp_path: Path, begun: bool, match: str
-) -> None:
+def test_zeros_are_no_matlab_file(tmp_path: Path, begun: bool, match: str) -> None:
+    """To step on through so many, which take no room, would last longer than a test may."""
     path = tmp_path / 'zeros.mat'
     if begun:
         savemat(path, {})
     with path.open('ab') as file:
-        file.truncate(50_000_000)
-    begin = time.perf_counter()
+        file.truncate(1 << 34)
     with pytest.raises(RecordingError, match=match):
         read_signals(path)
-    assert time.perf_counter() - begin < 2.0
 
 
 @pytest.mark.parametrize('form', ['4', '5'])
