@@ -9,6 +9,7 @@ seconds since 1970 resolve only 0.2 us, and sums of them depend on their order.
 import math
 from dataclasses import dataclass
 from dataclasses import field
+from typing import Any
 from typing import NamedTuple
 
 import numpy as np
@@ -51,9 +52,55 @@ def nanoseconds(seconds: float) -> int:
     return round(seconds * NANOSECONDS_PER_SECOND)
 
 
+def _whole(name: str, values: npt.ArrayLike) -> IntArray:
+    """Return whole numbers (n,) of any kind as int64; times of NumPy or pandas as nanoseconds.
+
+    Raises
+    ------
+    ValueError
+        If they are no whole numbers, or have another shape.
+    """
+    if type(values) is np.ndarray and values.dtype == np.int64 and values.ndim == 1:
+        return values
+    array = np.asarray(values)
+    if array.dtype.kind == 'M':
+        array = array.astype('datetime64[ns]')
+    elif array.size and array.dtype.kind not in 'iu':
+        raise ValueError(
+            f'expected whole numbers in {name}, got {array.dtype}: seconds times 1e9, rounded, '
+            'are nanoseconds'
+        )
+    return _in_one_row(name, array).astype(np.int64)
+
+
+def _real(name: str, values: npt.ArrayLike) -> FloatArray:
+    """Return numbers (n,) of any kind as float64.
+
+    Raises
+    ------
+    ValueError
+        If they are no numbers, or have another shape.
+    """
+    if type(values) is np.ndarray and values.dtype == np.float64 and values.ndim == 1:
+        return values
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except TypeError as error:
+        raise ValueError(f'expected numbers in {name}, got {values!r:.80}') from error
+    return _in_one_row(name, array)
+
+
+def _in_one_row(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    if array.ndim != 1:
+        raise ValueError(f'expected {name} of shape (n,), got {array.shape}')
+    return array
+
+
 @dataclass(frozen=True)
 class PulseTrain:
     """Pulses in the order in which they were given, as arrays of one length.
+
+    Lists, Series of pandas and arrays of other kinds become the arrays below.
 
     Attributes
     ----------
@@ -65,6 +112,11 @@ class PulseTrain:
         Counters of the driver.
     width : ndarray of float64, shape (pulses,)
         Durations [s].
+
+    Raises
+    ------
+    ValueError
+        If lengths differ, stamps are no whole numbers, or an array has several dimensions.
     """
 
     onset_ns: IntArray
@@ -73,6 +125,10 @@ class PulseTrain:
     width: FloatArray
 
     def __post_init__(self) -> None:
+        for name in ('onset_ns', 'sequence'):
+            object.__setattr__(self, name, _whole(name, getattr(self, name)))
+        for name in ('intensity', 'width'):
+            object.__setattr__(self, name, _real(name, getattr(self, name)))
         lengths = {len(self.onset_ns), len(self.intensity), len(self.sequence), len(self.width)}
         if len(lengths) != 1:
             raise ValueError(f'expected arrays of one length, got lengths {sorted(lengths)}')
@@ -135,16 +191,16 @@ class PulseTrain:
     def of(cls, pulses: list[Pulse]) -> 'PulseTrain':
         """Return a train of single pulses."""
         return cls(
-            np.array([pulse.onset_ns for pulse in pulses], dtype=np.int64),
+            np.array([pulse.onset_ns for pulse in pulses]),
             np.array([pulse.intensity for pulse in pulses], dtype=np.float64),
-            np.array([pulse.sequence for pulse in pulses], dtype=np.int64),
+            np.array([pulse.sequence for pulse in pulses]),
             np.array([pulse.width for pulse in pulses], dtype=np.float64),
         )
 
 
 @dataclass(frozen=True)
 class ForceTrace:
-    """Force samples in the order in which they were given.
+    """Force samples in the order in which they were given; other kinds as in `PulseTrain`.
 
     Attributes
     ----------
@@ -154,6 +210,11 @@ class ForceTrace:
         Force along the measured axis [N].
     frame_id : str
         Name of the sensor's frame.
+
+    Raises
+    ------
+    ValueError
+        If lengths differ, stamps are no whole numbers, or an array has several dimensions.
     """
 
     stamp_ns: IntArray
@@ -161,6 +222,8 @@ class ForceTrace:
     frame_id: str = field(default='force_sensor')
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, 'stamp_ns', _whole('stamp_ns', self.stamp_ns))
+        object.__setattr__(self, 'force', _real('force', self.force))
         if len(self.stamp_ns) != len(self.force):
             raise ValueError(
                 f'expected as many stamps as forces, got {len(self.stamp_ns)} and '

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pulses and force samples as arrays."""
 
+from typing import Any
+
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import settings
@@ -99,3 +102,56 @@ def test_a_trace_names_its_frame() -> None:
     trace = ForceTrace(np.array([0, 1]), np.array([0.5, 0.25]))
     assert len(trace) == 2
     assert trace.frame_id == 'force_sensor'
+
+
+KINDS = [
+    list,
+    tuple,
+    pd.Series,
+    lambda values: pd.Series(values, index=range(5, 5 + len(values))),
+    np.asfortranarray,
+]
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_numbers_of_any_kind_become_arrays(kind: Any) -> None:
+    stamps = [EPOCH_NS, EPOCH_NS + 1]
+    train = PulseTrain(kind(stamps), kind([0, 1]), kind([0, 1]), kind([1e-4, 1e-4]))
+    forces = ForceTrace(kind(stamps), kind([1, 2]))
+    for array in (train.onset_ns, train.sequence, forces.stamp_ns):
+        assert type(array) is np.ndarray
+        assert array.dtype == np.int64
+    for array in (train.intensity, train.width, forces.force):
+        assert type(array) is np.ndarray
+        assert array.dtype == np.float64
+    assert train.onset_ns.tolist() == forces.stamp_ns.tolist() == stamps
+    assert fields(train[train.intensity > 0.5]) == [[EPOCH_NS + 1], [1.0], [1], [1e-4]]
+
+
+def test_times_of_pandas_are_nanoseconds() -> None:
+    stamps = pd.to_datetime(pd.Series([EPOCH_NS, EPOCH_NS + 7]))
+    assert ForceTrace(stamps, [0.0, 0.0]).stamp_ns.tolist() == [EPOCH_NS, EPOCH_NS + 7]
+    assert ForceTrace(np.arange(3, dtype=np.int32), np.zeros(3)).stamp_ns.dtype == np.int64
+
+
+def test_arrays_that_are_kept_are_not_copied() -> None:
+    stamps, force = np.arange(3, dtype=np.int64), np.zeros(3)
+    trace = ForceTrace(stamps, force)
+    assert trace.stamp_ns is stamps
+    assert trace.force is force
+
+
+@pytest.mark.parametrize(
+    ('make', 'match'),
+    [
+        (lambda: ForceTrace([0.0, 0.05], [1.0, 1.0]), 'whole numbers in stamp_ns, got float64'),
+        (lambda: PulseTrain.of([Pulse(0.05, 1.0)]), 'whole numbers in onset_ns, got float64'),
+        (lambda: ForceTrace(['a'], [1.0]), 'expected whole numbers in stamp_ns, got <U1'),
+        (lambda: ForceTrace([0], [[1.0]]), r'expected force of shape \(n,\), got \(1, 1\)'),
+        (lambda: ForceTrace(0, 1.0), r'expected stamp_ns of shape \(n,\), got \(\)'),
+        (lambda: ForceTrace([0], [{}]), r'expected numbers in force, got \[\{\}\]'),
+    ],
+)
+def test_what_cannot_be_such_arrays_is_refused(make: Any, match: str) -> None:
+    with pytest.raises(ValueError, match=match):
+        make()

@@ -47,7 +47,9 @@ class Doubts(Restorable):
     def note(self, samples: int, counts: Mapping[str, int]) -> None:
         """Store the total counts after so many samples; to be called once a second."""
         if self._lasting:
-            self._found.update(self.names(samples, counts))
+            found = self.names(samples, counts)
+            # what was not learnt from does no harm later
+            self._found.update(name for name in found if name != faults.SAMPLES_EXCLUDED)
         self._notes.append((samples, dict(counts)))
 
     def names(self, samples: int, counts: Mapping[str, int]) -> tuple[str, ...]:

@@ -78,7 +78,11 @@ MEANING: Mapping[str, str] = {
     'learning waits if it happens twice within 10 s, as with two drivers',
     PULSE_SEQUENCE_STUCK: 'pulses of a driver that does not count them; losses cannot show',
     PULSE_PUBLISHERS: 'pulses of another publisher than the first, treated as lost',
-    SAMPLES_EXCLUDED: 'force samples that were predicted but not learnt from',
+    SAMPLES_EXCLUDED: (
+        'force samples that were predicted but not learnt from; so at the start of a stream whose '
+        'first pulse has another sequence number than 0, with no rest before it: earlier pulses '
+        'still act'
+    ),
     MONITOR_FAILED: 'monitors that raised an exception and were taken out',
     PULSES_TOO_FREQUENT: 'pulses between two samples for which the horizon has no room, dropped',
     FACTORISATION_FAILED: 'steps of an estimator that were not taken: matrix not positive',

@@ -26,6 +26,8 @@ _MANY_ARRIVALS = 1000
 MOST_IN_A_SECOND = 10_000
 # Pulses closer than this do not come from one stimulator [ns].
 _CLOSEST_NS = 200_000
+# The topic of the pulses may be found so much later than that of the force [ns].
+_FOUND_WITHIN_NS = 2_000_000_000
 # A second restart of the sequence within this time is not a restart of the driver [ns].
 _RESTARTS_NS = 10_000_000_000
 
@@ -47,8 +49,9 @@ class PulseQueue(Restorable):
     _ordered: PulseTrain
     _far: FarPulses
     _room: PulseRoom
+    _begun_ns: int | None
     _last_onset_ns: int | None
-    _last_sequence: int
+    _last_sequence: int | None
     _last_restart_ns: int
     _unknown: list[tuple[int, int]]
 
@@ -60,8 +63,9 @@ class PulseQueue(Restorable):
         self._ordered = PulseTrain.of([])
         self._far = FarPulses()
         self._room = PulseRoom(MOST_IN_A_SECOND)
+        self._begun_ns = None
         self._last_onset_ns = None
-        self._last_sequence = 0
+        self._last_sequence = None
         self._last_restart_ns = LONG_AGO
         self._unknown = []
 
@@ -78,6 +82,10 @@ class PulseQueue(Restorable):
         if len(self._arrived) > _MANY_ARRIVALS:
             # No force arrives: keep one array instead of many small ones.
             self._merge_arrived()
+
+    def begin(self, stamp_ns: int) -> None:
+        """Take the stamp of the first sample of the stream [ns]."""
+        self._begun_ns = stamp_ns
 
     def settle(self, until_ns: int, cell_ns: int | None = None) -> tuple[IntArray, FloatArray]:
         """Return the pulses with onsets up to `until_ns`, ascending, that can be used.
@@ -147,7 +155,9 @@ class PulseQueue(Restorable):
         """Compare one pulse with the one before it; return whether it can be used."""
         onset = int(train.onset_ns[index])
         sequence = int(train.sequence[index])
-        if self._last_onset_ns is not None and not self._in_sequence(onset, sequence):
+        if self._last_sequence is None:
+            self._look_before(onset, sequence)
+        elif self._last_onset_ns is not None and not self._in_sequence(onset, sequence):
             return False
         self._last_onset_ns = onset
         self._last_sequence = sequence
@@ -157,9 +167,21 @@ class PulseQueue(Restorable):
         self.exclude(onset, onset + self._memory_ns)
         return False
 
+    def _look_before(self, onset_ns: int, sequence: int) -> None:
+        """Exclude what earlier pulses may act on, if the first one that is heard is not number 0.
+
+        The stream began amid stimulation, or pulses were lost before the first one was heard.
+        After a rest in which the force was heard none acts.
+        """
+        known_ns = self._memory_ns + _FOUND_WITHIN_NS
+        rested = self._begun_ns is not None and onset_ns - self._begun_ns > known_ns
+        if sequence % SEQUENCE_PERIOD and not rested:
+            self.exclude(onset_ns - self._pulse_look_ahead_ns, onset_ns + self._memory_ns)
+
     def _in_sequence(self, onset_ns: int, sequence: int) -> bool:
         """Check sequence number and interval; return whether the pulse is a new one."""
         assert self._last_onset_ns is not None
+        assert self._last_sequence is not None
         if onset_ns == self._last_onset_ns and sequence == self._last_sequence:
             self._counter.add(faults.PULSE_DUPLICATE)
             return False

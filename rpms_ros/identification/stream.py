@@ -186,6 +186,8 @@ class IdentificationStream(StreamInput):
         stamps, values, due = self._intake.take(until_ns)
         if not due:
             return
+        if self._cell is None:
+            self._queue.begin(int(stamps[0]))
         cell = stamps[:due] // self._period_ns
         monitor_cell = stamps[:due] // self._pipeline.cell_ns
         starts = np.flatnonzero((np.diff(cell) != 0) | (np.diff(monitor_cell) != 0)) + 1

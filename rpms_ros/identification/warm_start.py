@@ -28,13 +28,20 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import checkpoint
 from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.laguerre import LaguerreBasis
+from rpms_ros.identification.projection.basis_search import basis_at
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.tracking.stretching import slowed
+from rpms_ros.muscle.identified_form import PARAMETER_NAMES
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment
 from rpms_ros.pulses import FloatArray
 
 # Grid on which a response is converted to another basis [s].
 _LAG: FloatArray = np.arange(0.0, 0.6, 1e-3)
 _LARGEST_RESULT = 64_000_000
+# Functions on which the response of a result may have been found: 7 to 105 ms, 0 to 35 ms.
+_BASIS = LaguerreBasis(7, 38e-3, 8e-3)
+_PLACES = tuple((k, j) for k in range(-16, 11) for j in range(-32, 109, 4))
 # Standard deviations that the JSON of a result lacks: response, as a share of it, and parameters.
 _RESULT_SHARE = 0.02
 _RESULT_DEVIATION = (0.02, 0.02, 0.3, 0.2)
@@ -194,6 +201,8 @@ def _of_state(state: Mapping[str, Any]) -> Knowledge:
     basis = LaguerreBasis(
         settings['basis.functions'], settings['basis.time_constant'], settings['basis.latency']
     )
+    if settings.get('choose_basis') and '_place' in state:
+        basis = basis_at(basis, state['_place'])
     return Knowledge(fit['theta'], fit['linear'], variance * inverse, variance, basis)
 
 
@@ -207,16 +216,38 @@ def _of_tracking(state: Mapping[str, Any]) -> Knowledge:
 
 def _of_result(document: Mapping[str, Any]) -> Knowledge:
     """Return the knowledge in the JSON of ``rpms identify``, with assumed covariance."""
-    theta = np.array([float(value) for value in document['recruitment'].values()])
+    recruitment = document['recruitment']
+    if unknown := [name for name in PARAMETER_NAMES if recruitment[name] is None]:
+        raise IdentificationError(
+            f'expected a result that knows {", ".join(PARAMETER_NAMES)}, got none of '
+            f'{", ".join(unknown)}'
+        )
+    theta = np.array([float(recruitment[name]) for name in PARAMETER_NAMES])
     response = document['impulse_response']
     time = np.array(response['time_s'], dtype=np.float64)
     force = np.array(response['force'], dtype=np.float64)
-    basis = LaguerreBasis(7, 38e-3, 0.0)
-    linear = np.array(np.linalg.lstsq(basis.evaluate(time), force, rcond=None)[0], np.float64)
+    # the coefficients are those of recruitment 1, the response is that at full intensity
+    force /= float(identified_recruitment(RecruitmentParameters(*theta.tolist()), 1.0))
+    basis, linear = _fitted_basis(time, force)
     share = _RESULT_SHARE**2 * float(linear @ linear) / len(linear)
     deviation = np.array(_RESULT_DEVIATION)
     covariance = np.diag(np.concatenate((deviation**2, np.full(len(linear), share))))
     return Knowledge(theta, linear, covariance, float(document['output_error_n']) ** 2, basis)
+
+
+def _fitted_basis(time: FloatArray, force: FloatArray) -> tuple[LaguerreBasis, FloatArray]:
+    """Return the basis that represents a response (times,) best, and its coefficients.
+
+    A result does not say on which functions its response was found.
+    """
+    found = {}
+    for place in _PLACES:
+        basis = basis_at(_BASIS, place)
+        functions = basis.evaluate(time)
+        linear = np.linalg.lstsq(functions, force, rcond=None)[0]
+        found[basis] = float(np.sum((force - functions @ linear) ** 2)), linear
+    best = min(found, key=lambda basis: found[basis][0])
+    return best, np.array(found[best][1], dtype=np.float64)
 
 
 def _read_result(path: Path) -> Mapping[str, Any]:

@@ -44,6 +44,8 @@ from rpms_ros.pulses import IntArray
 
 CELL_NS = 10_000_000
 _CELL_S = CELL_NS / NANOSECONDS_PER_SECOND
+# Pulses whose twitch has begun are before late ones for so long [ns].
+_REMEMBERED_NS = 2 * NANOSECONDS_PER_SECOND
 
 
 class _Rates(NamedTuple):
@@ -185,7 +187,7 @@ class LivingContraction:
         self._state = np.array([1.0, 1.0, 0.0])
         self._rates = self._rates_of(settings)
         self._reference_ns: int | None = None
-        self._last_onset_ns: int | None = None
+        self._begun_ns = np.empty(0, dtype=np.int64)
         self._onset_ns = np.empty(0, dtype=np.int64)
         self._intensity = np.empty(0)
 
@@ -301,11 +303,13 @@ class LivingContraction:
         if self._fixed_rate is not None:
             rate[:] = self._fixed_rate
         elif len(rate):
-            before = self._onset_ns[:1] if self._last_onset_ns is None else self._last_onset_ns
-            interval = np.diff(self._onset_ns, prepend=before) / NANOSECONDS_PER_SECOND
-            rate = 1.0 / np.maximum(interval, REFRACTORY_PERIOD)
-            if self._last_onset_ns is None:
-                rate[0] = 0.0
+            # a late pulse may belong between pulses whose twitch has begun
+            every = np.concatenate((self._begun_ns, self._onset_ns))
+            order = np.argsort(every, kind='stable')
+            interval = np.diff(every[order]) / NANOSECONDS_PER_SECOND
+            of_every = np.zeros(len(every))
+            of_every[order[1:]] = 1.0 / np.maximum(interval, REFRACTORY_PERIOD)
+            rate = of_every[len(self._begun_ns) :]
         share = self._recruitment(
             self._intensity, self._timeline('threshold', at), self._timeline('saturation', at)
         )
@@ -331,9 +335,8 @@ class LivingContraction:
         """Drop pulses whose twitch has begun."""
         if not len(used):
             return
-        newest = int(self._onset_ns[used].max())
-        if self._last_onset_ns is None or newest > self._last_onset_ns:
-            self._last_onset_ns = newest
+        begun = np.concatenate((self._begun_ns, self._onset_ns[used]))
+        self._begun_ns = begun[begun >= begun.max() - _REMEMBERED_NS]
         keep = np.ones(len(self._onset_ns), dtype=np.bool_)
         keep[used] = False
         self._onset_ns, self._intensity = self._onset_ns[keep], self._intensity[keep]

@@ -11,6 +11,8 @@ from rpms_ros.identification import identify
 from rpms_ros.pulses import ForceTrace
 
 NAMES = ('horizon', 'recursive')
+# Each algorithm with its settings for people.
+FOR_PEOPLE = ('batch', 'horizon', 'recursive', 'tracking')
 
 
 def session(record, name, spoil=None, step=1) -> IdentifiedSession:
@@ -106,3 +108,14 @@ def test_an_outlier_leaves_the_curve_alone(record) -> None:
     moved = np.abs(found.last.curve_force - clean.last.curve_force).max()
     # Sixteen samples less out of 8000 move it by far less than the noise does, 0.1 %.
     assert moved < 1e-3 * clean.last.curve_force.max()
+
+
+@pytest.mark.parametrize('name', FOR_PEOPLE)
+def test_bumps_are_set_aside_for_people_too(record, name) -> None:
+    pulses, forces = record(np.random.default_rng(11).uniform(size=400))
+    force = forces.force + 0.02 * np.random.default_rng(12).standard_normal(len(forces))
+    for first in range(10_000, 19_500, 700):
+        force[first : first + 15] += 8.0
+    estimator = estimator_by_name(name)
+    found = identify(estimator, pulses, ForceTrace(forces.stamp_ns, force)).last
+    assert found.faults == {'force_outlier': 14 * 15, 'samples_excluded': 14 * 15}

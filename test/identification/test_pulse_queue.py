@@ -26,6 +26,10 @@ class Queue:
         self.counter = FaultCounter()
         self.queue = PulseQueue(MEMORY, LOOK_AHEAD, self.counter)
 
+    def rest(self) -> None:
+        """Let the force be heard long before the first pulse."""
+        self.queue.begin(-10_000 * MILLISECOND)
+
     def add(self, *pulses: tuple[int, float, int]) -> None:
         train = [Pulse(onset * MILLISECOND, *others) for onset, *others in pulses]
         self.queue.add(PulseTrain.of(train))
@@ -110,6 +114,7 @@ def test_two_pulses_at_nearly_one_time_are_no_pulses_of_one_stimulator(sequence:
 
 def test_a_sequence_that_restarts_twice_is_not_learnt_from() -> None:
     queue = Queue()
+    queue.rest()
     queue.add((0, 0.5, 7), (50, 0.5, 0), (100, 0.5, 1), (150, 0.5, 0), (200, 0.5, 1))
     assert queue.onsets(300) == [0, 50, 100, 150, 200]
     assert queue.counter.counts() == {'pulse_sequence_restart': 2}
@@ -180,3 +185,23 @@ def test_pulses_without_force_do_not_pile_up_as_single_messages(count: int) -> N
     assert len(queue.queue._arrived) <= 1000
     assert len(queue.onsets(50 * count)) == count
     assert queue.counter.counts() == {}
+
+
+def test_a_first_pulse_that_is_not_number_0_excludes_what_those_before_it_could_touch() -> None:
+    queue = Queue()
+    queue.queue.begin(0)
+    queue.add((50, 0.5, 7), (100, 0.5, 8))
+    assert queue.onsets(200) == [50, 100]
+    assert queue.unknown(0, 1, 400, 401) == [True, True, True, False]
+    assert queue.counter.counts() == {}
+
+
+@pytest.mark.parametrize(('rest', 'sequence'), [(False, 0), (False, 2**32), (True, 7)])
+def test_a_first_pulse_of_a_session_excludes_nothing(rest: bool, sequence: int) -> None:
+    queue = Queue()
+    queue.queue.begin(0)
+    if rest:
+        queue.rest()
+    queue.add((50, 0.5, sequence))
+    assert queue.onsets(200) == [50]
+    assert not any(queue.unknown(0, 1, 51, 400))

@@ -19,6 +19,9 @@ from rpms_ros.identification.warm_start import warm_start
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import IntensityRecruitment
 from rpms_ros.muscle import Subject
+from rpms_ros.muscle.identified_form import PARAMETER_NAMES
+from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.identified_form import identified_recruitment
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
@@ -91,21 +94,43 @@ def test_a_wrong_prior_costs_a_second_at_most(saved) -> None:
 
 
 def test_a_result_does_as_well(saved, tmp_path) -> None:
-    known = known_from(saved)
+    known, path = known_from(saved), tmp_path / 'result.json'
     time = np.arange(0.0, 0.4, 5e-3)
+    # the response of a result is that at full intensity
+    full = identified_recruitment(RecruitmentParameters(*known.theta), 1.0)
+    # in any order
+    names = zip(reversed(PARAMETER_NAMES), known.theta[::-1].tolist(), strict=True)
     document = {
-        'recruitment': dict(
-            zip(('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr'), known.theta.tolist(), strict=True)
-        ),
+        'recruitment': dict(names),
         'impulse_response': {
             'time_s': time.tolist(),
-            'force': (known.basis.evaluate(time) @ known.linear).tolist(),
+            'force': (full * known.basis.evaluate(time) @ known.linear).tolist(),
         },
         'output_error_n': 0.05,
     }
-    (tmp_path / 'result.json').write_text(json.dumps(document))
-    warm, _ = errors(other_day(), 1.5, 2, tmp_path / 'result.json')
+    path.write_text(json.dumps(document))
+    found = known_from(path)
+    assert found.basis == known.basis
+    np.testing.assert_allclose(found.theta, known.theta)
+    np.testing.assert_allclose(found.linear, known.linear, rtol=1e-6)
+    warm, _ = errors(other_day(), 1.5, 2, path)
     assert warm[:10].min() < 0.015
+    document['recruitment']['u_sat'] = None
+    path.write_text(json.dumps(document))
+    with pytest.raises(IdentificationError, match=r'expected a result that knows .*, got none of'):
+        known_from(path)
+
+
+@pytest.mark.parametrize('name', ['batch', 'horizon', 'tracking'])
+def test_what_was_saved_is_the_muscle_of_the_estimate(name, tmp_path) -> None:
+    """With a latency and a time constant for which batch and tracking choose their functions."""
+    subject = replace(LAST_TIME, latency=20e-3, time_constant=20e-3)
+    _, stream = errors(subject, 12.0, 1, estimator=(name,))
+    checkpoint.save(tmp_path / name, stream)
+    known, estimate = known_from(tmp_path / name), stream.estimate()
+    full = identified_recruitment(RecruitmentParameters(*known.theta), 1.0)
+    response = full * known.basis.evaluate(estimate.response_time) @ known.linear
+    np.testing.assert_allclose(response, estimate.response_force, atol=1e-6)
 
 
 def test_what_says_nothing_of_a_muscle_is_refused(tmp_path, saved) -> None:

@@ -244,3 +244,20 @@ def test_times_only_go_forwards() -> None:
 def test_bad_settings_are_refused(make, fault) -> None:
     with pytest.raises(MuscleError, match=fault):
         make()
+
+
+def test_a_pulse_that_comes_late_has_the_weight_of_its_own_interval() -> None:
+    stamps = EPOCH_NS + MILLISECOND * np.arange(600, dtype=np.int64)
+    onset = EPOCH_NS + MILLISECOND * np.array([100, 150, 200])
+    forces = []
+    for muscle in (
+        Contraction(simulation_subject()),
+        LivingContraction(simulation_subject(), LivingSettings(), EPOCH_NS),
+    ):
+        muscle.add_pulses(onset[[0, 2]], [1.0, 1.0])
+        before = muscle.force(stamps[:210])
+        muscle.add_pulses(onset[1], 1.0)
+        forces.append(np.concatenate((before, muscle.force(stamps[210:]))))
+    steady, changing = forces
+    # the one that overtook it has acted already, with the weight of a longer interval
+    assert np.abs(steady - changing).max() < 0.03 * steady.max()

@@ -32,15 +32,15 @@ class ChangeTest(Restorable):
         Time in which pulses acted since the start or the last change [s].
     changes : int
         How many changes were found.
-    changed_ns : int
-        When the newest change began [ns].
+    changed_ns : int or None
+        When the newest change began [ns]; None before one, and after a jump of the clock.
     kind : str
         What the newest change was of.
     """
 
     learnt_s: float
     changes: int
-    changed_ns: int
+    changed_ns: int | None
     kind: str
     _mean: float
     _variance: float
@@ -51,7 +51,7 @@ class ChangeTest(Restorable):
     def __init__(self) -> None:
         self.learnt_s = 0.0
         self.changes = 0
-        self.changed_ns = 0
+        self.changed_ns = None
         self.kind = UNKNOWN
         self._mean = 0.0
         self._variance = 0.0
@@ -65,8 +65,9 @@ class ChangeTest(Restorable):
         return self._sum > 0.0
 
     def interrupt(self) -> None:
-        """Reset the sum: the next blocks do not continue the last ones."""
+        """Reset the sum and forget when a change was: the next blocks are of another clock."""
         self._sum = 0.0
+        self.changed_ns = None
 
     def take(self, start_ns: int, seconds: float, mean_square: float) -> bool:
         """Add a block in which pulses act; return whether the muscle has changed.

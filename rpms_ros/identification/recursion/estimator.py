@@ -37,6 +37,7 @@ from rpms_ros.identification.recursion.change import ChangeTest
 from rpms_ros.identification.recursion.intake import PredictionState
 from rpms_ros.identification.recursion.intake import begin_block
 from rpms_ros.identification.recursion.intake import fresh_prediction_state
+from rpms_ros.identification.recursion.intake import predict
 from rpms_ros.identification.recursion.intake import recompute_response
 from rpms_ros.identification.recursion.intake import residual_sum
 from rpms_ros.identification.recursion.intake import take
@@ -213,6 +214,12 @@ class ExactRecursion(RestorableWithSettings):
             first = last
         return prediction
 
+    def predict(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the prediction of the next samples (samples,), ascending [N]."""
+        line, carried, fit = self._delay_line, self._prediction, self._learner.fit
+        pending = line.begin_ns, line.intensity, self._input_gain * line.weight
+        return predict(stamp_ns, pending, self._memory, carried, fit, self._rate, self._fresh)
+
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
         fit, carried = self._learner.fit, self._prediction
@@ -232,14 +239,14 @@ class ExactRecursion(RestorableWithSettings):
             stamp_ns, fit, self._learner.prior, self._spread.sums, counters, own.counts()
         )
         estimate = self._plausibility.examine(estimate)
-        if not self._test.changes:
-            return estimate
-        ago = (stamp_ns - self._test.changed_ns) / NANOSECONDS_PER_SECOND
+        changed_ns = self._test.changed_ns
+        if changed_ns is None:
+            return replace(estimate, changes=self._test.changes)
         return replace(
             estimate,
             changes=self._test.changes,
             change_kinds=(self._test.kind,),
-            change_ago=np.array([ago]),
+            change_ago=np.array([(stamp_ns - changed_ns) / NANOSECONDS_PER_SECOND]),
         )
 
     def _begin_blocks(self, stamp_ns: int) -> int:
@@ -323,6 +330,7 @@ class ExactRecursion(RestorableWithSettings):
         settings, learner = self.settings, self._learner
         found = self._since.explain(self._memory, learner.prior, self._bounds)
         named = found.kind != UNKNOWN
+        assert self._test.changed_ns is not None
         late = end_ns - self._test.changed_ns > _NAMED_WITHIN_NS
         self._unnamed_ns = None if named or late else end_ns + _NAMING_NS
         if not (changed or named):

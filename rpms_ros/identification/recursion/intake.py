@@ -16,11 +16,13 @@ from rpms_ros.identification.projection.block_statistics import add_sample
 from rpms_ros.identification.projection.block_statistics import newest
 from rpms_ros.identification.projection.block_statistics import open_block
 from rpms_ros.identification.projection.data_intake import count_energy
+from rpms_ros.identification.projection.fit import Fit
 from rpms_ros.identification.projection.normal_equations import advance_state
 from rpms_ros.identification.projection.normal_equations import correlate
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.recursion.knots import interpolate
 from rpms_ros.identification.recursion.knots import recruitment_at_knots
+from rpms_ros.identification.recursion.memory import Memory
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
@@ -152,3 +154,48 @@ def take(
         carried.squares[0] += error * error
         carried.learnt[0] += 1.0
         add_sample(blocks, here, tau, force[index], carried.values)
+
+
+@numba.njit(cache=True)
+def predict(
+    stamp_ns: IntArray,
+    pending: tuple[IntArray, FloatArray, FloatArray],
+    memory: Memory,
+    carried: PredictionState,
+    fit: Fit,
+    rate: float,
+    fresh: bool,
+) -> FloatArray:
+    """Return the predictions that `take` would make of ascending samples (samples,) [N].
+
+    `pending` are begin, intensity and push (pulses,) of the pulses that have not begun.
+    """
+    begin_ns, intensity, push = pending
+    blocks, expected = memory.blocks, np.empty(len(stamp_ns))
+    known = blocks.size[0] > 0 and not fresh
+    start = blocks.start_ns[newest(blocks)] if known else stamp_ns[0]
+    states, present = memory.chains.copy(), carried.response.copy()
+    if not known:
+        states[:] = 0.0
+        present[:] = 0.0
+    values, shares = np.empty(len(present)), np.empty(len(states))
+    begun = 0
+    for index in range(len(stamp_ns)):
+        stamp = stamp_ns[index]
+        before = begun
+        while begun < len(begin_ns) and begin_ns[begun] < stamp:
+            transition_generator(rate * 1e-9 * max(begin_ns[begun] - start, 0), values)
+            interpolate(intensity[begun], shares)
+            for knot in range(len(states)):
+                advance_state(values, states[knot])
+                states[knot] += push[begun] * shares[knot]
+            start = begin_ns[begun]
+            begun += 1
+        if begun > before:
+            recompute_response(states, fit.theta, fit.linear, present)
+        transition_generator(rate * 1e-9 * (stamp - start), values)
+        total = fit.levels[0]
+        for function in range(len(values)):
+            total += present[function] * values[function]
+        expected[index] = total
+    return expected

@@ -140,7 +140,12 @@ def excited(memory: Memory, input_gain: float) -> bool:
 
 @numba.njit(cache=True)
 def let_baseline_drift(memory: Memory, variance: float) -> None:
-    """Add process noise to the baseline: a variance, relative to that of the noise of a sample."""
+    """Add process noise to the baseline: a variance, relative to that of the noise of a sample.
+
+    There is none after a block that ends at the stamp at which it began, with one sample.
+    """
+    if not variance > 0.0:
+        return
     gram, cross = memory.gram, memory.cross
     last = len(cross) - 1
     share = 1.0 / (gram[last, last] + 1.0 / variance)

@@ -117,6 +117,10 @@ class ChangeWatch(Restorable):
         self._alarm_ns = None
         self._named = None
 
+    def forget_times(self) -> None:
+        """Forget when changes were: the clock has jumped.  How many there were stays."""
+        self.found = []
+
     def look(
         self, problem: Problem, window: Window, fit: WindowFit, prior: Knowledge, alert: Alert
     ) -> Explanation | None:

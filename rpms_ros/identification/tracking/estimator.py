@@ -203,6 +203,7 @@ class TrackingEstimator(ProjectionEstimator):
         """Drop the pulses that still act; the knowledge of the muscle is kept."""
         super().forget_pulses()
         self._begin_anew()
+        self._watch.forget_times()
         self._schedule.forget()
         self._tremor.forget()
         self._last_ns = None

@@ -183,7 +183,12 @@ def test_a_jump_of_the_clock_costs_the_pulses_that_act_alone(session) -> None:
     found = session(seed=10, seconds=20.0)
     estimator = ExactRecursion()
     found.until(estimator, 0.0, 10.0)
+    # a time before the jump is none after it
+    estimator._test.changes, estimator._test.changed_ns = 1, 9_000_000_000
+    assert estimator.estimate(10_000_000_000, {}).change_ago == [1.0]
     estimator.forget_pulses()
+    after = estimator.estimate(0, {})
+    assert (after.changes, after.change_kinds, len(after.change_ago)) == (1, (), 0)
     back = found._replace(
         onset_ns=found.onset_ns - 3_600_000_000_000, stamp_ns=found.stamp_ns - 3_600_000_000_000
     )
@@ -225,3 +230,33 @@ def test_impossible_settings_are_refused(values: dict[str, float], message: str)
 def test_impossible_rates_are_refused(rate_hz: float) -> None:
     with pytest.raises(IdentificationError, match='expected a repetition rate above 0 Hz'):
         ExactRecursion(rate_hz=rate_hz)
+
+
+def test_a_twitch_may_begin_at_the_stamp_of_the_only_sample_of_a_block(session) -> None:
+    found = session(seed=14, seconds=4.0)
+    estimator = ExactRecursion()
+    latency_ns = round(1e9 * estimator.settings.model.basis.latency)
+    # a twitch that begins with the first sample, and one with the sample after a longest block
+    onset = np.array([-latency_ns, 502_000_000 - latency_ns])
+    estimator.add_pulses(onset, np.array([0.8, 0.8]))
+    usable = np.ones(len(found.force), dtype=np.bool_)
+    estimator.update(found.stamp_ns, found.force, usable)
+    assert np.isfinite(estimator.estimate(0, {}).curve_force).all()
+
+
+def test_samples_are_predicted_as_they_will_be_taken(session) -> None:
+    found = session(seed=15, seconds=8.0)
+    estimator = ExactRecursion()
+    assert (estimator.predict(found.stamp_ns[:10]) == 0.0).all()
+    found.until(estimator, 0.0, 6.0)
+    # nothing is learnt any more: no parameter moves
+    none = np.zeros(1000, dtype=np.bool_)
+    for first in (6, 7):
+        pulses = (found.onset_ns >= 1e9 * first) & (found.onset_ns < 1e9 * (first + 1))
+        estimator.add_pulses(found.onset_ns[pulses], found.intensity[pulses])
+        part = slice(1000 * first, 1000 * (first + 1))
+        state = repr(estimator.state())
+        predicted = estimator.predict(found.stamp_ns[part])
+        assert repr(estimator.state()) == state
+        taken = estimator.update(found.stamp_ns[part], found.force[part], none)
+    np.testing.assert_allclose(predicted, taken, atol=1e-9 * np.abs(found.force).max())

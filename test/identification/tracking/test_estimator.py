@@ -304,6 +304,15 @@ def test_a_jump_of_the_clock_keeps_what_is_known(living_sessions):
     assert np.abs(again.curve_force - session.curve[-1]).max() < 0.01 * session.curve[-1].max()
 
 
+def test_a_change_before_a_jump_of_the_clock_has_no_time(living_sessions):
+    session = living_sessions.session('coil moved', 'random', 3, 50.0)
+    estimator, estimates = run(session)
+    assert len(estimates[-1].change_ago) == estimates[-1].changes == 1
+    estimator.forget_pulses()
+    after = estimator.estimate(0, {})
+    assert (after.changes, after.change_kinds, len(after.change_ago)) == (1, (), 0)
+
+
 def test_more_pulses_than_there_is_room_for(living_sessions):
     session = living_sessions.session('steady', 'random', 3, 20.0)
     estimator, _ = run(session)
