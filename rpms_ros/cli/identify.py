@@ -105,7 +105,8 @@ def _add_state_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--start-from', type=Path, metavar='FILE', help=text)
     text = (
         'weigh each pulse by the pulses before it, with the history law in the JSON of rpms '
-        'analyze or a JSON object of its numbers; for trains of 30 Hz and more (batch, horizon)'
+        'analyze or a JSON object of its numbers; for trains of 30 Hz and more (batch, horizon, '
+        'tracking)'
     )
     group.add_argument('--temporal-summation', type=Path, metavar='FILE', help=text)
 

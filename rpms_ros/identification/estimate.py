@@ -52,7 +52,8 @@ class Estimate:
     nonlinear_identifiability : ndarray of int (p,)
         `NOT_INFORMED`, `INFORMED` or `CONVERGED`.
     linear_names, linear : tuple of str, ndarray (n,)
-        Linear parameters [N].
+        Linear parameters.  ``basis_*``: [N s^(1/2)] with Laguerre functions, which are in
+        s^(-1/2), [N] with the paper's distorted sines; ``baseline_*``: [N].
     repetition_rate : float
         Rate for which the curve is stated [Hz].
     curve_intensity, curve_force, curve_lower, curve_upper : ndarray (intensities,)
@@ -80,7 +81,8 @@ class Estimate:
     changes : int
         Sudden changes of the muscle that were found since the start.
     change_kinds, change_ago : tuple of str, ndarray (newest changes,)
-        What changed, and how long before the stamp [s]; the newest last.
+        What changed, and how long before the stamp [s]; the newest last.  There may be fewer than
+        `changes`: only the newest are kept, and what was before a jump of the clock is forgotten.
     disturbance, disturbance_deviation : float
         Force that the stimulation does not cause, and its standard deviation [N].
     reasons : tuple of str

@@ -123,7 +123,8 @@ class IdentifierParameters(NodeParameters):
     temporal_summation: str = parameter(
         '',
         'JSON of rpms analyze, or of the numbers of its history law: weighs a pulse by those '
-        'before it; empty: by the interval alone. For horizon.',
+        'before it; empty: by the interval alone. For horizon and tracking; '
+        'in rpms identify also for batch.',
     )
     start_from: str = parameter(
         '',

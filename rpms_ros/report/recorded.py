@@ -39,14 +39,14 @@ _NOT_THERE = (MessageError, AttributeError, OverflowError, TypeError, ValueError
 
 @dataclass(frozen=True)
 class DriverTotals:
-    """Totals that a stimulator driver published, since its device was opened.
+    """Totals that a stimulator driver published, since it was started.
 
     Attributes
     ----------
     pulses_delivered, pulses_dropped : int
         Pulses.
     coil_energy_j : float
-        Energy put into the coil [J].
+        Energy of these pulses, and of those that its dose ledger says the patient had before [J].
     highest_temperature_celsius : float
         Of the coil, measured or modelled, over the recording [Celsius].
     lateness_max_s : float

@@ -48,8 +48,8 @@ class Limits:
     energy_window_s : float
         Window of the mean power [s].
     session_pulses : int
-        Pulses since the driver was started, those of the last 24 h before included where a dose
-        ledger knows them.
+        Pulses since the driver was started, and those that its dose ledger says the patient had
+        before, in the last 24 h or in the window of the dose if that is longer.
     session_energy_j : float
         Energy of these [J].
     interval_tolerance_s : float

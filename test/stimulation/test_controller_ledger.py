@@ -172,6 +172,25 @@ def test_rest_power_and_session_survive_a_restart(virtual):
     driver.controller.start(constant(0.1, 1.0, 20.0))
 
 
+def test_totals_outlive_the_device_and_its_energy_includes_earlier_drivers(virtual):
+    ledger = FailingLedger()
+    ledger.past = [BookedPulse(-60 * SECOND, 0.5, 25.0), BookedPulse(-50 * SECOND, 0.5, 25.0)]
+    ledger.past += [BookedPulse(-40 * SECOND, 0.5, 25.0, on_patient=False)]
+    driver = virtual(Limits(pulse_energy_j=100.0), ledger=ledger).armed()
+    controller = driver.controller
+    controller.start(constant(0.5, 0.25, 20.0))
+    driver.advance(1.0)
+    given = controller.commanded, controller.delivered, controller.lateness.count
+    assert given == (5, 5, 5)
+    assert controller.limiter.session_energy_j == pytest.approx(50.0 + 5 * 25.0)
+    controller.count('late')
+    controller.cleanup()
+    controller.configure()
+    assert (controller.commanded, controller.delivered, controller.lateness.count) == given
+    assert controller.fault_counts() == {'late': 1}
+    assert controller.limiter.session_energy_j == pytest.approx(50.0 + 5 * 25.0)
+
+
 def test_a_real_device_needs_a_ledger():
     class Real(SimulatedDevice):
         real = True

@@ -37,7 +37,7 @@ class CleanTrace:
     noise : float
         Standard deviation of the white part of the noise [N].
     findings : tuple of str
-        Irregularities, a sentence each.
+        Irregularities, a sentence each; without a unit, since a force may be a torque.
     """
 
     stamp_ns: IntArray
@@ -75,7 +75,7 @@ def clean(trace: ForceTrace) -> CleanTrace:
     used = int(believed.sum())
     if used < finite.sum():
         findings.append(
-            f'{int(finite.sum()) - used} force samples are beyond {LARGEST_FORCE:g} N; they are '
+            f'{int(finite.sum()) - used} force samples are beyond {LARGEST_FORCE:g}; they are '
             'not used'
         )
     stamps, first = np.unique(trace.stamp_ns[believed], return_index=True)
@@ -121,7 +121,7 @@ def _saturated(force: FloatArray) -> BoolArray:
 
 
 def _end_values(force: FloatArray, saturated: BoolArray) -> str:
-    return ' and '.join(f'{value:.4g} N' for value in np.unique(force[saturated]))
+    return ' and '.join(f'{value:.4g}' for value in np.unique(force[saturated]))
 
 
 def _rate_findings(stamps: IntArray) -> list[str]:

@@ -92,7 +92,7 @@ def fit_field(points: Sequence[SteadyPoint]) -> FieldAnalysis:
             f'expected steady forces at {LEAST_INTENSITIES} intensities or more, got {levels}'
         )
     if not force.max() > 0:
-        raise IdentificationError(f'expected a force above the baseline, got {force.max():.3g} N')
+        raise IdentificationError(f'expected a force above the baseline, got {force.max():.3g}')
     several = len(np.unique(np.round(rate))) >= LEAST_RATES
     free = np.ones(1 + len(field_model.NAMES), dtype=np.bool_)
     free[5:8] = several

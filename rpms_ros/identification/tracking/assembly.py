@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Normal equations of a muscle that changes slowly under a disturbance, from the intervals.
 
-The force of interval j, whose middle lies ``a_j`` seconds before now, is
+The force of interval j, whose middle lies ``a_j`` intervals before now, is
 
 .. math:: f_j = (1 + \gamma_j) \left( Z e^{\delta_j D} w
           + a_j (\sigma_1 \psi_1 + \sigma_2 \psi_2) \right) + B b
 
 with the *present* theta and w, gamma the relative change of the force and delta the change of
 the logarithm of the time constant against now (piecewise linear in a, 0 at a = 0), sigma the
-change of u_thr and u_sat per second, and b a piecewise linear disturbance.  D is the derivative of
-the Laguerre functions by the logarithm of their time constant, so ``e^(delta D)`` stretches a
-response in time,
+change of u_thr and u_sat from one interval to the next older one, and b a piecewise linear
+disturbance.  D is the derivative of the Laguerre functions by the logarithm of their time
+constant, so ``e^(delta D)`` stretches a response in time,
 
 .. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right).
 
@@ -50,7 +50,7 @@ class Point(NamedTuple):
         Relative change of the force and change of the logarithm of the time constant at the
         knots, against now.
     slope : ndarray (2,)
-        Change of u_thr and u_sat with the age [1/s].
+        Change of u_thr and u_sat with the age, per interval.
     """
 
     theta: FloatArray

@@ -47,7 +47,7 @@ class Terms(NamedTuple):
     changes : ndarray (2, knots)
         Gain and slowing at the knots of the past.
     slope : ndarray (2,)
-        Of u_thr and u_sat [1/s].
+        Of u_thr and u_sat, per interval of age.
     """
 
     matrix: FloatArray
@@ -71,7 +71,7 @@ def added(
         At the point of the equations.
     scales : ndarray (3,)
         Change of force and of time constant from knot to knot (relative), of u_thr and u_sat
-        [1/s].
+        from interval to interval.
     matrix, right : ndarray (unknowns, unknowns), (unknowns,)
         Information and minus half the gradient, in place.
     """

@@ -125,8 +125,10 @@ def _reasons(
     if deliberating:
         found.append('the newest samples do not fit the muscle; looking for what has changed')
     if tremor.frequency:
+        # without a unit: an estimator is not told whether it is a force or a torque
         found.append(
-            f'a tremor of {tremor.frequency:.1f} Hz and {tremor.amplitude:.2g} N is taken off'
+            f'a tremor of {tremor.frequency:.1f} Hz with an amplitude of '
+            f'{tremor.amplitude:.2g} is taken off'
         )
     if fit.scales.disturbance > _LIVELY:
         found.append('a lively disturbance cannot be told from the muscle everywhere')

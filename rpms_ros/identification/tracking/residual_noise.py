@@ -32,7 +32,7 @@ def _left(
     """Return what the linear model after a step leaves: scores (intervals, columns) and squares.
 
     `theta` is the step of theta, `point` is after it; gain, logarithm of the relative time
-    constant and age [s] are those of the intervals.
+    constant and age (counted in intervals) have a value for each interval.
     """
     count, columns = intervals.right.shape
     functions = len(point.linear)

@@ -42,8 +42,8 @@ from rpms_ros.pulses import FloatArray
 # Standard deviation of the disturbance's second difference over an interval, as a share of the
 # force: from a sensor that drifts to a voluntary effort.
 LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
-# Change of force and time constant over the distance of two knots (relative), of thresholds a
-# second.
+# Change of force and time constant over the distance of two knots (relative), of thresholds over
+# an interval.
 CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
 DRIFTS: FloatArray = np.concatenate(([1e-7], 10.0 ** np.arange(-5.5, -2.4, 0.5)))
 # Standard deviation of the level of a knot, as a multiple of the force: practically no prior.

@@ -45,6 +45,14 @@ def test_what_is_no_number_is_left_out_and_said():
     assert '2 force samples are NaN or infinite' in found.findings[0]
 
 
+def test_what_is_too_large_is_left_out_and_said_without_a_unit():
+    force = noise(300)
+    force[70] = 2e4
+    found = clean(trace(force))
+    assert len(found.force) == 299
+    assert found.findings == ('1 force samples are beyond 10000; they are not used',)
+
+
 def test_a_sensor_at_its_end_is_saturated_only_there():
     force = noise(1000)
     force[400:420] = 50.0
@@ -52,7 +60,8 @@ def test_a_sensor_at_its_end_is_saturated_only_there():
     found = clean(trace(force))
     # a single sample at the end is no run of equal values
     assert np.array_equal(np.flatnonzero(found.saturated), np.arange(400, 420))
-    assert 'at 50 N' in found.findings[0]
+    # without a unit: the samples may be torques
+    assert '(at 50)' in found.findings[0]
 
 
 def test_a_constant_force_is_not_saturated():

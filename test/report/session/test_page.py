@@ -24,6 +24,7 @@ from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import write_recording
+from rpms_ros.report.recorded import DriverTotals
 from rpms_ros.report.result import result_of
 from rpms_ros.report.session import FIGURES
 from rpms_ros.report.session import SessionAnalysis
@@ -232,6 +233,15 @@ def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
     for shown in ('95 % band', 'latency_s', '2.75 to 3.25', '0.25', 'converged', 'not informed'):
         assert shown in text
     assert embedded(text, 'report')['result']['confidence'] == 0.95
+
+
+def test_totals_of_a_driver_say_since_when_they_count(analysis: SessionAnalysis) -> None:
+    totals = DriverTotals(120, 3, 2500.0, 31.0, 0.004, 'one', {})
+    recorded = replace(analysis.recorded, driver=totals)
+    changed = replace(analysis, recorded=recorded)
+    text = unquote(as_page(changed, as_document(changed)))
+    assert 'driver: pulses since it was started</th><td>120 delivered, 3 dropped' in text
+    assert 'driver: energy since then, and before for this patient by its dose ledger' in text
 
 
 @pytest.fixture(scope='module')
