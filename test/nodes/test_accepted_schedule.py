@@ -137,9 +137,7 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
     graph.wait_for(lambda: recorder.counts[topics.FORCE].messages == 3)
     recorder.close()
     running.driver._audit.close()
-    assert audit_findings(path, running.audit) == [
-        ('ok', '20 pulses as the driver gave them')
-    ]
+    assert audit_findings(path, running.audit) == [('ok', '20 pulses as the driver gave them')]
     recording = read_recording(path)
     pulses = recording.pulses
     halved = replace(pulses, intensity=0.5 * pulses.intensity)
