@@ -212,3 +212,15 @@ def test_a_part_without_samples_is_refused(
 ) -> None:
     with pytest.raises(RpmsError, match=message):
         simulated.between(start, end)
+
+
+@pytest.mark.parametrize('pulse_unit', [None, 'samples'])
+def test_a_whole_number_is_an_intensity_too(tmp_path: Path, pulse_unit: str | None) -> None:
+    path = tmp_path / 'leg.mat'
+    numbers = np.arange(20, 1980, 50)
+    gate = np.isin(np.arange(2000), numbers) * 5.0
+    pulse = gate if pulse_unit is None else numbers
+    savemat(path, {'fs': 1000.0, 'force': np.sin(np.arange(2000.0)), 'trigger': pulse})
+    session = rpms_ros.load(path, intensity=1, pulse_unit=pulse_unit)
+    assert session.pulses.intensity.dtype == np.float64
+    assert session.identify('recursive').result.pulses == len(numbers)
