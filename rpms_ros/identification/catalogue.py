@@ -29,6 +29,7 @@ from rpms_ros.identification.settings import settings_by_name
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.tracking.estimator import TrackingEstimator
 from rpms_ros.identification.tracking.settings import TrackingSettings
+from rpms_ros.seeds import check_seed
 
 GROUP = 'rpms_ros.estimators'
 _PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line', 'update')
@@ -50,12 +51,20 @@ class EstimatorOptions:
         Repetition rate for which the recruitment curve is stated [Hz].
     history : TemporalSummation or None
         How earlier pulses change the force of later ones; for batch, horizon and tracking.
+
+    Raises
+    ------
+    IdentificationError
+        If the seed is none.
     """
 
     preset: str = PEOPLE_PRESET
     seed: int = 0
     rate_hz: float = DEFAULT_RATE
     history: TemporalSummation | None = None
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed, IdentificationError)
 
 
 EstimatorBuilder = Callable[[EstimatorOptions], Estimator]
@@ -128,7 +137,8 @@ def estimator_by_name(
     ------
     IdentificationError
         If there is no such estimator or more than one of that name, if it cannot be loaded or
-        lacks a member of `Estimator`, if there is no such preset, or if the rate is not above 0.
+        lacks a member of `Estimator`, if there is no such preset, or if a value of the
+        options is not possible.
     """
     check_preset(preset)
     options = EstimatorOptions(preset, seed, rate_hz, history)

@@ -22,9 +22,9 @@ from rpms_ros.identification.settings import PEOPLE_PRESET
 from rpms_ros.identification.settings import check_preset
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.warm_start import warm_start
-from rpms_ros.nodes.parameters import LARGEST_SEED
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
+from rpms_ros.seeds import LARGEST_SEED
 
 _STREAM = StreamSettings()
 

@@ -7,6 +7,7 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.catalogue import ESTIMATORS
+from rpms_ros.identification.catalogue import EstimatorOptions
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.catalogue import estimator_names
 from rpms_ros.identification.session import identify
@@ -126,3 +127,9 @@ def test_what_is_no_estimator_is_refused(install, target, message):
     install(f'broken = {target}')
     with pytest.raises(IdentificationError, match=message):
         estimator_by_name('broken')
+
+
+@pytest.mark.parametrize('seed', [-1, 1.5, '1', 2**53 + 1])
+def test_a_seed_is_a_whole_number_from_0_on(seed):
+    with pytest.raises(IdentificationError, match=f'expected a seed, .*, got {seed!r}'):
+        EstimatorOptions(seed=seed)
