@@ -66,6 +66,11 @@ def test_the_scenarios_of_the_package_can_be_loaded() -> None:
         ('at: 40, ', '', r'line 6, changes\[0\]: expected the key at, got over, gain, threshold'),
         ('voluntary', 'dance', r'line 8, efforts\[0\].kind: expected a kind of .* got .dance.'),
         ('kind: tremor, ', '', r'line 9, efforts\[1\]: expected a kind of .*, got None'),
+        (
+            'threshold: 0.56',
+            'threshold: 0.56, saturation: 0.3',
+            r'line 6, changes\[0\]: expected a saturation .*, got 0.3 and 0.56 at 42 s',
+        ),
         ('clipped', '7', r'line 12, sensor_faults\[0\].fault: expected a text, got 7'),
         ('{noise: 0.05}', '[1]', r'line 10, disturbances: expected keys and values, got \[1\]'),
         ('name: example', 'name: example\nname: x', r'line 2, name: expected the key once'),
