@@ -204,6 +204,7 @@ def test_exports_are_loaded(simulated: Session, tmp_path: Path) -> None:
     [
         (5.0, 5.0, 'expected a start before the end, got 5.0 s and 5.0 s'),
         (float('nan'), 1.0, 'expected a start before the end'),
+        ('1', 2.0, "expected a time in s, got '1'"),
         (20.0, 30.0, r'expected force between 20.0 s and 30.0 s, got 14.999 s of it'),
     ],
 )
@@ -212,6 +213,15 @@ def test_a_part_without_samples_is_refused(
 ) -> None:
     with pytest.raises(RpmsError, match=message):
         simulated.between(start, end)
+
+
+def test_a_part_may_have_an_open_end(simulated: Session) -> None:
+    infinity = float('inf')
+    end = simulated.between(5, infinity)
+    assert end.name == f'{simulated.name}, from 5 s on'
+    assert len(end.force) == len(simulated.between(5.0, 1e300).force) == 10_000
+    assert len(simulated.between(-infinity, np.float32(5.0)).force) == 5001
+    assert len(simulated.between(-infinity, infinity).pulses) == len(simulated.pulses)
 
 
 @pytest.mark.parametrize('pulse_unit', [None, 'samples'])
