@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 from importlib.metadata import entry_points
+from numbers import Real
 from types import MappingProxyType
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.batch import BatchEstimator
 from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import HIGHEST_RATE
+from rpms_ros.identification.estimate import LOWEST_RATE
 from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.projection.settings import ProjectionSettings
@@ -48,14 +51,14 @@ class EstimatorOptions:
     seed : int
         Seed of a random start.
     rate_hz : float
-        Repetition rate for which the recruitment curve is stated [Hz].
+        Repetition rate for which the recruitment curve is stated, 0.1 to 1000 [Hz].
     history : TemporalSummation or None
         How earlier pulses change the force of later ones; for batch, horizon and tracking.
 
     Raises
     ------
     IdentificationError
-        If the seed is none.
+        If the seed is none, or the rate is not possible.
     """
 
     preset: str = PEOPLE_PRESET
@@ -65,6 +68,12 @@ class EstimatorOptions:
 
     def __post_init__(self) -> None:
         check_seed(self.seed, IdentificationError)
+        rate = self.rate_hz
+        if not isinstance(rate, Real) or not LOWEST_RATE <= rate <= HIGHEST_RATE:
+            raise IdentificationError(
+                f'expected a repetition rate from {LOWEST_RATE:g} to {HIGHEST_RATE:g} Hz, '
+                f'got {rate!r}'
+            )
 
 
 EstimatorBuilder = Callable[[EstimatorOptions], Estimator]

@@ -17,6 +17,8 @@ from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.catalogue import on_line_names
+from rpms_ros.identification.estimate import HIGHEST_RATE
+from rpms_ros.identification.estimate import LOWEST_RATE
 from rpms_ros.identification.monitors import monitors_by_name
 from rpms_ros.identification.settings import PEOPLE_PRESET
 from rpms_ros.identification.settings import check_preset
@@ -52,8 +54,8 @@ class IdentifierParameters(NodeParameters):
         DEFAULT_RATE,
         'Rate for which the recruitment curve is stated.',
         unit='Hz',
-        minimum=0.1,
-        maximum=1000.0,
+        minimum=LOWEST_RATE,
+        maximum=HIGHEST_RATE,
     )
     axis: str = parameter(
         'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'

@@ -39,3 +39,12 @@ def test_a_negative_seed_of_what_is_made_is_refused(
     path = tmp_path / 'new'
     assert_refused(rpms(*arguments, '--seed', -1, '--out', path), 'expected a seed, ')
     assert not path.exists()
+
+
+@pytest.mark.parametrize('rate', [0.0, 1e6])
+@pytest.mark.parametrize('estimator', ['batch', 'recursive'])
+def test_a_rate_at_which_nobody_is_stimulated_is_refused(
+    rpms: Rpms, short_session: Path, estimator: str, rate: float
+) -> None:
+    outcome = rpms('identify', short_session, '--rate-hz', rate, '--estimator', estimator)
+    assert_refused(outcome, 'expected a repetition rate from 0.1 to 1000 Hz, got ')
