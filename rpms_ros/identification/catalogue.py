@@ -47,7 +47,8 @@ class EstimatorOptions:
     preset : str
         ``people``, or ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its
         recursion, or batch and horizon with its start values and a latency of 0 (Table 4) or 8 ms
-        (Table 5).  With ``people`` the batch finds the latency itself.  `tracking` ignores it.
+        (Table 5).  With ``people`` the batch finds the latency itself.  `tracking` takes
+        ``people`` only.
     seed : int
         Seed of a random start.
     rate_hz : float
@@ -124,6 +125,16 @@ def estimator_names() -> tuple[str, ...]:
     return (*ESTIMATORS, *sorted(set(_registered()) - set(ESTIMATORS)))
 
 
+def check_choice(name: str, preset: str) -> None:
+    """Raise `IdentificationError` unless there is the preset, and the estimator takes it."""
+    check_preset(preset)
+    if name == 'tracking' and preset != PEOPLE_PRESET:
+        raise IdentificationError(
+            f'expected no preset with the estimator tracking, got {preset!r}: batch, horizon and '
+            'recursive take it'
+        )
+
+
 OFF_LINE = ('batch',)
 """Estimators whose estimate takes longer the longer the session."""
 
@@ -146,10 +157,10 @@ def estimator_by_name(
     ------
     IdentificationError
         If there is no such estimator or more than one of that name, if it cannot be loaded or
-        lacks a member of `Estimator`, if there is no such preset, or if a value of the
-        options is not possible.
+        lacks a member of `Estimator`, if there is no such preset or the estimator takes none,
+        or if a value of the options is not possible.
     """
-    check_preset(preset)
+    check_choice(name, preset)
     options = EstimatorOptions(preset, seed, rate_hz, history)
     points = _registered().get(name, [])
     targets = [*(['this package'] if name in ESTIMATORS else []), *(p.value for p in points)]

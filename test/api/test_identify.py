@@ -172,6 +172,7 @@ def test_an_estimator_on_line_keeps_a_path_of_estimates(simulated: Session) -> N
         ({'most_estimates': -1}, 'expected most_estimates .*, got -1'),
         ({'most_estimates': 2.5}, 'expected most_estimates .*, got 2.5'),
         ({'rate_hz': 0.0}, 'expected .*rate.*0'),
+        ({'estimator': 'tracking', 'preset': 'paper_table_5'}, 'expected no preset with the'),
         ({'rate_hz': '20'}, "expected a repetition rate from 0.1 to 1000 Hz, got '20'"),
     ],
 )

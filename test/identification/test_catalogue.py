@@ -129,6 +129,12 @@ def test_what_is_no_estimator_is_refused(install, target, message):
         estimator_by_name('broken')
 
 
+def test_a_preset_that_is_not_taken_is_refused():
+    message = "expected no preset with the estimator tracking, got 'paper_table_4': batch, horizon"
+    with pytest.raises(IdentificationError, match=message):
+        estimator_by_name('tracking', 'paper_table_4')
+
+
 @pytest.mark.parametrize('rate', [0.0, 0.09, 1e6, float('nan'), '20'])
 def test_a_rate_is_one_at_which_people_are_stimulated(rate):
     message = f'expected a repetition rate from 0.1 to 1000 Hz, got {rate!r}'
