@@ -13,6 +13,7 @@ from rpms_ros.api.session import Session
 from rpms_ros.errors import MuscleError
 from rpms_ros.errors import RecordingError
 from rpms_ros.errors import StimulationError
+from rpms_ros.muscle import SUBJECTS
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import random_subject
 from rpms_ros.muscle import subject_by_name
@@ -157,6 +158,9 @@ def named_subject(name: str, seed: int) -> Subject:
         If there is no such subject, or the seed of a random one is none.
     """
     if name != 'random':
+        # which knows presets only
+        if name not in SUBJECTS:
+            raise MuscleError(f'expected a subject of {", ".join(SUBJECTS)}, random, got {name!r}')
         return subject_by_name(name)
     check_seed(seed, MuscleError)
     return random_subject(np.random.default_rng(seed))

@@ -132,8 +132,10 @@ def test_what_cannot_be_guessed_names_the_keyword_and_the_guess(tmp_path: Path) 
     path.write_text('t;a [N];b [N];gate\n' + '\n'.join(f'{k};1;2;{k % 9 == 5}' for k in range(40)))
     path.write_text(path.read_text().replace('True', '5').replace('False', '0'))
     message = r"got 'a \[N\]', 'b \[N\]': force= decides \(so far: time 't' in ms.*pulses 'gate'\)"
-    with pytest.raises(RpmsError, match=message):
+    with pytest.raises(RpmsError, match=message) as refused:
         rpms_ros.load(path)
+    assert '(time_unit= decides)' in str(refused.value)
+    assert '--' not in str(refused.value)
     assert set(rpms_ros.load(path, force='b [N]').force.force) == {2.0}
     assert set(rpms_ros.load(path, force='b [N]', force_scale=-3.0).force.force) == {-6.0}
     assert rpms_ros.load(path, force='a [N]', time_unit='s').duration == 39.0

@@ -60,7 +60,10 @@ def test_a_muscle_and_a_schedule_of_ones_own() -> None:
     ('options', 'message'),
     [
         ({'schedule': 'zigzag'}, 'expected a schedule of .* or a file, got zigzag'),
-        ({'subject': 'nobody'}, 'expected .*nobody'),
+        (
+            {'subject': 'nobody'},
+            "expected a subject of rpms, fes, simulation, random, got 'nobody'",
+        ),
         ({'scenario': 'nothing'}, 'expected .*nothing'),
         ({'force_rate_hz': 0.0}, 'expected a rate of the force above 0 and up to'),
         ({'noise': -1.0}, 'expected .*noise.*-1'),
