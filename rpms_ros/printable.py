@@ -25,6 +25,19 @@ def counted(count: int, one: str, several: str | None = None) -> str:
     return f'{count} {one if count == 1 else several or one + "s"}'
 
 
+def told_apart(one: float, other: float, digits: int = 3) -> tuple[str, str]:
+    """Return two numbers with `digits`, or with as many as it takes to tell them apart.
+
+    >>> told_apart(40.0, 41.26), told_apart(40.0, 40.004)
+    (('40', '41.3'), ('40', '40.004'))
+    """
+    shown = f'{one:.{digits}g}', f'{other:.{digits}g}'
+    # 17 digits tell any two numbers apart
+    if shown[0] != shown[1] or digits == 17:
+        return shown
+    return told_apart(one, other, digits + 1)
+
+
 def spreadsheet_text(text: str) -> str:
     """Return text that no spreadsheet takes for a formula: such a one gets an apostrophe."""
     return f"'{text}" if text.startswith(_FORMULA_STARTS) else text

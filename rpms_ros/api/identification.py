@@ -154,10 +154,13 @@ class Identification:
         Raises
         ------
         ReportError
-            If the intensity is not from 0 to 1, or the data do not tell the curve.
+            If the intensity is not one number from 0 to 1, or the data do not tell the curve.
         """
-        if not 0 <= intensity <= 1:
-            raise ReportError(f'expected an intensity from 0 to 1, got {intensity}')
+        given = np.asarray(intensity)
+        if given.ndim:
+            raise ReportError(f'expected one intensity, got {given.size}; `curve` has 101 of them')
+        if given.dtype.kind not in 'buif' or not 0 <= given <= 1:
+            raise ReportError(f'expected an intensity from 0 to 1, got {intensity!r}')
         curve = self.curve
         if curve is None:
             raise ReportError(self.result.without_curve)

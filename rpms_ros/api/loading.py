@@ -191,11 +191,11 @@ def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> 
     try:
         found = import_file(place, options)
     except RecordingError as error:
-        text = _with_keywords(str(error))
+        text = str(error)
         if isinstance(error, Ambiguous) and error.decided:
             guess = '; '.join(f'{label} {what}' for label, what in error.decided)
             text += f' (so far: {guess})'
-        raise RecordingError(text) from error
+        raise RecordingError(_with_keywords(text)) from error
     if quantity not in (FORCE, found.quantity):
         raise RecordingError(
             f'expected a {quantity}, got a {found.quantity} in {place}; force_unit= decides'

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """One session: pulses, force, and what can be asked of them."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -162,15 +164,21 @@ class Session:
     def between(self, start: float, end: float) -> 'Session':
         """Return the part of the session from `start` to `end`, in s after its first sample.
 
+        Infinity as the end stands for the end of the session, -infinity for its beginning.
+
         Raises
         ------
         RecordingError
-            If `end` is not after `start`, or there is no sample in between.
+            If `end` is not after `start`, one of them is no time, or there is no sample in
+            between.
         """
+        for at in (start, end):
+            if not isinstance(at, Real):
+                raise RecordingError(f'expected a time in s, got {at!r}')
         if not start < end:
             raise RecordingError(f'expected a start before the end, got {start} s and {end} s')
         first_ns = int(self.force.stamp_ns.min()) if len(self.force) else 0
-        low, high = (first_ns + nanoseconds(at) for at in (start, end))
+        low, high = (_moment(first_ns, at) for at in (start, end))
         here = (self.force.stamp_ns >= low) & (self.force.stamp_ns <= high)
         chosen = (self.pulses.onset_ns >= low) & (self.pulses.onset_ns <= high)
         if not here.any():
@@ -190,7 +198,7 @@ class Session:
             foreign=self.recording.foreign.among(before),
             facts=replace(self.recording.facts, storage='part'),
         )
-        return replace(self, name=f'{self.name}, {start:g} to {end:g} s', recording=part)
+        return replace(self, name=f'{self.name}, {_span(start, end)}', recording=part)
 
     def identify(
         self,
@@ -225,8 +233,8 @@ class Session:
         Raises
         ------
         IdentificationError
-            If there is no such estimator or preset, the rate is not above zero, or there is no
-            force to learn from.
+            If there is no such estimator or preset, another option is not possible, or there is
+            no force to learn from.
         ReportError
             If the data do not lead to finite forces.
 
@@ -249,6 +257,20 @@ class Session:
             options = replace(options, preset=preset)
         estimates = identified(self.recording, options, progress, most_estimates)
         return Identification(self, estimates, result_of(self.recording, estimates))
+
+
+def _moment(first_ns: int, at: float) -> int:
+    """Return the stamp [ns] of a time after the first sample [s], within 64 bits."""
+    limits = np.iinfo(np.int64)
+    if abs(at) * NANOSECONDS_PER_SECOND >= limits.max:
+        return int(limits.max if at > 0 else limits.min)
+    return min(max(first_ns + nanoseconds(float(at)), limits.min), limits.max)
+
+
+def _span(start: float, end: float) -> str:
+    if math.isinf(start):
+        return 'all' if math.isinf(end) else f'up to {end:g} s'
+    return f'from {start:g} s on' if math.isinf(end) else f'{start:g} to {end:g} s'
 
 
 def _rate(stamp_ns: IntArray) -> float | None:

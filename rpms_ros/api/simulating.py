@@ -10,8 +10,10 @@ import numpy as np
 
 from rpms_ros.api.loading import as_recording
 from rpms_ros.api.session import Session
+from rpms_ros.errors import MuscleError
 from rpms_ros.errors import RecordingError
 from rpms_ros.errors import StimulationError
+from rpms_ros.muscle import SUBJECTS
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import random_subject
 from rpms_ros.muscle import subject_by_name
@@ -23,6 +25,7 @@ from rpms_ros.muscle.surroundings import Surroundings
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import IntArray
 from rpms_ros.report.known_muscle import of_truths
+from rpms_ros.seeds import check_seed
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation import load_schedule
@@ -152,11 +155,15 @@ def named_subject(name: str, seed: int) -> Subject:
     Raises
     ------
     MuscleError
-        If there is no such subject.
+        If there is no such subject, or the seed of a random one is none.
     """
-    return (
-        random_subject(np.random.default_rng(seed)) if name == 'random' else subject_by_name(name)
-    )
+    if name != 'random':
+        # which knows presets only
+        if name not in SUBJECTS:
+            raise MuscleError(f'expected a subject of {", ".join(SUBJECTS)}, random, got {name!r}')
+        return subject_by_name(name)
+    check_seed(seed, MuscleError)
+    return random_subject(np.random.default_rng(seed))
 
 
 def sample_times(length_s: float, rate_hz: float) -> IntArray:

@@ -93,6 +93,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 def run(arguments: argparse.Namespace) -> int:
     """Run the simulation, then report; return the exit code."""
     from rpms_ros.muscle.scenario import load_scenario
+    from rpms_ros.nodes.identifier_parameters import IdentifierParameters
     from rpms_ros.nodes.plant_parameters import PlantParameters
     from rpms_ros.nodes.plant_parameters import subject_of
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
@@ -104,6 +105,8 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = load_scenario(arguments.scenario) if arguments.scenario else None
     settings = simulation_settings(arguments)
     subject = subject_of(PlantParameters(**settings.plant))
+    # refused before any node has started
+    IdentifierParameters(**settings.identifier)
     folder = arguments.out or Path('out') / datetime.now().astimezone().strftime(
         'demo_%Y%m%d_%H%M%S'
     )

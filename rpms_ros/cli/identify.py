@@ -131,7 +131,7 @@ def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
     """Add the choice of what the paper printed."""
     text = (
         'paper_table_4 or paper_table_5 reproduce those tables of the paper and are not for '
-        'people; leave it out otherwise'
+        'people; leave it out otherwise, and with tracking'
     )
     add_option(parser, '--preset', 'people', text, choices=PRESETS)
 

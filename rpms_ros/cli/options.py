@@ -56,7 +56,7 @@ def add_option(
     if metavar:
         more['metavar'] = metavar
     shown = f'{default:g}' if isinstance(default, float) else default
-    text += '' if default in (None, '') else f' (default: {shown})'
+    text += '' if default in (None, '', []) else f' (default: {shown})'
     more.setdefault('type', str if default is None else type(default))
     group.add_argument(name, default=default, help=text, **more)
 

@@ -89,6 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
         expected_force=arguments.expected_force,
         reports=str(arguments.out / 'reports') if arguments.reports else None,
     )
+    # options that no recording can be identified with are told once, not with each of them
+    options.build()
     recordings = found_recordings(arguments.bags, arguments.out)
     if not recordings:
         given = ', '.join(map(str, arguments.bags))

@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 from importlib.metadata import entry_points
+from numbers import Real
 from types import MappingProxyType
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.batch import BatchEstimator
 from rpms_ros.identification.estimate import DEFAULT_RATE
+from rpms_ros.identification.estimate import HIGHEST_RATE
+from rpms_ros.identification.estimate import LOWEST_RATE
 from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.horizon import HorizonEstimator
 from rpms_ros.identification.projection.settings import ProjectionSettings
@@ -29,6 +32,7 @@ from rpms_ros.identification.settings import settings_by_name
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.tracking.estimator import TrackingEstimator
 from rpms_ros.identification.tracking.settings import TrackingSettings
+from rpms_ros.seeds import check_seed
 
 GROUP = 'rpms_ros.estimators'
 _PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line', 'update')
@@ -43,19 +47,34 @@ class EstimatorOptions:
     preset : str
         ``people``, or ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its
         recursion, or batch and horizon with its start values and a latency of 0 (Table 4) or 8 ms
-        (Table 5).  With ``people`` the batch finds the latency itself.  `tracking` ignores it.
+        (Table 5).  With ``people`` the batch finds the latency itself.  `tracking` takes
+        ``people`` only.
     seed : int
         Seed of a random start.
     rate_hz : float
-        Repetition rate for which the recruitment curve is stated [Hz].
+        Repetition rate for which the recruitment curve is stated, 0.1 to 1000 [Hz].
     history : TemporalSummation or None
         How earlier pulses change the force of later ones; for batch, horizon and tracking.
+
+    Raises
+    ------
+    IdentificationError
+        If the seed is none, or the rate is not possible.
     """
 
     preset: str = PEOPLE_PRESET
     seed: int = 0
     rate_hz: float = DEFAULT_RATE
     history: TemporalSummation | None = None
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed, IdentificationError)
+        rate = self.rate_hz
+        if not isinstance(rate, Real) or not LOWEST_RATE <= rate <= HIGHEST_RATE:
+            raise IdentificationError(
+                f'expected a repetition rate from {LOWEST_RATE:g} to {HIGHEST_RATE:g} Hz, '
+                f'got {rate!r}'
+            )
 
 
 EstimatorBuilder = Callable[[EstimatorOptions], Estimator]
@@ -106,6 +125,16 @@ def estimator_names() -> tuple[str, ...]:
     return (*ESTIMATORS, *sorted(set(_registered()) - set(ESTIMATORS)))
 
 
+def check_choice(name: str, preset: str) -> None:
+    """Raise `IdentificationError` unless there is the preset, and the estimator takes it."""
+    check_preset(preset)
+    if name == 'tracking' and preset != PEOPLE_PRESET:
+        raise IdentificationError(
+            f'expected no preset with the estimator tracking, got {preset!r}: batch, horizon and '
+            'recursive take it'
+        )
+
+
 OFF_LINE = ('batch',)
 """Estimators whose estimate takes longer the longer the session."""
 
@@ -128,9 +157,10 @@ def estimator_by_name(
     ------
     IdentificationError
         If there is no such estimator or more than one of that name, if it cannot be loaded or
-        lacks a member of `Estimator`, if there is no such preset, or if the rate is not above 0.
+        lacks a member of `Estimator`, if there is no such preset or the estimator takes none,
+        or if a value of the options is not possible.
     """
-    check_preset(preset)
+    check_choice(name, preset)
     options = EstimatorOptions(preset, seed, rate_hz, history)
     points = _registered().get(name, [])
     targets = [*(['this package'] if name in ESTIMATORS else []), *(p.value for p in points)]

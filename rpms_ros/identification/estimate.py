@@ -23,6 +23,8 @@ CONVERGED = 2
 CURVE_INTENSITY: FloatArray = np.linspace(0.0, 1.0, 101)
 CURVE_INTENSITY.flags.writeable = False
 DEFAULT_RATE = 20.0
+LOWEST_RATE, HIGHEST_RATE = 0.1, 1000.0
+"""Rates for which a recruitment curve may be stated [Hz]; nobody is stimulated beyond."""
 # Intensities that differ by less than this show one point of the curve, not its course.
 SMALLEST_INTENSITY_SPAN = 0.05
 

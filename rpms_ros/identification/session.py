@@ -25,6 +25,7 @@ from rpms_ros.identification.output_error import OutputError
 from rpms_ros.identification.output_error import output_error
 from rpms_ros.identification.stream import IdentificationStream
 from rpms_ros.identification.stream_settings import StreamSettings
+from rpms_ros.printable import counted
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
@@ -153,9 +154,7 @@ def identify(
             progress(taken)
     estimates += stream.finish()
     if not trace.cells:
-        raise IdentificationError(
-            f'expected at least one finite force sample, got none among {len(forces)}'
-        )
+        raise IdentificationError(_why_nothing(forces.force, settings.largest_force))
     if save_state is not None:
         save(save_state, stream)
     return IdentifiedSession(
@@ -164,4 +163,16 @@ def identify(
         trace.column('force'),
         trace.column('prediction'),
         trace.column('usable'),
+    )
+
+
+def _why_nothing(force: FloatArray, largest: float) -> str:
+    """Return why no sample of a recording could be used."""
+    finite = force[np.isfinite(force)]
+    if not len(finite) or np.abs(finite).min() <= largest:
+        return f'expected at least one finite force sample, got none among {len(force)}'
+    return (
+        f'expected a force of at most {largest:g} N or N m, got '
+        f'{counted(len(finite), "sample")} from {finite.min():g} to {finite.max():g}: raw counts '
+        'of an amplifier? --force-unit or --force-scale of rpms import decides'
     )

@@ -10,6 +10,7 @@ from dataclasses import replace
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.basis import DistortedSineBasis
 from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class RecruitmentBounds:
     u_thr: tuple[float, float] = (0.0, 1.0)
     u_sat: tuple[float, float] = (0.05, 1.5)
     alpha_sat: tuple[float, float] = (0.5, 50.0)
-    separation: float = 0.05
+    separation: float = SMALLEST_SEPARATION
 
     def __post_init__(self) -> None:
         for name in ('u_thr', 'u_sat', 'alpha_sat'):

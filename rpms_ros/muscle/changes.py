@@ -11,6 +11,7 @@ from dataclasses import fields
 import numpy as np
 
 from rpms_ros.errors import MuscleError
+from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION
 from rpms_ros.pulses import FloatArray
 
 # Distance of the two knots of a step, shorter than any sampling period [s].
@@ -70,6 +71,8 @@ class Change:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and -1.0 <= value <= 3.0):
                 raise MuscleError(f'expected a {name} from -1 to 3, got {value}')
+        if self.threshold is not None and self.saturation is not None:
+            _require_apart(self.at + self.over, self.threshold, self.saturation)
         if all(getattr(self, name) is None for name in CHANGEABLE):
             raise MuscleError(f'expected a change of {", ".join(CHANGEABLE)}, got none')
 
@@ -87,16 +90,42 @@ class Timeline:
         Values of `CHANGEABLE` before any change.
     changes : sequence of Change
         In any order.
+
+    Raises
+    ------
+    MuscleError
+        If threshold and saturation come too close to each other: beyond each other the muscle
+        would push.
     """
 
     def __init__(self, start: dict[str, float], changes: Sequence[Change] = ()) -> None:
         ordered = sorted(changes, key=lambda change: change.at)
         self._knots = {name: _knots(name, start[name], ordered) for name in CHANGEABLE}
+        self._check_recruitment(start)
+
+    def _check_recruitment(self, start: dict[str, float]) -> None:
+        names = ('threshold', 'saturation')
+        # both are linear from knot to knot, and so is their distance
+        knots = np.unique(np.concatenate([self._knots[name][0] for name in names]))
+        values = (self(name, knots).tolist() for name in names)
+        for time, *pair in zip(knots.tolist(), *values, strict=True):
+            # a subject of one's own is taken as it is
+            if pair != [start[name] for name in names]:
+                _require_apart(time, *pair)
 
     def __call__(self, name: str, time: FloatArray) -> FloatArray:
         """Return the values of `name` at times from the start (...) [s], same shape."""
         at, value = self._knots[name]
         return np.interp(time, at, value)
+
+
+def _require_apart(time: float, threshold: float, saturation: float) -> None:
+    # differences of decimal numbers are rounded
+    if not saturation - threshold > SMALLEST_SEPARATION - 1e-9:
+        raise MuscleError(
+            f'expected a saturation at least {SMALLEST_SEPARATION} above the threshold, '
+            f'got {saturation:g} and {threshold:g} at {time:g} s'
+        )
 
 
 def _knots(name: str, start: float, changes: Sequence[Change]) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ from rpms_ros.errors import MuscleError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.seeds import check_seed
 
 
 @dataclass(frozen=True)
@@ -71,10 +72,16 @@ class Sensor:
         What it adds to the force.
     seed : int
         Seed of the noise.
+
+    Raises
+    ------
+    MuscleError
+        If the seed is none.
     """
 
     def __init__(self, disturbances: Disturbances, seed: int = 0) -> None:
         self.disturbances = disturbances
+        check_seed(seed, MuscleError)
         self._generator = np.random.default_rng(seed)
         self._origin_ns: int | None = None
 

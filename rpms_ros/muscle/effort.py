@@ -84,7 +84,7 @@ class Spasm:
     every: float | None = None
 
     def __post_init__(self) -> None:
-        _require_event(self.at, self.rise, self.every)
+        _require_event(self.at, self.rise, self.every, 'rise')
         _require_finite('peak', self.peak)
         if not 0.0 < self.decay < math.inf:
             raise MuscleError(f'expected a finite decay above 0 s, got {self.decay}')
@@ -194,13 +194,16 @@ def _half_sine(time: FloatArray, at: float, duration: float, every: float | None
     return np.where(inside, np.sin(math.pi * since / duration), 0.0)
 
 
-def _require_event(at: float, duration: float, every: float | None) -> None:
+def _require_event(
+    at: float, duration: float, every: float | None, name: str = 'duration'
+) -> None:
+    """Raise `MuscleError` unless an event is possible; `name` is the key of its length."""
     if not 0.0 <= at < math.inf:
-        raise MuscleError(f'expected a finite beginning of at least 0 s, got {at}')
+        raise MuscleError(f'expected a finite at of at least 0 s, got {at}')
     if not 0.0 < duration < math.inf:
-        raise MuscleError(f'expected a finite duration above 0 s, got {duration}')
+        raise MuscleError(f'expected a finite {name} above 0 s, got {duration}')
     if every is not None and not duration <= every < math.inf:
-        raise MuscleError(f'expected a finite period of at least {duration:g} s, got {every}')
+        raise MuscleError(f'expected a finite every of at least {duration:g} s, got {every}')
 
 
 def _require_finite(name: str, value: float) -> None:

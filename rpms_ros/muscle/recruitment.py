@@ -17,6 +17,9 @@ import numpy.typing as npt
 from rpms_ros.errors import MuscleError
 from rpms_ros.pulses import FloatArray
 
+SMALLEST_SEPARATION = 0.05
+"""A muscle whose u_sat is not this far above its u_thr is nothing that can be identified."""
+
 
 @dataclass(frozen=True)
 class IntensityRecruitment:

@@ -53,7 +53,7 @@ class SensorFault:
         if self.fault not in KINDS:
             raise MuscleError(f'expected a fault of {", ".join(KINDS)}, got {self.fault!r}')
         if not 0.0 <= self.at < math.inf:
-            raise MuscleError(f'expected a finite beginning of at least 0 s, got {self.at}')
+            raise MuscleError(f'expected a finite at of at least 0 s, got {self.at}')
         if not 0.0 < self.duration < math.inf:
             raise MuscleError(f'expected a finite duration above 0 s, got {self.duration}')
         if not math.isfinite(self.value):

@@ -15,9 +15,15 @@ from rpms_ros.errors import NodeError
 
 Names = dict[int, str]
 _LABELS: Names = {
+    Transition.TRANSITION_CREATE: 'create',
     Transition.TRANSITION_CONFIGURE: 'configure',
+    Transition.TRANSITION_CLEANUP: 'cleanup',
     Transition.TRANSITION_ACTIVATE: 'activate',
     Transition.TRANSITION_DEACTIVATE: 'deactivate',
+    Transition.TRANSITION_UNCONFIGURED_SHUTDOWN: 'shutdown',
+    Transition.TRANSITION_INACTIVE_SHUTDOWN: 'shutdown',
+    Transition.TRANSITION_ACTIVE_SHUTDOWN: 'shutdown',
+    Transition.TRANSITION_DESTROY: 'destroy',
 }
 
 
@@ -46,8 +52,7 @@ class GuardedLifecycleNode(LifecycleNode):
         """
         possible = self.possible_transitions()
         if number not in possible:
-            names = ', '.join(sorted(possible.values()))
-            raise NodeError(f'expected a transition of {names}, got {_LABELS[number]}')
+            raise NodeError(_refusal(possible, number))
         triggers = {
             Transition.TRANSITION_CONFIGURE: self.trigger_configure,
             Transition.TRANSITION_ACTIVATE: self.trigger_activate,
@@ -69,7 +74,17 @@ class GuardedLifecycleNode(LifecycleNode):
         possible, asked = self.possible_transitions(), request.transition
         if asked.label in possible.values() if asked.label else asked.id in possible:
             return self._change_state(request, response)
-        names = ', '.join(sorted(possible.values()))
-        self.transition_refused(f'expected a transition of {names}, got {asked.label or asked.id}')
+        self.transition_refused(_refusal(possible, asked.id, asked.label))
         response.success = False
         return response
+
+
+def _refusal(possible: Names, number: int, label: str = '') -> str:
+    """Return why the state does not allow a transition."""
+    asked = label or _LABELS.get(number, str(number))
+    if not possible:
+        return (
+            f'expected a node that is not shut down, got {asked}: no transition is possible any '
+            'more, start it again'
+        )
+    return f'expected a transition of {", ".join(sorted(possible.values()))}, got {asked}'

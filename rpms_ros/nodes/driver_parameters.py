@@ -11,9 +11,9 @@ from pathlib import Path
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import UNITS
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes.parameters import LARGEST_SEED
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
+from rpms_ros.seeds import LARGEST_SEED
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import Segment
 from rpms_ros.stimulation import load_schedule

@@ -15,16 +15,18 @@ from rpms_ros.identification import PRESET_NAMES
 from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import StreamSettings
+from rpms_ros.identification.catalogue import check_choice
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.catalogue import on_line_names
+from rpms_ros.identification.estimate import HIGHEST_RATE
+from rpms_ros.identification.estimate import LOWEST_RATE
 from rpms_ros.identification.monitors import monitors_by_name
 from rpms_ros.identification.settings import PEOPLE_PRESET
-from rpms_ros.identification.settings import check_preset
 from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.warm_start import warm_start
-from rpms_ros.nodes.parameters import LARGEST_SEED
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
+from rpms_ros.seeds import LARGEST_SEED
 
 _STREAM = StreamSettings()
 
@@ -52,8 +54,8 @@ class IdentifierParameters(NodeParameters):
         DEFAULT_RATE,
         'Rate for which the recruitment curve is stated.',
         unit='Hz',
-        minimum=0.1,
-        maximum=1000.0,
+        minimum=LOWEST_RATE,
+        maximum=HIGHEST_RATE,
     )
     axis: str = parameter(
         'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'
@@ -140,7 +142,7 @@ class IdentifierParameters(NodeParameters):
                 'for the recording'
             )
         try:
-            check_preset(self.preset)
+            check_choice(self.estimator, self.preset)
         except IdentificationError as error:
             raise NodeError(f'parameter preset: {error}') from error
         super().__post_init__()

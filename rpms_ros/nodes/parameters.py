@@ -43,9 +43,6 @@ _ALIKE = 0.85
 _LARGEST_DOUBLE = 1.7976931348623157e308
 _METADATA = 'parameter'
 
-LARGEST_SEED = 2**53
-"""Largest seed: JSON and YAML readers that use doubles hold it exactly."""
-
 _TYPES = {
     bool: Parameter.Type.BOOL,
     int: Parameter.Type.INTEGER,

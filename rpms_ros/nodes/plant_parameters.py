@@ -22,9 +22,9 @@ from rpms_ros.muscle.plant import SampledPlant
 from rpms_ros.muscle.scenario import Scenario
 from rpms_ros.muscle.scenario import load_scenario
 from rpms_ros.muscle.surroundings import Surroundings
-from rpms_ros.nodes.parameters import LARGEST_SEED
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
+from rpms_ros.seeds import LARGEST_SEED
 
 RANDOM = 'random'
 _LARGEST_FORCE = 1e6

@@ -140,7 +140,7 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) ->
     # A gate that is still up at the end is as wide as it was seen.
     end = np.append(stamp_ns[falls], stamp_ns[-1])[: len(onset)]
     width = (end - onset) / NANOSECONDS_PER_SECOND
-    intensity = np.full(len(onset), settings.intensity)
+    intensity = np.full(len(onset), settings.intensity, dtype=np.float64)
     return PulseTrain(onset, intensity, np.arange(len(onset), dtype=np.int64), width)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentifiedSession
@@ -105,7 +106,16 @@ def identified(
         So many estimates are enough, evenly spaced, each of them one of those on line, and those
         that the verdict needs in any case; None makes all of them, ten a second.  The last one is
         the same in any case.
+
+    Raises
+    ------
+    IdentificationError
+        If no estimate at all is asked for, or see `build` and `identify`.
     """
+    if most_estimates is not None and not _is_count(most_estimates):
+        raise IdentificationError(
+            f'expected most_estimates as a whole number from 1 on, got {most_estimates!r}'
+        )
     settings = StreamSettings(estimate_period=_period(recording, most_estimates))
     session = _followed(recording, options, settings, progress)
     # a preset of the paper is chosen for its model
@@ -157,6 +167,10 @@ def _missed(session: IdentifiedSession) -> float:
 def compile_estimator(options: IdentificationOptions) -> None:
     """Compile what the estimator runs, once on a machine."""
     warm_up(options.build)
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int | np.integer) and bool(value >= 1)
 
 
 def _period(recording: 'Recording', most_estimates: int | None) -> float:

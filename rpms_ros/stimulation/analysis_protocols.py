@@ -9,6 +9,7 @@ of intensities at several rates that the recruitment field is made of (Figs. 9 a
 import numpy as np
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.seeds import check_seed
 from rpms_ros.stimulation.bursts import PulseBurst
 from rpms_ros.stimulation.bursts import Single
 from rpms_ros.stimulation.repetitive import Constant
@@ -48,7 +49,7 @@ def twitches(
     Raises
     ------
     StimulationError
-        If there is nothing to give, or twitches would run into each other.
+        If there is nothing to give, the seed is none, or twitches would run into each other.
     """
     if not intensities or repetitions < 1:
         raise StimulationError(
@@ -56,6 +57,7 @@ def twitches(
         )
     if interval_s < 0.5:
         raise StimulationError(f'expected an interval of at least 0.5 s, got {interval_s}')
+    check_seed(seed, StimulationError)
     order = np.random.default_rng(seed).permutation(np.repeat(intensities, repetitions))
     pulses: list[Segment] = [Single(float(level), interval_s) for level in order]
     return Schedule((REST, *pulses), name='twitches', seed=seed)

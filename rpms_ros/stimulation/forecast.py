@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from rpms_ros.printable import told_apart
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.stimulation.books import Books
@@ -176,11 +177,8 @@ def _silences(
 
 def _too_warm(thermal: CoilThermal, celsius: FloatArray) -> Broken:
     def refusal(first: int) -> Refusal:
-        return Refusal(
-            CUTOUT,
-            f'expected a coil of at most {thermal.cutout:g} Celsius, '
-            f'got {celsius[first]:.3g} forecast',
-        )
+        most, found = told_apart(thermal.cutout, float(celsius[first]))
+        return Refusal(CUTOUT, f'expected a coil of at most {most} Celsius, got {found} forecast')
 
     return Broken(celsius > thermal.cutout, refusal)
 

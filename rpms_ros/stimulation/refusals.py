@@ -5,6 +5,7 @@
 from typing import NamedTuple
 
 from rpms_ros.printable import counted
+from rpms_ros.printable import told_apart
 from rpms_ros.stimulation.limits import Limits
 
 
@@ -84,10 +85,11 @@ def too_many_in_a_train(limits: Limits) -> Refusal:
 
 def too_short_a_wait(wait_s: float, pulses: int, energy_j: float, gap_s: float) -> Refusal:
     """Return what a pulse is told that follows a train of so many pulses too soon."""
+    wait, gap = told_apart(wait_s, gap_s)
     return Refusal(
         'wait',
-        f'expected a wait of {wait_s:.3g} s after a train of {counted(pulses, "pulse")} '
-        f'and {energy_j:.4g} J, got {gap_s:.3g} s',
+        f'expected a wait of {wait} s after a train of {counted(pulses, "pulse")} '
+        f'and {energy_j:.4g} J, got {gap} s',
     )
 
 

@@ -143,10 +143,16 @@ def test_trains_of_one_intensity_give_time_constant_and_latency(tmp_path: Path) 
     assert 'twitch_time_constant_s: ' in str(result)
 
 
-@pytest.mark.parametrize('intensity', [-0.1, 1.1, float('nan')])
+@pytest.mark.parametrize('intensity', [-0.1, 1.1, float('nan'), '0.5', None])
 def test_a_force_outside_the_curve_is_refused(found: Identification, intensity: float) -> None:
     with pytest.raises(RpmsError, match='expected an intensity from 0 to 1'):
         found.force_at(intensity)
+
+
+def test_one_force_is_asked_for_at_a_time(found: Identification) -> None:
+    with pytest.raises(RpmsError, match='expected one intensity, got 2; `curve` has 101 of them'):
+        found.force_at([0.1, 0.5])  # type: ignore[arg-type]
+    assert found.force_at(np.array(0.5)) == found.force_at(0.5)  # type: ignore[arg-type]
 
 
 def test_an_estimator_on_line_keeps_a_path_of_estimates(simulated: Session) -> None:
@@ -162,7 +168,12 @@ def test_an_estimator_on_line_keeps_a_path_of_estimates(simulated: Session) -> N
     [
         ({'estimator': 'magic'}, "expected an estimator of .*, got 'magic'"),
         ({'preset': 'table_7'}, 'expected .*table_7'),
+        ({'most_estimates': 0}, 'expected most_estimates as a whole number from 1 on, got 0'),
+        ({'most_estimates': -1}, 'expected most_estimates .*, got -1'),
+        ({'most_estimates': 2.5}, 'expected most_estimates .*, got 2.5'),
         ({'rate_hz': 0.0}, 'expected .*rate.*0'),
+        ({'estimator': 'tracking', 'preset': 'paper_table_5'}, 'expected no preset with the'),
+        ({'rate_hz': '20'}, "expected a repetition rate from 0.1 to 1000 Hz, got '20'"),
     ],
 )
 def test_a_wrong_option_is_named(

@@ -132,8 +132,10 @@ def test_what_cannot_be_guessed_names_the_keyword_and_the_guess(tmp_path: Path) 
     path.write_text('t;a [N];b [N];gate\n' + '\n'.join(f'{k};1;2;{k % 9 == 5}' for k in range(40)))
     path.write_text(path.read_text().replace('True', '5').replace('False', '0'))
     message = r"got 'a \[N\]', 'b \[N\]': force= decides \(so far: time 't' in ms.*pulses 'gate'\)"
-    with pytest.raises(RpmsError, match=message):
+    with pytest.raises(RpmsError, match=message) as refused:
         rpms_ros.load(path)
+    assert '(time_unit= decides)' in str(refused.value)
+    assert '--' not in str(refused.value)
     assert set(rpms_ros.load(path, force='b [N]').force.force) == {2.0}
     assert set(rpms_ros.load(path, force='b [N]', force_scale=-3.0).force.force) == {-6.0}
     assert rpms_ros.load(path, force='a [N]', time_unit='s').duration == 39.0
@@ -204,6 +206,7 @@ def test_exports_are_loaded(simulated: Session, tmp_path: Path) -> None:
     [
         (5.0, 5.0, 'expected a start before the end, got 5.0 s and 5.0 s'),
         (float('nan'), 1.0, 'expected a start before the end'),
+        ('1', 2.0, "expected a time in s, got '1'"),
         (20.0, 30.0, r'expected force between 20.0 s and 30.0 s, got 14.999 s of it'),
     ],
 )
@@ -212,3 +215,24 @@ def test_a_part_without_samples_is_refused(
 ) -> None:
     with pytest.raises(RpmsError, match=message):
         simulated.between(start, end)
+
+
+def test_a_part_may_have_an_open_end(simulated: Session) -> None:
+    infinity = float('inf')
+    end = simulated.between(5, infinity)
+    assert end.name == f'{simulated.name}, from 5 s on'
+    assert len(end.force) == len(simulated.between(5.0, 1e300).force) == 10_000
+    assert len(simulated.between(-infinity, np.float32(5.0)).force) == 5001
+    assert len(simulated.between(-infinity, infinity).pulses) == len(simulated.pulses)
+
+
+@pytest.mark.parametrize('pulse_unit', [None, 'samples'])
+def test_a_whole_number_is_an_intensity_too(tmp_path: Path, pulse_unit: str | None) -> None:
+    path = tmp_path / 'leg.mat'
+    numbers = np.arange(20, 1980, 50)
+    gate = np.isin(np.arange(2000), numbers) * 5.0
+    pulse = gate if pulse_unit is None else numbers
+    savemat(path, {'fs': 1000.0, 'force': np.sin(np.arange(2000.0)), 'trigger': pulse})
+    session = rpms_ros.load(path, intensity=1, pulse_unit=pulse_unit)
+    assert session.pulses.intensity.dtype == np.float64
+    assert session.identify('recursive').result.pulses == len(numbers)

@@ -60,11 +60,16 @@ def test_a_muscle_and_a_schedule_of_ones_own() -> None:
     ('options', 'message'),
     [
         ({'schedule': 'zigzag'}, 'expected a schedule of .* or a file, got zigzag'),
-        ({'subject': 'nobody'}, 'expected .*nobody'),
+        (
+            {'subject': 'nobody'},
+            "expected a subject of rpms, fes, simulation, random, got 'nobody'",
+        ),
         ({'scenario': 'nothing'}, 'expected .*nothing'),
         ({'force_rate_hz': 0.0}, 'expected a rate of the force above 0 and up to'),
         ({'noise': -1.0}, 'expected .*noise.*-1'),
         ({'duration': -1.0}, 'expected .*-1'),
+        ({'subject': 'random', 'seed': -1}, 'expected a seed, .*, got -1'),
+        ({'schedule': 'sinusoid', 'seed': -1}, 'expected a seed, .*, got -1'),
     ],
 )
 def test_what_is_not_possible_is_refused(options: dict[str, object], message: str) -> None:

@@ -70,12 +70,13 @@ def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_no_help_shows_an_escaped_per_cent_sign(
+def test_no_help_shows_an_escaped_per_cent_sign_or_a_default_of_nothing(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, out, _ = exits(capsys, name, '--help')
     assert code == 0
     assert '%%' not in out
+    assert '(default: [])' not in out
     assert max(map(len, out.splitlines())) <= 100
 
 

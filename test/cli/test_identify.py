@@ -201,7 +201,7 @@ def test_faults_of_the_data_are_counted(
         (['--force-topic', 'torque'], 'expected topic torque in'),
         (['--axis', 'up'], 'expected axis x, y, z, -x or three numbers'),
         (['--estimator', 'oracle'], 'expected an estimator of'),
-        (['--rate-hz', '0'], 'expected a repetition rate above 0 Hz, got 0.0'),
+        (['--rate-hz', '0'], 'expected a repetition rate from 0.1 to 1000 Hz, got 0.0'),
     ],
 )
 def test_bad_options(rpms: Rpms, short_session: Path, options: list[str], message: str) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.catalogue import ESTIMATORS
+from rpms_ros.identification.catalogue import EstimatorOptions
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.catalogue import estimator_names
 from rpms_ros.identification.session import identify
@@ -126,3 +127,22 @@ def test_what_is_no_estimator_is_refused(install, target, message):
     install(f'broken = {target}')
     with pytest.raises(IdentificationError, match=message):
         estimator_by_name('broken')
+
+
+def test_a_preset_that_is_not_taken_is_refused():
+    message = "expected no preset with the estimator tracking, got 'paper_table_4': batch, horizon"
+    with pytest.raises(IdentificationError, match=message):
+        estimator_by_name('tracking', 'paper_table_4')
+
+
+@pytest.mark.parametrize('rate', [0.0, 0.09, 1e6, float('nan'), '20'])
+def test_a_rate_is_one_at_which_people_are_stimulated(rate):
+    message = f'expected a repetition rate from 0.1 to 1000 Hz, got {rate!r}'
+    with pytest.raises(IdentificationError, match=message):
+        estimator_by_name('batch', rate_hz=rate)
+
+
+@pytest.mark.parametrize('seed', [-1, 1.5, '1', 2**53 + 1])
+def test_a_seed_is_a_whole_number_from_0_on(seed):
+    with pytest.raises(IdentificationError, match=f'expected a seed, .*, got {seed!r}'):
+        EstimatorOptions(seed=seed)

@@ -166,8 +166,8 @@ HORIZON = {
 
 
 def fresh(name):
-    """The muscle here answers at once, as the paper's does: only the batch finds that out."""
-    return estimator_by_name(name, 'people' if name == 'batch' else 'paper_table_4')
+    """The muscle here answers at once, as the paper's does: batch and tracking find that out."""
+    return estimator_by_name(name, 'people' if name in ('batch', 'tracking') else 'paper_table_4')
 
 
 @cache

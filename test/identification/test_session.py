@@ -79,6 +79,16 @@ def test_nothing_to_learn_from_is_refused(force: np.ndarray) -> None:
         identify(RecursiveEstimator(), PulseTrain.of([]), forces)
 
 
+@pytest.mark.parametrize(
+    ('force', 'found'),
+    [([20e3, 27e3, 25e3], '3 samples from 20000 to 27000'), ([-3e4, math.nan], '1 sample from')],
+)
+def test_forces_that_no_muscle_has_are_named(force: list[float], found: str) -> None:
+    forces = ForceTrace(np.arange(len(force)), np.array(force))
+    with pytest.raises(IdentificationError, match=f'at most 10000 N or N m, got {found}.*-scale'):
+        identify(RecursiveEstimator(), PulseTrain.of([]), forces)
+
+
 def test_the_batch_from_python_fits_once_for_the_whole_recording(
     record, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -116,14 +116,18 @@ def test_block_length_changes_no_bit(cuts: list[int], kind: str) -> None:
 @pytest.mark.parametrize(
     ('make', 'fault'),
     [
-        (lambda: VoluntaryEffort(-1.0, 1.0, 1.0), 'finite beginning of at least 0 s, got -1'),
+        (lambda: VoluntaryEffort(-1.0, 1.0, 1.0), 'finite at of at least 0 s, got -1'),
         (lambda: VoluntaryEffort(0.0, 0.0, 1.0), 'finite duration above 0 s, got 0'),
-        (lambda: VoluntaryEffort(0.0, 2.0, 1.0, every=1.0), 'period of at least 2 s, got 1'),
+        (
+            lambda: VoluntaryEffort(0.0, 2.0, 1.0, every=1.0),
+            'a finite every of at least 2 s, got 1',
+        ),
+        (lambda: Spasm(0.0, 1.0, rise=0.0), 'expected a finite rise above 0 s, got 0'),
         (lambda: Spasm(0.0, float('nan')), 'expected a finite peak, got nan'),
         (lambda: Spasm(0.0, 1.0, decay=0.0), 'expected a finite decay above 0 s, got 0'),
         (lambda: Tremor(0.1, 0.0), 'expected a frequency above 0 up to 1000 Hz, got 0'),
         (lambda: SensorFault('melted', 0.0, 1.0), "expected a fault of frozen, .* got 'melted'"),
-        (lambda: SensorFault('lost', -1.0, 1.0), 'finite beginning of at least 0 s, got -1'),
+        (lambda: SensorFault('lost', -1.0, 1.0), 'finite at of at least 0 s, got -1'),
         (lambda: SensorFault('lost', 0.0, 0.0), 'finite duration above 0 s, got 0'),
         (lambda: SensorFault('clipped', 0.0, 1.0), 'a value for a clipped sensor, got 0'),
         (lambda: SensorFault('clipped', 0.0, 1.0, float('inf')), 'a finite value, got inf'),

@@ -212,6 +212,38 @@ def test_changes_follow_each_other() -> None:
     np.testing.assert_allclose(timeline('gain', at), expected)
 
 
+@pytest.mark.parametrize(
+    ('changes', 'found'),
+    [
+        # the subject has 0.48 and 0.98
+        ((Change(2.0, threshold=0.95),), '0.98 and 0.95 at 2 s'),
+        ((Change(1.0, threshold=0.8), Change(3.0, saturation=0.82)), '0.82 and 0.8 at 3 s'),
+        # a saturation that falls faster than a threshold meets it on the way
+        (
+            (
+                Change(0.0, threshold=0.9),
+                Change(1.0, 1.0, saturation=0.4),
+                Change(2.0, threshold=0.3),
+            ),
+            '0.4 and 0.9 at 2 s',
+        ),
+    ],
+)
+def test_threshold_and_saturation_stay_apart(changes: tuple[Change, ...], found: str) -> None:
+    message = f'expected a saturation at least 0.05 above the threshold, got {found}'
+    with pytest.raises(MuscleError, match=message):
+        living(LivingSettings(changes=changes))
+
+
+def test_a_coil_may_move_by_much() -> None:
+    both = Change(1.0, 2.0, threshold=0.9, saturation=0.95)
+    back = Change(5.0, threshold=0.1, saturation=0.2)
+    apart = (Change(7.0, threshold=0.75), Change(7.0, saturation=0.8))
+    force = living(LivingSettings(changes=(both, back, *apart))).force(grid(9.0))
+    # bends that differ in sharpness make the curve dip by millinewtons, at most
+    assert force.min() > -0.01
+
+
 def test_times_only_go_forwards() -> None:
     muscle = living(LivingSettings())
     muscle.force(grid(1.0))
@@ -238,6 +270,10 @@ def test_times_only_go_forwards() -> None:
         (lambda: Change(1.0, gain=1e308), r'expected a gain from 0 to 100, got 1e\+308'),
         (lambda: Change(1.0, latency=9.0), 'expected a latency from 0 to 1, got 9'),
         (lambda: Change(1.0, threshold=9.0), 'expected a threshold from -1 to 3, got 9'),
+        (
+            lambda: Change(1.0, 2.0, threshold=0.9, saturation=0.3),
+            r'expected a saturation at least 0\.05 above the threshold, got 0\.3 and 0\.9 at 3 s',
+        ),
         (lambda: Change(1.0), 'expected a change of gain, time_constant, .*, got none'),
     ],
 )

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenario files: what they say, and what is refused with line and key."""
 
+import re
+
 import pytest
 
 from rpms_ros.errors import MuscleError
@@ -28,6 +30,17 @@ disturbances: {noise: 0.05}
 sensor_faults:
   - {fault: clipped, at: 1.0, duration: 2.0, value: 6.0}
 """
+NEEDED = """\
+changes:
+  - {at: 1.0, gain: 0.5}
+efforts:
+  - {kind: voluntary, at: 1.0, duration: 1.0, peak: 1.0}
+  - {kind: spasm, at: 1.0, peak: 1.0}
+  - {kind: tremor, amplitude: 1.0}
+  - {kind: bump, at: 1.0, peak: 1.0}
+sensor_faults:
+  - {fault: lost, at: 1.0, duration: 1.0}
+"""
 
 
 def test_a_scenario_is_what_its_file_says() -> None:
@@ -39,6 +52,19 @@ def test_a_scenario_is_what_its_file_says() -> None:
     assert scenario.efforts == (VoluntaryEffort(8.0, 1.5, 2.0, 12.0), Tremor(0.3))
     assert scenario.disturbances.noise == 0.05
     assert scenario.sensor_faults == (SensorFault('clipped', 1.0, 2.0, 6.0),)
+
+
+def test_what_is_needed_is_enough() -> None:
+    """As docs/scenarios.md states it."""
+    scenario = scenario_from_text(NEEDED)
+    assert len(scenario.efforts) == 4
+    for line in NEEDED.splitlines():
+        for key in re.findall(r'(\w+): [\w.]+[,}]', line):
+            short = NEEDED.replace(
+                line, re.sub(rf'{key}: [\w.]+(, )?', '', line).replace(', }', '}')
+            )
+            with pytest.raises(MuscleError, match='expected'):
+                scenario_from_text(short)
 
 
 def test_the_scenarios_of_the_package_can_be_loaded() -> None:
@@ -66,6 +92,11 @@ def test_the_scenarios_of_the_package_can_be_loaded() -> None:
         ('at: 40, ', '', r'line 6, changes\[0\]: expected the key at, got over, gain, threshold'),
         ('voluntary', 'dance', r'line 8, efforts\[0\].kind: expected a kind of .* got .dance.'),
         ('kind: tremor, ', '', r'line 9, efforts\[1\]: expected a kind of .*, got None'),
+        (
+            'threshold: 0.56',
+            'threshold: 0.56, saturation: 0.3',
+            r'line 6, changes\[0\]: expected a saturation .*, got 0.3 and 0.56 at 42 s',
+        ),
         ('clipped', '7', r'line 12, sensor_faults\[0\].fault: expected a text, got 7'),
         ('{noise: 0.05}', '[1]', r'line 10, disturbances: expected keys and values, got \[1\]'),
         ('name: example', 'name: example\nname: x', r'line 2, name: expected the key once'),

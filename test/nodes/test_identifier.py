@@ -379,6 +379,10 @@ def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) 
         ({'pulse_look_ahead': 0.5}, r'<= pulse_look_ahead <= reorder_delay, got 0\.5 and 0\.2'),
         ({'estimator': 'batch'}, 'works on line, got batch, .*: use horizon here'),
         ({'monitors': ('pish',)}, "expected monitors of .*, got 'pish'"),
+        (
+            {'estimator': 'tracking', 'preset': 'paper_table_4'},
+            'parameter preset: expected no preset with the estimator tracking',
+        ),
         ({'preset': 'table_9'}, "preset: expected a preset of people, .* got 'table_9'"),
     ],
 )

@@ -143,3 +143,9 @@ def test_binary_file(tmp_path: Path) -> None:
 def test_bad_gate_settings(threshold: float | None, intensity: float, message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         GateSettings(threshold, intensity)
+
+
+def test_a_whole_number_is_an_intensity_too() -> None:
+    stamp_ns = np.arange(3, dtype=np.int64) * MILLISECOND
+    pulses = gate_pulses(stamp_ns, np.array([0.0, 8.0, 0.0]), GateSettings(intensity=1))
+    assert pulses.intensity.dtype == np.float64

@@ -4,6 +4,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from rpms_ros.stimulation.device_specification import profile_names
 from rpms_ros.stimulation.forecast import forecast
 from rpms_ros.stimulation.forecast import forecast_plan
 from rpms_ros.stimulation.forecast import offers
+from rpms_ros.stimulation.refusals import too_short_a_wait
 from rpms_ros.stimulation.thermal import CoilTemperature
 from rpms_ros.stimulation.thermal import CoilThermal
 
@@ -33,6 +35,7 @@ RAPID = dataclasses.replace(
         SHIPPED.limits, maximum_intensity_step=1.0, maximum_intensity_rise=1.0
     ),
 )
+WARM = dataclasses.replace(RAPID, thermal=CoilThermal(20.0, 0.5, 100.0, 10.0, 40.0))
 SECOND = 1_000_000_000
 
 
@@ -113,6 +116,20 @@ def test_forecast_of_many_pulses_warms_the_coil_as_one_by_one():
     pulses = zip(times.tolist(), [200.0, 100.0, 50.0], strict=True)
     one_by_one = [coil.heat(*pulse) for pulse in pulses]
     assert ahead.tolist() == pytest.approx(one_by_one, abs=1e-12)
+
+
+def test_a_coil_that_is_hardly_too_warm_is_told_from_its_limit():
+    cutout = forecast(constant(0.3, 1.0, 20.0), WARM).highest_temperature - 1e-4
+    warm = dataclasses.replace(WARM, thermal=dataclasses.replace(WARM.thermal, cutout=cutout))
+    (found,) = forecast(constant(0.3, 1.0, 20.0), warm).violations
+    expected, got = re.findall(r'[\d.]+', found.reason)
+    assert 0.0 < float(got) - float(expected) < 0.01
+
+
+def test_a_wait_that_is_hardly_too_short_is_told_from_its_limit():
+    reason = too_short_a_wait(4.9821, 20, 10.0, 4.9817).reason
+    assert reason.endswith('after a train of 20 pulses and 10 J, got 4.9817 s')
+    assert reason.startswith('expected a wait of 4.9821 s')
 
 
 def test_silence_counts_from_arming_and_up_to_the_end():

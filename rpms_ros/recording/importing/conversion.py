@@ -143,7 +143,7 @@ def _of_events(onset: IntArray, gate: GateSettings, file: SignalFile) -> PulseTr
     count = len(onset)
     return PulseTrain(
         onset,
-        np.full(count, gate.intensity),
+        np.full(count, gate.intensity, dtype=np.float64),
         np.arange(count, dtype=np.int64),
         np.full(count, MAGNETIC_PULSE_WIDTH),
     )
