@@ -24,6 +24,9 @@ from rpms_ros.recording.importing.conversion import converted
 from rpms_ros.recording.importing.gates import bounces
 from rpms_ros.recording.importing.guess import Guess
 from rpms_ros.recording.importing.guess import guessed
+from rpms_ros.recording.importing.late_start import WARNING as AMID
+from rpms_ros.recording.importing.late_start import begins_amid
+from rpms_ros.recording.importing.late_start import numbered_on
 from rpms_ros.recording.importing.reader import read_signals
 from rpms_ros.recording.importing.signals import SignalFile
 
@@ -172,7 +175,9 @@ def import_file(
     file = read_signals(path, options.block, options.sheet)
     guess = decide(file, options)
     pulses, forces = converted(file, guess, choices)
-    remarks = tuple(_remarks(pulses, forces))
+    if amid := begins_amid(pulses, forces):
+        pulses = numbered_on(pulses)
+    remarks = (*_remarks(pulses, forces), *([('warning', AMID)] if amid else []))
     read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
     named = None not in (options.time, options.force, options.pulse)
     told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)

@@ -1,0 +1,87 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables that begin amid stimulation, and those that begin at rest."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpms_ros.identification import CURVE_INTENSITY
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification import identify
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import Subject
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording.importing import Imported
+from rpms_ros.recording.importing import ImportOptions
+from rpms_ros.recording.importing import import_file
+from rpms_ros.recording.importing.late_start import begins_amid
+
+RATE = 20.0
+# pulses come with samples, 500 ms after the beginning
+STAMP_NS = np.arange(15_000, dtype=np.int64) * 1_000_000
+PULSES = PulseTrain.regular(np.random.default_rng(5).uniform(size=290), RATE, 500_000_000)
+
+
+def session(first: int, sign: float = 1.0) -> tuple[PulseTrain, ForceTrace]:
+    """The session from a sample on."""
+    muscle = Contraction(Subject())
+    muscle.add_pulses(PULSES.onset_ns, PULSES.intensity)
+    noise = 0.02 * np.random.default_rng(6).standard_normal(len(STAMP_NS))
+    force = sign * muscle.force(STAMP_NS) + noise + 3.0
+    pulses = PULSES[PULSES.onset_ns >= STAMP_NS[first]]
+    return pulses, ForceTrace(STAMP_NS[first:], force[first:])
+
+
+def table(path: Path, first: int) -> Imported:
+    pulses, forces = session(first)
+    gate = np.isin(forces.stamp_ns, pulses.onset_ns).astype(float)
+    rows = np.column_stack((1e-9 * forces.stamp_ns, forces.force, gate))
+    np.savetxt(path, rows, delimiter=',', header='time,force,gate', comments='', fmt='%.6f')
+    return import_file(path, ImportOptions(time='time', force='force', pulse='gate'))
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+@pytest.mark.parametrize(
+    ('first', 'amid'), [(0, False), (480, False), (499, False), (5020, True), (8030, True)]
+)
+def test_a_beginning_amid_stimulation_is_seen(first: int, amid: bool, sign: float) -> None:
+    assert begins_amid(*session(first, sign)) is amid
+
+
+def test_too_little_says_nothing() -> None:
+    pulses, forces = session(5020)
+    assert not begins_amid(pulses[:4], forces)
+    assert not begins_amid(pulses, ForceTrace(forces.stamp_ns[:2], forces.force[:2]))
+    unknown = np.where(forces.stamp_ns <= pulses.onset_ns[0], np.nan, forces.force)
+    assert not begins_amid(pulses, ForceTrace(forces.stamp_ns, unknown))
+
+
+def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(
+    tmp_path: Path,
+) -> None:
+    found = table(tmp_path / 'late.csv', 5020)
+    assert found.pulses.sequence[0] == 1
+    assert any('the force is not at rest there' in text for _, text in found.remarks)
+    # the intensities are not in the table
+    pulses = PULSES[PULSES.onset_ns >= STAMP_NS[5020]]
+    known = PulseTrain(pulses.onset_ns, pulses.intensity, found.pulses.sequence, pulses.width)
+    last = identify(estimator_by_name('batch'), known, found.forces).last
+    truth = Subject().steady_force(CURVE_INTENSITY, RATE)
+    assert last.faults.keys() == {'samples_excluded'}
+    assert np.abs(last.curve_force - truth).max() < 0.005 * truth.max()
+    # as it is without that
+    worse = identify(estimator_by_name('batch'), pulses_from_0(known), found.forces).last
+    assert np.abs(worse.curve_force - truth).max() > 0.02 * truth.max()
+
+
+def pulses_from_0(pulses: PulseTrain) -> PulseTrain:
+    return PulseTrain(pulses.onset_ns, pulses.intensity, pulses.sequence - 1, pulses.width)
+
+
+def test_a_beginning_at_rest_is_nothing_to_speak_of(tmp_path: Path) -> None:
+    found = table(tmp_path / 'rest.csv', 0)
+    assert found.pulses.sequence[0] == 0
+    assert found.remarks == ()
