@@ -18,6 +18,7 @@ from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import HEARTBEAT
 from rpms_ros.stimulation.settings import DriverSettings
 from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.threads import ControllerThreads
 
 MILLISECOND = 1_000_000
 SECOND = 1_000_000_000
@@ -185,6 +186,27 @@ def controller_of(tmp_path):
         )
 
     return build
+
+
+@pytest.fixture
+def armed_on_the_line(controller_of):
+    """Arm a controller; return it, its threads, and what keeps its executor alive."""
+
+    def arm(fake, specification):
+        controller = controller_of(fake, specification)
+        threads = ControllerThreads(controller)
+        threads.start()
+        controller.configure()
+
+        def alive():
+            controller.seen(EXECUTOR)
+            return True
+
+        alive()
+        controller.arm()
+        return controller, threads, alive
+
+    return arm
 
 
 @pytest.fixture

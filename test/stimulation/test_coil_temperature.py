@@ -13,8 +13,6 @@ from rpms_ros.stimulation.devices import WireTimes
 from rpms_ros.stimulation.dose import BookedPulse
 from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.interlocks import Refused
-from rpms_ros.stimulation.safety_monitor import EXECUTOR
-from rpms_ros.stimulation.threads import ControllerThreads
 
 SECOND = 1_000_000_000
 # 9600 baud, ten bits a byte: a status and a temperature take 6.3 and 12.5 ms
@@ -111,22 +109,13 @@ def test_a_device_that_does_not_tell_any_more_costs_no_more_pulses(measuring):
 
 
 def test_quick_train_on_the_line_is_stopped_by_the_instruments_heat(
-    instrument, controller_of, wait_for
+    instrument, armed_on_the_line, wait_for
 ):
     fake = instrument(watchdog_s=20.0, wire=True)
     found = load_device_specification('rapid2-240v')
     known = dataclasses.replace(found.limits, maximum_intensity_rise=1.0)
-    controller = controller_of(fake, dataclasses.replace(found, limits=known))
-    threads = ControllerThreads(controller)
-    threads.start()
-    controller.configure()
-
-    def alive():
-        controller.seen(EXECUTOR)
-        return True
-
-    alive()
-    controller.arm()
+    specification = dataclasses.replace(found, limits=known)
+    controller, threads, alive = armed_on_the_line(fake, specification)
     run = controller.start(constant(0.3, 12.0, 45.0))
     wait_for(lambda: alive() and len(fake.triggers) > 20)
     fake.temperatures = '450', '440'

@@ -4,26 +4,15 @@
 
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.threads import ControllerThreads
 
 
-def test_whole_driver_on_the_line(instrument, controller_of, wait_for):
+def test_whole_driver_on_the_line(instrument, armed_on_the_line, wait_for):
     fake = instrument(watchdog_s=20.0)
-    controller = controller_of(fake, load_device_specification('rapid2-240v'))
+    specification = load_device_specification('rapid2-240v')
+    controller, threads, alive = armed_on_the_line(fake, specification)
     fired = []
     controller.on_fired = fired.append
-    threads = ControllerThreads(controller)
-    threads.start()
-    controller.configure()
-
-    def alive():
-        controller.seen(EXECUTOR)
-        return True
-
-    alive()
-    controller.arm()
     run = controller.start(constant(0.1, 0.5, 20.0))
     wait_for(lambda: alive() and bool(run.ended))
     assert run.ended == 'completed'
