@@ -87,8 +87,14 @@ class Graph:
 
     def close(self) -> None:
         """Destroy the nodes, newest first."""
+        from rclpy.action import ActionClient
+
         for node in reversed(self._nodes):
             self._executor.remove_node(node)
+            for waitable in list(node.waitables):
+                # rclpy leaves it alone, and it would keep the node on the graph
+                if isinstance(waitable, ActionClient):
+                    waitable.destroy()
             node.destroy_node()
         self._executor.shutdown()
 

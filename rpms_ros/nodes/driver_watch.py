@@ -22,6 +22,7 @@ from rpms_msgs.msg import OperatorHeartbeat
 from rpms_ros import messages
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.driver_graph import others_of_this_name
 from rpms_ros.nodes.driver_graph import publishers_of
 from rpms_ros.nodes.driver_refusal import UNIQUE
@@ -91,9 +92,10 @@ class DriverWatch:
         self._lock = threading.Lock()
         self._closing = False
         self._node = second_node(node, SUFFIX)
-        self._live = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
-        self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
-        self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
+        with complete_or_gone(self._node):
+            self._live = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
+            self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
+            self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
         # pulses are held back before the stop is latched
         controller.interlocks.require(WATCH, timeout_s, hold_s=HOLD_SHARE * timeout_s)
         self._thread = threading.Thread(target=self._run, name='driver_watch', daemon=True)

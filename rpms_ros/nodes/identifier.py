@@ -30,6 +30,7 @@ from rpms_ros.identification.checkpoint import save
 from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.diagnostics import PERIOD_S
 from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.identifier_diagnostics import doubts_in_words
@@ -61,6 +62,11 @@ class Identifier(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('identifier', **options)
+        with complete_or_gone(self) as self._parts:
+            self._build()
+
+    def _build(self) -> None:
+        """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, IdentifierParameters)
         # nothing may be left to compile while force comes in
         with told_if_slow(self, COMPILING):
@@ -86,6 +92,7 @@ class Identifier(Node):
             qos.FORCE_BEST_EFFORT if self.settings.best_effort_force else qos.FORCE,
             nanoseconds(self.settings.longest_gap),
         )
+        self._parts.callback(self._hearing.close)
         warn_of_unused(self)
         self._senders = Publishers(self)
         for name, act in (('reset', self._reset), ('hold', self._hold), ('resume', self._resume)):
@@ -107,7 +114,7 @@ class Identifier(Node):
 
     def destroy_node(self) -> None:
         """Destroy the node, and the second one that receives for it."""
-        self._hearing.close()
+        self._parts.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _reset(self) -> str:

@@ -23,6 +23,7 @@ from rpms_ros.identification.arrival_order import Foreign
 from rpms_ros.identification.first_publisher import FirstPublisher
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.overridable import second_node
 from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import taken_from
@@ -83,11 +84,12 @@ class Hearing:
         self.sensor_frame = ''
         self._silence_ns = silence_ns
         self._node = second_node(node, SUFFIX)
-        # Overrides of the quality of service are parameters of the identifier.
-        pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
-        self._pulses = Taker(pulses)
-        force = subscribe(node, self._node, WrenchStamped, topics.FORCE, profile)
-        self._force = Taker(force)
+        with complete_or_gone(self._node):
+            # Overrides of the quality of service are parameters of the identifier.
+            pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
+            self._pulses = Taker(pulses)
+            force = subscribe(node, self._node, WrenchStamped, topics.FORCE, profile)
+            self._force = Taker(force)
         self._told_best_effort = force.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
         self._best_effort: Taker | None = None
         # What has come meanwhile is heard: a publisher may have waited for this subscription.

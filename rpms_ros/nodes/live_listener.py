@@ -35,6 +35,7 @@ from rpms_ros.live.serialized_pulse import pulse_in
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.overridable import second_node
 from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import warn_of_unused
@@ -96,7 +97,8 @@ class LiveListener:
         self._axis = axis
         self._quantity = quantity
         self._node = second_node(node, SUFFIX)
-        self._takers = {key: self._taker(key) for key in TYPES}
+        with complete_or_gone(self._node):
+            self._takers = {key: self._taker(key) for key in TYPES}
         warn_of_unused(node)
         self._unread: list[bytes] = []
         self._next_estimate = -math.inf

@@ -26,6 +26,7 @@ from rpms_ros.live.access import token_of
 from rpms_ros.live.modelled import warm_up
 from rpms_ros.live.server import LiveServer
 from rpms_ros.live.session import LiveSession
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.diagnostics import PERIOD_S
 from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.diagnostics import Health
@@ -95,6 +96,11 @@ class LivePage(Node):
 
     def __init__(self, token: str = '', **options: Any) -> None:
         super().__init__('live_page', **options)
+        with complete_or_gone(self) as self._parts:
+            self._build(token)
+
+    def _build(self, token: str) -> None:
+        """Make the parts of the node, each after those that it depends on."""
         self.settings = settings = declare_parameters(self, LivePageParameters)
         axis = messages.axis_of(settings.axis, settings.sign)
         if settings.token_file and not token:
@@ -106,9 +112,11 @@ class LivePage(Node):
         self.stop = LiveStop(self, self._is_stopped, self._tell) if token else None
         self._health: Health | None = None
         self.listener = LiveListener(self, self.session, axis, settings.quantity)
+        self._parts.callback(self.listener.close)
         self.server = LiveServer(
             self.session, self.listener.listen, access, self.stop, settings.address, settings.port
         )
+        self._parts.callback(self.server.close)
         warm_up()
         self._diagnostics = DiagnosticsPublisher(self, 'live page', self.server.url)
         self.server.start()
@@ -122,10 +130,7 @@ class LivePage(Node):
 
     def destroy_node(self) -> None:
         """End the server, then the node."""
-        if hasattr(self, 'server'):
-            self.server.close()
-        if hasattr(self, 'listener'):
-            self.listener.close()
+        self._parts.close()
         Node.destroy_node(self)
 
     def _look(self) -> None:

@@ -28,6 +28,7 @@ from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.diagnostics import Health
 from rpms_ros.nodes.keyboard import Keyboard
 from rpms_ros.nodes.logger import logger_of
@@ -103,9 +104,15 @@ class OperatorConsole(Node):
 
     def __init__(self, keyboard: Keyboard | None = None, **options: Any) -> None:
         super().__init__('operator_console', **options)
+        with complete_or_gone(self) as self._parts:
+            self._build(keyboard)
+
+    def _build(self, keyboard: Keyboard | None) -> None:
+        """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, ConsoleParameters)
         self._schedule = _text_of(self.settings.schedule_file)
         self._keyboard = Keyboard() if keyboard is None else keyboard
+        self._parts.callback(self._keyboard.close)
         if not self._keyboard.there:
             raise NodeError('expected a terminal to read keys from, got none')
         self._held = HeldKey(self.settings.key_delay, self.settings.key_repeat)
@@ -113,6 +120,7 @@ class OperatorConsole(Node):
         if self._joystick.used:
             self.create_subscription(Joy, topics.JOY, self._on_joy, qos.JOYSTICK)
         self.client = OperatorClient(self, self.settings.operator, self.settings.rate)
+        self._parts.callback(self.client.destroy)
         self.button = ButtonPublisher(self, rate=self.settings.rate)
         self._configure = self.create_client(ChangeState, f'{self.settings.driver}/change_state')
         self._reset = self.create_client(Trigger, topics.RESET_EMERGENCY_STOP)
@@ -132,8 +140,7 @@ class OperatorConsole(Node):
 
     def destroy_node(self) -> None:
         """Restore the settings of the terminal."""
-        self.client.destroy()
-        self._keyboard.close()
+        self._parts.close()
         Node.destroy_node(self)
 
     def _look(self) -> None:

@@ -24,6 +24,7 @@ from rpms_ros.axis import UNITS
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.clock_jump import JumpDetector
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.diagnostics import PERIOD_S
 from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.diagnostics import Health
@@ -52,6 +53,11 @@ class PlantSimulator(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plant_simulator', **options)
+        with complete_or_gone(self):
+            self._build()
+
+    def _build(self) -> None:
+        """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, PlantParameters)
         with told_if_slow(self, COMPILING):
             _warm_up(self.settings)

@@ -32,6 +32,7 @@ from rpms_ros.errors import NodeError
 from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.diagnostics import PERIOD_S
 from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.logger import logger_of
@@ -134,7 +135,14 @@ class Recorder(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', **options)
+        with complete_or_gone(self) as self._parts:
+            self._build()
+
+    def _build(self) -> None:
+        """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, RecorderParameters)
+        self._hearing = RecorderHearing(self)
+        self._parts.callback(self._hearing.close)
         try:
             self._writer = self._opened()
         except RecordingError as error:
@@ -147,16 +155,12 @@ class Recorder(Node):
         self._kinds: dict[str, Any] = {}
         self._numbers: dict[tuple[str, str], int] = {}
         self._lost: dict[str, int] = {}
-        self._hearing = RecorderHearing(self)
+        # an open recording is ended properly, whatever fails from here on
+        self._parts.callback(self.close)
         self._diagnostics = DiagnosticsPublisher(
             self, 'recording', f'recording {self.path.resolve()}'
         )
-        try:
-            self._subscribe_to_known()
-        except NodeError:
-            # the recording must not stay open
-            self.destroy_node()
-            raise
+        self._subscribe_to_known()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LISTENING_PERIOD, self._take, clock=steady)
         self.create_timer(self.settings.flush_period, self._flush, clock=steady)
@@ -315,7 +319,7 @@ class Recorder(Node):
 
     def destroy_node(self) -> None:
         """Close the recording, then destroy the node."""
-        self.close()
+        self._parts.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
 

@@ -105,6 +105,7 @@ class RecorderHearing:
         self._node = second_node(node, SUFFIX)
         self._topics: dict[str, _Topic] = {}
         self._kinds: dict[str, Any] = {}
+        self._closed = False
 
     @property
     def lost(self) -> dict[str, int]:
@@ -151,7 +152,10 @@ class RecorderHearing:
         return [message for _, message in sorted(found, key=lambda one: one[0])]
 
     def close(self) -> None:
-        """Destroy the second node."""
+        """Destroy the second node; once is enough."""
+        if self._closed:
+            return
+        self._closed = True
         for topic in self._topics.values():
             for taker in topic.takers:
                 if taker is not None:

@@ -22,6 +22,7 @@ from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.errors import RpmsError
 from rpms_ros.errors import StimulationError
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.discovery import stay_on_this_machine
 from rpms_ros.nodes.driver_action import ScheduleAction
 from rpms_ros.nodes.driver_action import text_of
@@ -73,12 +74,9 @@ class StimulatorDriver(GuardedLifecycleNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('stimulator_driver', **options)
-        try:
+        with complete_or_gone(self) as self._parts:
             self._build()
-        except RpmsError:
-            # a node that is not complete must not stay on the graph under this name
-            super().destroy_node()
-            raise
+            self._parts.callback(self._let_go, 'node destroyed')
 
     def _build(self) -> None:
         """Make the parts of the node, each after those that it depends on."""
@@ -88,6 +86,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         settings = self.settings
         self._figures = SessionFigures(settings)
         self._ledger = ledger_of(settings)
+        self._parts.callback(self._ledger.close)
         self.controller = StimulationController(
             build_device(settings, self._figures.specification),
             self._figures.specification,
@@ -103,8 +102,11 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._active = False
         self._autostart = settings.autostart
         self._schedule = schedule_of(settings) if self._autostart else None
-        self._threads = ControllerThreads(self.controller)
         self._audit = DriverAudit(settings.audit_log, self._on_audit_failed)
+        self._parts.callback(self._audit.close)
+        self._parts.callback(self._audit.note, 'end')
+        self._threads = ControllerThreads(self.controller)
+        self._parts.callback(self._threads.close)
         name = self.get_fully_qualified_name()
         self._audit.require('session', driver=name, device=device, process=os.getpid())
         self._pulses = PulsePublisher(self, settings.frame_id)
@@ -119,6 +121,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._action = ScheduleAction(
             self, self.controller, self._operator.require_goal, self._on_start, refuse
         )
+        self._parts.callback(self._action.destroy)
         self._watch = DriverWatch(
             self,
             self.controller,
@@ -127,6 +130,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             settings.watch_timeout,
             refuse,
         )
+        self._parts.callback(self._watch.close)
         self._inputs = InterlockInputs(
             self, self.controller, self._watch, settings, refuse, self._on_reset
         )
@@ -190,13 +194,7 @@ class StimulatorDriver(GuardedLifecycleNode):
 
     def destroy_node(self) -> None:
         """Close the device before anything else of the node is destroyed."""
-        self._let_go('node destroyed')
-        self._threads.close()
-        self._watch.close()
-        self._action.destroy()
-        self._audit.note('end')
-        self._audit.close()
-        self._ledger.close()
+        self._parts.close()
         super().destroy_node()
 
     def transition_refused(self, reason: str) -> None:

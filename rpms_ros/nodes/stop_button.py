@@ -18,6 +18,7 @@ from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.diagnostics import Health
 from rpms_ros.nodes.keyboard import Keyboard
 from rpms_ros.nodes.logger import logger_of
@@ -67,10 +68,17 @@ class StopButton(Node):
 
     def __init__(self, keyboard: Keyboard | None = None, **options: Any) -> None:
         super().__init__('stop_button', **options)
+        with complete_or_gone(self) as self._parts:
+            self._build(keyboard)
+
+    def _build(self, keyboard: Keyboard | None) -> None:
+        """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, StopButtonParameters)
         self._keyboard = keyboard
         if self.settings.keyboard and self._keyboard is None:
             self._keyboard = Keyboard()
+        if self._keyboard is not None:
+            self._parts.callback(self._keyboard.close)
         self._joystick = JoystickButton(self.settings.joy_button, self.settings.joy_timeout)
         if self._joystick.used:
             self.create_subscription(Joy, topics.JOY, self._on_joy, qos.JOYSTICK)
@@ -84,8 +92,7 @@ class StopButton(Node):
 
     def destroy_node(self) -> None:
         """Restore the settings of the terminal."""
-        if self._keyboard is not None:
-            self._keyboard.close()
+        self._parts.close()
         Node.destroy_node(self)
 
     def _look(self) -> None:

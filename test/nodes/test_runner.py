@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -347,3 +348,18 @@ def test_reserved_domains_differ() -> None:
 
     with reserved_domain() as first, reserved_domain() as second:
         assert first != second
+
+
+def test_a_domain_that_was_just_left_is_the_last_to_be_reserved_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rpms_ros.nodes.discovery import reserved_domain
+
+    # as if no other process had reserved any
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    order = []
+    for _ in range(2 * 91):
+        with reserved_domain() as domain:
+            order.append(domain)
+    assert sorted(order[:91]) == list(range(10, 101))
+    assert order[91:] == order[:91]
