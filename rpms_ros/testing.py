@@ -91,11 +91,11 @@ class Graph:
 
         for node in reversed(self._nodes):
             self._executor.remove_node(node)
+            node.destroy_node()
             for waitable in list(node.waitables):
                 # rclpy leaves it alone, and it would keep the node on the graph
                 if isinstance(waitable, ActionClient):
                     waitable.destroy()
-            node.destroy_node()
         self._executor.shutdown()
 
 

@@ -98,6 +98,7 @@ class ScheduleAction:
         self._refused = refused
         self._goal: ServerGoalHandle | None = None
         self._run: Run | None = None
+        self._destroyed = False
         self._server = _DeferredServer(
             node,
             execute_callback=self._unused,
@@ -124,8 +125,10 @@ class ScheduleAction:
         goal.publish_feedback(feedback)
 
     def destroy(self) -> None:
-        """Let go of the server."""
-        ActionServer.destroy(self._server)
+        """Let go of the server; once is enough."""
+        if not self._destroyed:
+            self._destroyed = True
+            ActionServer.destroy(self._server)
 
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
         goal.execute()
