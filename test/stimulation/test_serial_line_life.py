@@ -7,8 +7,8 @@ import fcntl
 import os
 import re
 import signal
-import struct
 import socket
+import struct
 import subprocess
 import sys
 import threading
