@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 from rpms_ros.pulses import nanoseconds
 
-
 UNCOUNTED = 2**64 - 1
 """Number of every message where the middleware does not count them (Cyclone DDS)."""
 

@@ -341,6 +341,18 @@ def test_a_halt_that_is_only_noted_keeps_the_owner_from_firing(driver_in):
     assert driver.controller.status() == (State.DISARMED, True, 'a test')
 
 
+def test_a_stop_between_two_lines_of_the_owner_keeps_it_from_firing(driver_in):
+    driver = driver_in(State.RUNNING)
+    driver.advance(0.02)
+    driver.clock.now = driver.controller.due_ns()
+    run = driver.controller.run
+    assert driver.controller._permitted(run)
+    # by a service: no condition is open, and its halt is applied already
+    driver.controller.stop('test', 'a test')
+    assert driver.controller.interlocks.problem(driver.clock.now) is None
+    assert not driver.controller._permitted(run)
+
+
 def test_stop_keeps_its_first_cause(driver_in):
     driver = driver_in(State.RUNNING)
     driver.controller.stop('one', 'first')
