@@ -119,7 +119,12 @@ def test_more_than_the_dose_is_refused_until_the_window_has_passed(kind, machine
     assert ledger.totals() == (99, 99.0)
     machine.wait(3605.1)
     assert ledger.totals() == (0, 0.0)
+    late = ledger.reserve(planned(machine, 1))
+    machine.wait(3600.1)
+    # what has left the window is not given back a second time
     assert len(ledger.reserve(planned(machine, 100))) == 100
+    ledger.settle(late)
+    assert ledger.totals() == (100, 1000.0)
 
 
 def test_what_was_reserved_counts_after_a_kill_and_what_was_given_back_does_not(machine, opened):
