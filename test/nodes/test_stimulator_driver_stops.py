@@ -210,6 +210,19 @@ def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(graph, 
     assert bench.controller.fault_counts()['force_refused'] > 0
 
 
+def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(graph):
+    # nothing else stops within this time
+    bench = Bench(graph, force_limit=100.0, force_timeout=10.0)
+    sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
+    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
+    felt = [wrench(10.0)]
+    bench.other.create_timer(0.02, lambda: sensor.publish(felt[0]))
+    bench.arm()
+    felt[0] = wrench(150.0, frame='ankle')
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert 'force_limit: expected at most 100 N, got 150 N' in bench.statuses[-1].reason
+
+
 @pytest.mark.parametrize(
     ('faults', 'reason'),
     [
