@@ -210,6 +210,16 @@ def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(graph, 
     assert bench.controller.fault_counts()['force_refused'] > 0
 
 
+def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(graph):
+    bench = Bench(graph)
+    bench.run()
+    device = bench.controller.device
+    assert device.armed
+    assert bench.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert bench.controller.state.name == 'UNCONFIGURED'
+    assert (device.opened, device.armed, device.intensity) == (False, False, 0.0)
+
+
 def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(graph):
     # nothing else stops within this time
     bench = Bench(graph, force_limit=100.0, force_timeout=10.0)
