@@ -220,6 +220,27 @@ def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(graph):
     assert (device.opened, device.armed, device.intensity) == (False, False, 0.0)
 
 
+def test_an_error_in_the_steady_work_of_the_node_is_a_fault(graph, monkeypatch):
+    bench = Bench(graph)
+    bench.run()
+    monkeypatch.setattr(bench.driver._action, 'progress', lambda *_: 1 / 0)
+    graph.wait_for(lambda: bench.controller.state.name == 'FAULT')
+    assert bench.controller.reason.startswith('expected to run on, got ZeroDivisionError')
+    assert not bench.controller.device.armed
+
+
+def test_an_error_while_a_goal_is_begun_is_a_fault(graph, monkeypatch):
+    bench = Bench(graph)
+    bench.arm()
+    assert bench.controller.device.armed
+    monkeypatch.setattr(bench.controller, 'start', lambda _: 1 / 0)
+    code, reason = bench.refusal()
+    assert code == RunSchedule.Result.INTERNAL_ERROR
+    assert reason.startswith('expected a goal without an error, got ZeroDivisionError')
+    assert bench.controller.state.name == 'FAULT'
+    assert not bench.controller.device.armed
+
+
 def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(graph):
     # nothing else stops within this time
     bench = Bench(graph, force_limit=100.0, force_timeout=10.0)
