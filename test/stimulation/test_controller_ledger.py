@@ -37,7 +37,8 @@ class FailingLedger(MemoryLedger):
     past = ()
 
     def __init__(self, dose=None):
-        super().__init__(dose)
+        # in the time of the test: the machine may run for longer than the window of a dose
+        super().__init__(dose, lambda: SECOND)
         self.reserved = []
 
     def history(self, now_monotonic_ns):
@@ -133,7 +134,7 @@ def test_ledger_that_cannot_be_written_is_a_fault(virtual):
 
 
 def test_schedule_over_the_dose_is_refused_before_its_first_pulse(virtual):
-    ledger = MemoryLedger(DoseLimits(pulses=99, energy_j=1e6, window_h=24.0))
+    ledger = MemoryLedger(DoseLimits(pulses=99, energy_j=1e6, window_h=24.0), lambda: SECOND)
     driver = virtual(ledger=ledger).armed()
     with pytest.raises(Refused, match='expected at most 99 pulses in 24 h, got 100') as caught:
         driver.controller.start(TRAIN)
@@ -145,7 +146,7 @@ def test_schedule_over_the_dose_is_refused_before_its_first_pulse(virtual):
 
 
 def test_dose_that_somebody_else_uses_up_ends_the_run(virtual):
-    ledger = MemoryLedger(DoseLimits(pulses=120, energy_j=1e6, window_h=24.0))
+    ledger = MemoryLedger(DoseLimits(pulses=120, energy_j=1e6, window_h=24.0), lambda: SECOND)
     driver = virtual(ledger=ledger).armed()
     run = driver.controller.start(TRAIN)
     driver.advance(0.2)

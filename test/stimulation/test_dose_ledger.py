@@ -372,7 +372,7 @@ def test_any_tail_is_refused_or_only_adds(tmp_path_factory, tail, cut):
 
 
 LIMITED = """
-    import resource, sys
+    import resource, sys, time
     from pathlib import Path
     from rpms_ros.stimulation.dose import LedgerError, PlannedPulse
     from rpms_ros.stimulation.dose_ledger import DoseLedger
@@ -382,12 +382,12 @@ LIMITED = """
     reserved = 0
     try:
         while True:
-            ledger.reserve([PlannedPulse(0, 0.5, 10.0)] * 7)
+            ledger.reserve([PlannedPulse(time.monotonic_ns(), 0.5, 10.0)] * 7)
             reserved += 7
     except LedgerError as fault:
         print(reserved, fault)
     try:
-        ledger.reserve([PlannedPulse(0, 0.5, 10.0)])
+        ledger.reserve([PlannedPulse(time.monotonic_ns(), 0.5, 10.0)])
     except LedgerError as fault:
         print(fault)
 """
