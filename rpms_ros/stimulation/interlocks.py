@@ -92,6 +92,11 @@ class Interlocks:
         # the largest: of one that is read while the thread waits, the others are too large
         self._slept_ns = max(self._slept() for _ in range(_READINGS))
 
+    @property
+    def slept(self) -> bool:
+        """Whether the machine has slept since `awake`."""
+        return self._sleep() is not None
+
     def seen(self, name: str, now_ns: int) -> None:
         """Note a sign of life."""
         with self._lock:

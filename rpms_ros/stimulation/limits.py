@@ -83,7 +83,7 @@ class Limits:
     def __post_init__(self) -> None:
         check_bounds(self)
         u, f = self.rate_intensities, self.rate_limits_hz
-        if len(u) != len(f) or sorted(u) != list(u) or sorted(f, reverse=True) != list(f):
+        if len(u) != len(f) or sorted(set(u)) != list(u) or sorted(f, reverse=True) != list(f):
             raise StimulationError(
                 'expected as many rate_limits_hz, descending, as rate_intensities, ascending, '
                 f'got {f} and {u}'

@@ -69,6 +69,13 @@ class PulseOwner(DeviceOwner):
         """Let the next pulse come when it is due."""
         self._hold_ns, self._held_by = 0, _LATE
 
+    def _arm(self) -> None:
+        if self.interlocks.slept:
+            # the clock of the books stood still: what the subject knew may be of yesterday
+            for books in (self.limiter, self.confirmed):
+                books.known.clear()
+        super()._arm()
+
     def _advance(self) -> int:
         run, now = self.run, self._clock()
         if run is None or self.state is not State.RUNNING:

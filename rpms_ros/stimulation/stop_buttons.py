@@ -15,6 +15,9 @@ from dataclasses import dataclass
 
 from rpms_ros.pulses import nanoseconds
 
+UNCOUNTED = 2**64 - 1
+"""Number of every message where the middleware does not count them (Cyclone DDS)."""
+
 
 class ButtonState(enum.IntEnum):
     """State of one button; values as in rpms_msgs/DriverStatus."""
@@ -87,7 +90,8 @@ class StopButtons:
             # one that was kept may be long over, unless something live came before it
             new = not kept or (button.seen_ns is not None and sequence > button.sequence)
             if pressed and new:
-                if sequence > button.noted and not button.pressed:
+                unnoted = sequence > button.noted or sequence == UNCOUNTED
+                if unnoted and not button.pressed:
                     self._press = f'emergency stop is pressed ({self._name(identity)})'
                 button.noted = max(button.noted, sequence)
             if sequence < button.sequence:

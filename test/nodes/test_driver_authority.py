@@ -146,6 +146,20 @@ def test_nothing_is_armed_without_the_enable(clinic):
     assert lab.controller.state.name == 'DISARMED'
 
 
+def test_a_confirmation_that_did_not_arm_lets_nobody_arm_instead(clinic):
+    lab = clinic()
+    lab.controller.stop('test', 'a test')
+    lab.ada.enable = True
+    assert lab.ask(lab.ada.request()).success
+    lab.graph.wait_for(lambda: bool(lab.ada.token))
+    lab.graph.wait_for(lambda: 'latched stop' in lab.ask(lab.ada.confirm()).message)
+    lab.controller.reset()
+    assert not lab.change(Transition.TRANSITION_ACTIVATE)
+    assert lab.controller.state.name == 'DISARMED'
+    # the token can be confirmed again in its time
+    assert lab.ask(lab.ada.confirm()).success
+
+
 def test_a_goal_of_anybody_else_is_refused_before_its_schedule_is_parsed(clinic):
     lab = clinic()
     lab.arm()

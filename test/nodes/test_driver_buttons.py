@@ -281,6 +281,19 @@ def test_a_publisher_that_runs_wild_does_not_hide_a_press(graph):
     graph.wait_for(lambda: not ward.resets().success)
 
 
+def test_states_that_may_have_been_pushed_out_of_the_queue_stop(graph):
+    ward = Ward(graph)
+    button = ButtonPublisher(ward.other)
+    ward.knows('/other')
+    ward.run()
+    # as on a machine that holds up the thread that listens
+    with ward.driver._watch._lock:
+        for _ in range(qos.STOP_DEPTH + 10):
+            button.say()
+    reason = ward.stopped()
+    assert 'expected at most 2000 messages in a look' in reason
+
+
 def test_a_press_is_heard_while_the_executor_is_blocked(graph, wait_for):
     ward = Ward(graph)
     other = Node('hand', context=graph.context, use_global_arguments=False)

@@ -210,6 +210,50 @@ def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(graph, 
     assert bench.controller.fault_counts()['force_refused'] > 0
 
 
+def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(graph):
+    bench = Bench(graph)
+    bench.run()
+    device = bench.controller.device
+    assert device.armed
+    assert bench.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert bench.controller.state.name == 'UNCONFIGURED'
+    assert (device.opened, device.armed, device.intensity) == (False, False, 0.0)
+
+
+def test_an_error_in_the_steady_work_of_the_node_is_a_fault(graph, monkeypatch):
+    bench = Bench(graph)
+    bench.run()
+    monkeypatch.setattr(bench.driver._action, 'progress', lambda *_: 1 / 0)
+    graph.wait_for(lambda: bench.controller.state.name == 'FAULT')
+    assert bench.controller.reason.startswith('expected to run on, got ZeroDivisionError')
+    assert not bench.controller.device.armed
+
+
+def test_an_error_while_a_goal_is_begun_is_a_fault(graph, monkeypatch):
+    bench = Bench(graph)
+    bench.arm()
+    assert bench.controller.device.armed
+    monkeypatch.setattr(bench.controller, 'start', lambda _: 1 / 0)
+    code, reason = bench.refusal()
+    assert code == RunSchedule.Result.INTERNAL_ERROR
+    assert reason.startswith('expected a goal without an error, got ZeroDivisionError')
+    assert bench.controller.state.name == 'FAULT'
+    assert not bench.controller.device.armed
+
+
+def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(graph):
+    # nothing else stops within this time
+    bench = Bench(graph, force_limit=100.0, force_timeout=10.0)
+    sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
+    graph.wait_for(lambda: sensor.get_subscription_count() == 1)
+    felt = [wrench(10.0)]
+    bench.other.create_timer(0.02, lambda: sensor.publish(felt[0]))
+    bench.arm()
+    felt[0] = wrench(150.0, frame='ankle')
+    bench.wait_for_state(DriverStatus.STOPPED)
+    assert 'force_limit: expected at most 100 N, got 150 N' in bench.statuses[-1].reason
+
+
 @pytest.mark.parametrize(
     ('faults', 'reason'),
     [

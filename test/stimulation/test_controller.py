@@ -7,10 +7,13 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import SimulatedDevice
+from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.limits import Limits
 from rpms_ros.stimulation.states import TRANSITIONS
 from rpms_ros.stimulation.states import Command
 from rpms_ros.stimulation.states import State
 
+SECOND = 1_000_000_000
 TRAIN = constant(0.5, 0.5, 20.0)
 
 
@@ -88,6 +91,28 @@ def test_a_sleep_of_the_machine_stops(running, monkeypatch):
     controller.start(TRAIN)
     running.advance(1.0)
     assert len(running.device.commands) == given + 10
+
+
+def test_what_the_subject_knew_before_a_sleep_of_the_machine_is_not_known_after_it(
+    virtual, monkeypatch
+):
+    driver = virtual(Limits(maximum_intensity_rise=0.1)).armed()
+    controller = driver.controller
+    for highest in (0.1, 0.2, 0.2):
+        controller.start(constant(highest, 0.5, 20.0))
+        driver.advance(1.0)
+        controller.arm()
+    controller.disarm()
+    given = len(driver.device.commands)
+    awake = controller.interlocks._slept
+    monkeypatch.setattr(controller.interlocks, '_slept', lambda: awake() + 28800 * SECOND)
+    controller.arm()
+    with pytest.raises(Refused, match=r'^maximum_intensity_rise: .* got 0\.2'):
+        controller.start(constant(0.2, 0.5, 20.0))
+    assert len(driver.device.commands) == given
+    controller.start(constant(0.1, 0.5, 20.0))
+    driver.advance(1.0)
+    assert len(driver.device.commands) == given + 10
 
 
 class StoppedMidway(SimulatedDevice):

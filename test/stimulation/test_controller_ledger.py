@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller and the dose ledger: no pulse that is not reserved, and books that outlive it."""
 
+import os
 from contextlib import suppress
 
 import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
+from rpms_ros.stimulation.audit_log import AuditLog
 from rpms_ros.stimulation.clocks import Clocks
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.device_specification import load_device_specification
@@ -15,6 +17,7 @@ from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.dose import BookedPulse
 from rpms_ros.stimulation.dose import DoseLimits
 from rpms_ros.stimulation.dose import LedgerError
+from rpms_ros.stimulation.dose import PlannedPulse
 from rpms_ros.stimulation.dose_ledger import DoseLedger
 from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.interlocks import Refused
@@ -34,7 +37,8 @@ class FailingLedger(MemoryLedger):
     past = ()
 
     def __init__(self, dose=None):
-        super().__init__(dose)
+        # in the time of the test: the machine may run for longer than the window of a dose
+        super().__init__(dose, lambda: SECOND)
         self.reserved = []
 
     def history(self, now_monotonic_ns):
@@ -130,7 +134,7 @@ def test_ledger_that_cannot_be_written_is_a_fault(virtual):
 
 
 def test_schedule_over_the_dose_is_refused_before_its_first_pulse(virtual):
-    ledger = MemoryLedger(DoseLimits(pulses=99, energy_j=1e6, window_h=24.0))
+    ledger = MemoryLedger(DoseLimits(pulses=99, energy_j=1e6, window_h=24.0), lambda: SECOND)
     driver = virtual(ledger=ledger).armed()
     with pytest.raises(Refused, match='expected at most 99 pulses in 24 h, got 100') as caught:
         driver.controller.start(TRAIN)
@@ -142,7 +146,7 @@ def test_schedule_over_the_dose_is_refused_before_its_first_pulse(virtual):
 
 
 def test_dose_that_somebody_else_uses_up_ends_the_run(virtual):
-    ledger = MemoryLedger(DoseLimits(pulses=120, energy_j=1e6, window_h=24.0))
+    ledger = MemoryLedger(DoseLimits(pulses=120, energy_j=1e6, window_h=24.0), lambda: SECOND)
     driver = virtual(ledger=ledger).armed()
     run = driver.controller.start(TRAIN)
     driver.advance(0.2)
@@ -242,3 +246,28 @@ def test_processes_that_are_killed_never_exceed_the_dose(virtual, tmp_path):
             driver.advance(0.05 * (number % 5) + 0.06)
             given += len(driver.device.commands)
     assert 30 <= given <= 60
+
+
+def test_what_has_to_be_on_the_disk_is_synced_before_the_call_returns(tmp_path, monkeypatch):
+    calls = []
+
+    def noted(name, do):
+        def call(file, *data):
+            calls.append((name, file))
+            return do(file, *data)
+
+        monkeypatch.setattr(os, name, call)
+
+    noted('write', os.write)
+    noted('fsync', os.fsync)
+    with DoseLedger(tmp_path, 'device', 'P01') as ledger:
+        calls.clear()
+        ledger.reserve([PlannedPulse(SECOND, 0.5, 1.0)])
+        device, patient = dict.fromkeys(file for _, file in calls)
+        assert calls == [
+            ('write', device), ('fsync', device), ('write', patient), ('fsync', patient),
+        ]  # fmt: skip
+    with AuditLog(tmp_path / 'audit.jsonl') as log:
+        calls.clear()
+        log.append('arm')
+        assert [name for name, _ in calls] == ['write', 'fsync']

@@ -54,6 +54,8 @@ KNOWN = {
 def random_limits(random):
     """Limits of which about every second schedule breaks some."""
     edges = np.sort(random.uniform(0.1, 0.9, 2)).round(2)
+    # each once
+    edges[1] += 0.01
     rates = np.sort(random.uniform(20.0, 80.0, 3))[::-1]
     return Limits(
         maximum_intensity=float(random.uniform(0.7, 1.0)),

@@ -254,3 +254,17 @@ def test_schedule_in_steps_keeps_one_number_for_a_ramp(virtual):
     driver.controller.start(Schedule(steps))
     driver.advance(1.0)
     assert [value for _, value in driver.device.commands] == [0.33, 0.33, 0.66, 0.66, 0.99, 0.99]
+
+
+def test_a_trigger_may_be_written_until_its_pulse_would_be_too_late(virtual):
+    driver = virtual(wire=WireTimes(trigger_s=3e-3), lateness_limit_s=10e-3).armed()
+    fire, latest = driver.device.fire, []
+
+    def noting(intensity, width_s, latest_ns):
+        latest.append(latest_ns)
+        return fire(intensity, width_s, latest_ns)
+
+    driver.device.instead['fire'] = noting
+    run = driver.controller.start(constant(0.5, 0.5, 20.0))
+    driver.advance(1.0)
+    assert latest == [run.onset_ns(index) + 7 * MILLISECOND for index in range(10)]

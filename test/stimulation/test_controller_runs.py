@@ -3,6 +3,7 @@
 """The driver apart from ROS while it runs: lateness, faults, interlocks, refusals."""
 
 import dataclasses
+import math
 from itertools import pairwise
 
 import pytest
@@ -294,8 +295,26 @@ def test_temperature_and_force_close_again_but_stay_latched(driver_in):
         driver.controller.reset()
     driver.controller.temperature(30.0)
     assert driver.controller.interlocks.latched
+    with pytest.raises(Refused, match=r'expected the latched stop to be reset, got: temperature'):
+        driver.controller.arm()
+    assert not driver.device.armed
     driver.controller.reset()
     driver.controller.arm()
+
+
+@pytest.mark.parametrize('name', ['force', 'temperature'])
+def test_a_measurement_that_is_no_number_stops(virtual, name):
+    driver = virtual(force_limit_n=10.0)
+    measure = getattr(driver.controller, name)
+    driver.clock.meanwhile.append(lambda: driver.controller.force(1.0))
+    driver.controller.force(1.0)
+    driver.armed()
+    measure(math.nan)
+    assert driver.controller.status()[:2] == (State.DISARMED, True)
+    assert driver.controller.reason.endswith(('got nan N', 'got nan Celsius'))
+    # also before it is armed again
+    with pytest.raises(StimulationError, match='reset: expected the cause'):
+        driver.controller.reset()
 
 
 def test_condition_that_opens_while_disarmed_only_refuses(driver_in):
@@ -320,6 +339,18 @@ def test_a_halt_that_is_only_noted_keeps_the_owner_from_firing(driver_in):
     driver.controller.step()
     assert driver.device.commands == []
     assert driver.controller.status() == (State.DISARMED, True, 'a test')
+
+
+def test_a_stop_between_two_lines_of_the_owner_keeps_it_from_firing(driver_in):
+    driver = driver_in(State.RUNNING)
+    driver.advance(0.02)
+    driver.clock.now = driver.controller.due_ns()
+    run = driver.controller.run
+    assert driver.controller._permitted(run)
+    # by a service: no condition is open, and its halt is applied already
+    driver.controller.stop('test', 'a test')
+    assert driver.controller.interlocks.problem(driver.clock.now) is None
+    assert not driver.controller._permitted(run)
 
 
 def test_stop_keeps_its_first_cause(driver_in):

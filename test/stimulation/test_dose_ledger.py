@@ -119,7 +119,12 @@ def test_more_than_the_dose_is_refused_until_the_window_has_passed(kind, machine
     assert ledger.totals() == (99, 99.0)
     machine.wait(3605.1)
     assert ledger.totals() == (0, 0.0)
+    late = ledger.reserve(planned(machine, 1))
+    machine.wait(3600.1)
+    # what has left the window is not given back a second time
     assert len(ledger.reserve(planned(machine, 100))) == 100
+    ledger.settle(late)
+    assert ledger.totals() == (100, 1000.0)
 
 
 def test_what_was_reserved_counts_after_a_kill_and_what_was_given_back_does_not(machine, opened):
@@ -367,7 +372,7 @@ def test_any_tail_is_refused_or_only_adds(tmp_path_factory, tail, cut):
 
 
 LIMITED = """
-    import resource, sys
+    import resource, sys, time
     from pathlib import Path
     from rpms_ros.stimulation.dose import LedgerError, PlannedPulse
     from rpms_ros.stimulation.dose_ledger import DoseLedger
@@ -377,12 +382,12 @@ LIMITED = """
     reserved = 0
     try:
         while True:
-            ledger.reserve([PlannedPulse(0, 0.5, 10.0)] * 7)
+            ledger.reserve([PlannedPulse(time.monotonic_ns(), 0.5, 10.0)] * 7)
             reserved += 7
     except LedgerError as fault:
         print(reserved, fault)
     try:
-        ledger.reserve([PlannedPulse(0, 0.5, 10.0)])
+        ledger.reserve([PlannedPulse(time.monotonic_ns(), 0.5, 10.0)])
     except LedgerError as fault:
         print(fault)
 """

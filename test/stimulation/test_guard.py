@@ -18,6 +18,8 @@ from rpms_ros.guard import packets
 from rpms_ros.guard import rapid2
 from rpms_ros.guard.packets import Packet
 from rpms_ros.guard.port import open_port
+from rpms_ros.guard.relay import Guard
+from rpms_ros.guard.relay import GuardLimits
 
 TRAIN = Path(__file__).parents[1] / 'guarded_train.py'
 RATE_HZ = 20.0
@@ -99,6 +101,24 @@ def test_exchange_is_relayed_with_the_moment_of_its_writing(driver):
     assert rapid2.parsed(b'Q@', answer.payload, 3).status & rapid2.COIL_PRESENT
     driver.send(packets.BEAT, 11)
     assert driver.received() == Packet(packets.PONG, 11)
+
+
+def test_a_mistake_in_the_guard_disarms(fake, wait_for, monkeypatch):
+    line = open_port(fake.port)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    theirs.setblocking(False)
+    reading, writing = os.pipe()
+    guard = Guard(line, theirs.fileno(), GuardLimits(), reading)
+    monkeypatch.setattr(guard, '_step', lambda _: 1 / 0)
+    os.write(line, b''.join(map(rapid2.framed, (b'Q@', b'@040', b'EB'))))
+    wait_for(lambda: fake.armed)
+    with pytest.raises(ZeroDivisionError):
+        guard.run()
+    wait_for(lambda: not fake.armed and fake.percent == 0)
+    for descriptor in (line, reading, writing):
+        os.close(descriptor)
+    ours.close()
+    theirs.close()
 
 
 def test_nothing_is_relayed_before_the_driver_listens(fake, driver):
@@ -225,6 +245,29 @@ def test_instrument_that_does_not_disarm_is_left_to_its_own_watchdog(instrument,
     wait_for(lambda: not fake.armed)
     assert fake.disarmed[-1][1] == 'watchdog'
     driver.close()
+
+
+def test_disarming_is_tried_again_while_the_instrument_says_that_it_is_armed(
+    fake, driver, wait_for
+):
+    driver.armed()
+    fake.obey_disarm = False
+    driver.send(packets.SILENCE)
+    # two in each of five attempts
+    wait_for(lambda: fake.frames.count(b'EA') == 10)
+    fake.obey_disarm = True
+
+
+def test_after_a_silence_a_trigger_needs_an_intensity_again(fake, driver):
+    driver.armed().send(packets.SILENCE)
+    driver.listen()
+    for command in (b'Q@', b'EB'):
+        assert driver.exchange(command).kind == packets.ANSWER
+    disarmed = driver.exchange(b'EH')
+    assert disarmed.kind == packets.DISARMED
+    assert disarmed.payload == b'expected an intensity before a trigger, got none'
+    assert driver.received().kind == packets.REFUSED
+    assert fake.fired() == []
 
 
 def test_line_that_never_becomes_quiet(fake, driver):

@@ -205,6 +205,11 @@ def test_what_passes_keeps_every_limit(steps):
             {'rate_intensities': (0.5, 1.0), 'rate_limits_hz': (20.0, 30.0)},
             'expected as many rate_limits_hz, descending',
         ),
+        (
+            # which of the two?
+            {'rate_intensities': (0.5, 0.5, 1.0), 'rate_limits_hz': (50.0, 20.0, 10.0)},
+            'expected as many rate_limits_hz, descending, as rate_intensities, ascending',
+        ),
         ({'rate_intensities': (0.5,)}, 'expected a rate limit up to the maximum intensity 1'),
         (
             {'minimum_width_s': 1e-3, 'maximum_width_s': 1e-4},

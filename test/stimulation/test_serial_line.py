@@ -10,9 +10,11 @@ import time
 
 import pytest
 
+from rpms_ros.guard import rapid2
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
 from rpms_ros.stimulation.devices import DeviceError
 from rpms_ros.stimulation.devices import DeviceStatus
+from rpms_ros.stimulation.devices.guarded_line import Reply
 from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
@@ -171,6 +173,15 @@ def test_preparation_sees_it_before_any_trigger(fake, device, wait_for, armed):
         device.prepare(0.5)
     wait_for(lambda: not fake.armed)
     assert fake.fired() == []
+
+
+def test_a_trigger_that_found_the_device_charging_is_no_delivery(device, armed, monkeypatch):
+    armed(device)
+    status = rapid2.ARMED | rapid2.COIL_PRESENT | rapid2.REMOTE
+    answer = Reply(rapid2.framed(b'E' + bytes([status])), time.monotonic_ns())
+    monkeypatch.setattr(device._line, 'exchange', lambda *_: answer)
+    with pytest.raises(DeviceError, match='expected a ready device, got status 0x8a'):
+        device.fire(0.5, MAGNETIC_PULSE_WIDTH)
 
 
 @pytest.mark.parametrize('letter', [b'S', b'?'])

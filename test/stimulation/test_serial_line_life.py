@@ -2,13 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The port of a serial device, its guard, and who keeps the line when one of them ends."""
 
+import errno
+import fcntl
 import os
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 import serial
@@ -53,6 +57,25 @@ def test_port_is_held_by_one_driver(fake, device, patient_device):
     with pytest.raises(DeviceError, match=r'expected .* to be closed, got an open one'):
         device.open()
     assert device.keep_alive().coil_present
+
+
+# Linux; Python has no name for it
+TIOCGEXCL = 0x80045440
+
+
+def kept_from_others(port):
+    """Whether nobody but root can open a port."""
+    try:
+        with Path(port).open('rb', buffering=0) as opened:
+            return bool(struct.unpack('i', fcntl.ioctl(opened, TIOCGEXCL, bytes(4)))[0])
+    except OSError as error:
+        return error.errno == errno.EBUSY
+
+
+def test_port_is_free_again_after_its_driver(fake, device):
+    assert kept_from_others(fake.port)
+    device.close()
+    assert not kept_from_others(fake.port)
 
 
 def test_port_that_is_not_there(tmp_path):
@@ -197,6 +220,8 @@ def test_guard_that_was_started_by_hand(fake, by_hand, wait_for, armed, patient_
         assert armed(device, 0.3).fire(0.3, MAGNETIC_PULSE_WIDTH) is not None
         device.close()
         wait_for(lambda: not fake.armed)
+        # a driver that leaves does not give away what its guard goes on to hold
+        assert kept_from_others(fake.port)
     # the bound is the guard's, whatever the driver was given
     open_in_turn(device, wait_for)
     device.arm()

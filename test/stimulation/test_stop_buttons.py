@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rpms_ros.stimulation.stop_buttons import UNCOUNTED
 from rpms_ros.stimulation.stop_buttons import ButtonState
 from rpms_ros.stimulation.stop_buttons import StopButtons
 
@@ -86,6 +87,20 @@ def test_a_press_counts_once_in_whatever_order_its_copies_come() -> None:
     assert buttons.taken_press()
     buttons.heard(A, 3, True, 0)
     assert buttons.taken_press() == ''
+
+
+def test_each_press_counts_where_the_middleware_does_not_count_messages() -> None:
+    buttons = StopButtons(0.3)
+    for _ in range(3):
+        # the copies that are kept for those who come late are read first
+        for kept in (True, False):
+            buttons.heard(A, UNCOUNTED, True, 0, kept)
+            buttons.heard(A, UNCOUNTED, False, 0, kept)
+        assert buttons.taken_press()
+        assert buttons.taken_press() == ''
+    for first in (True, False, False):
+        buttons.heard(A, UNCOUNTED, True, 0)
+        assert bool(buttons.taken_press()) == first
 
 
 def test_a_press_that_was_over_before_anybody_listened_is_none() -> None:

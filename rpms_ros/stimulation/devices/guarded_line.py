@@ -195,7 +195,8 @@ class GuardedLine:
                 os.write(guard.number, packets.packed(Packet(packets.LEAVE)))
             left = self._has_left(guard)
         self._line = self._socket = self._guard = self.guard_pid = None
-        if line is not None:
+        if line is not None and process is not None:
+            # a guard that was joined goes on to hold its port
             release_port(line.number)
         if process is not None:
             if not left:
