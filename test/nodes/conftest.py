@@ -24,15 +24,22 @@ TOKEN = 'correct-horse-battery'
 PATIENT = {'executor_timeout': 5.0, 'watch_timeout': 5.0, 'stop_button_timeout': 5.0}
 
 
-@pytest.fixture
-def patient_supervision(monkeypatch):
+@pytest.fixture(autouse=True)
+def patient_supervision(any_lateness, monkeypatch):
     """Drivers of this process that a machine under load may hold up for seconds.
 
     That the limits themselves stop a device that hangs is tested in test/stimulation.
     """
+    del any_lateness
 
     def patient(settings):
-        return replace(driver_settings_of(settings), stuck_limit_s=5.0, supervisor_timeout_s=5.0)
+        return replace(
+            driver_settings_of(settings),
+            response_limit_s=0.5,
+            stuck_limit_s=5.0,
+            supervisor_timeout_s=5.0,
+            lateness_limit_s=5.0,
+        )
 
     monkeypatch.setattr(stimulator_driver, 'driver_settings_of', patient)
 

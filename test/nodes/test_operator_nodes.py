@@ -24,7 +24,6 @@ from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
 
-pytestmark = pytest.mark.usefixtures('patient_supervision')
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
 
 
@@ -191,8 +190,8 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
         StimulatorDriver,
         executor_timeout=5.0,
         watch_timeout=5.0,
-        stop_button_timeout=2.0,
-        heartbeat_timeout=2.0,
+        stop_button_timeout=5.0,
+        heartbeat_timeout=5.0,
         lateness_limit=0.1,
     )
     console = graph.add(
