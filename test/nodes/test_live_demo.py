@@ -31,13 +31,13 @@ def demo(tmp_path):
     yield process, said[1].strip().rpartition(' ')[2]
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
+    process.communicate(timeout=PATIENCE)
 
 
 def answers(url):
     """Whether somebody serves there."""
     try:
-        with urllib.request.urlopen(url, timeout=10) as answer:
+        with urllib.request.urlopen(url, timeout=60) as answer:
             return bool(answer.status == 200)
     except OSError:
         return False
@@ -61,7 +61,7 @@ def test_a_curve_appears_and_the_page_only_shows(demo, beside, tmp_path):
         assert browser.evaluate("document.getElementById('controls').hidden")
         assert browser.complaints() == []
     with pytest.raises(urllib.error.HTTPError, match='403'):
-        urllib.request.urlopen(urllib.request.Request(f'{url}stop', method='POST'), timeout=10)
+        urllib.request.urlopen(urllib.request.Request(f'{url}stop', method='POST'), timeout=60)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert 'Traceback' not in errors

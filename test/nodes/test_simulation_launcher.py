@@ -46,10 +46,11 @@ def processes_of(folder: Path, file: str = '') -> list[int]:
 def demo(folder: Path, *options: str) -> str:
     """Return what a demo prints that has lost nothing.
 
-    A machine that stands still for a tenth of a second makes pulses late, which the demo says with
-    its exit code; then it is tried again.
+    A machine that stands still for a tenth of a second makes pulses late, and a driver that is
+    held up for longer stops itself; the demo says either with its exit code, and is tried again.
     """
-    for _ in range(3):
+    held_up = ("'pulse_late'", 'driver: ended before the schedule did', 'is this machine busy?')
+    for _ in range(5):
         shutil.rmtree(folder, ignore_errors=True)
         done = subprocess.run(
             [*RPMS, 'demo', *options, '--out', str(folder)],
@@ -58,7 +59,7 @@ def demo(folder: Path, *options: str) -> str:
             check=False,
             timeout=250,
         )
-        if done.returncode == 0 or "'pulse_late'" not in done.stdout:
+        if done.returncode == 0 or not any(one in done.stdout + done.stderr for one in held_up):
             break
     assert (done.returncode, done.stderr) == (0, ''), done.stdout
     return done.stdout
@@ -74,7 +75,8 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
         qos.ESTIMATE,
     )
     identifier = graph.add(Identifier)
-    graph.add(PlantSimulator, subject='simulation', minimum_subscribers=1, publication_delay=0.05)
+    # the force waits for pulses that a machine under load holds up
+    graph.add(PlantSimulator, subject='simulation', minimum_subscribers=1, publication_delay=0.5)
     graph.add(
         StimulatorDriver,
         autostart=True,
@@ -83,9 +85,11 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
         minimum_subscribers=2,
         duration=2.0,
         low=0.4,
+        executor_timeout=5.0,
+        watch_timeout=5.0,
     )
-    graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses >= 20, 30.0)
-    graph.wait_for(lambda: estimates[-1].samples >= 2000, 30.0)
+    graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses >= 20)
+    graph.wait_for(lambda: estimates[-1].samples >= 2000)
     assert identifier.stream.fault_counts == {}
     assert estimates[-1].curve_known
     # after two seconds not good yet, but no longer the start of 0 N
@@ -173,13 +177,13 @@ def test_no_process_is_left_behind(
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
-        wait_for(lambda: len(processes_of(folder)) == 3, 30.0)
+        wait_for(lambda: len(processes_of(folder)) == 3, 120.0)
         # all of them listen by then, or are about to
-        wait_for(lambda: (folder / 'recording').exists(), 30.0)
+        wait_for(lambda: (folder / 'recording').exists(), 120.0)
         process.send_signal(stop)
         # a process that is compiling hears the signal afterwards
         _, errors = process.communicate(timeout=90)
-    wait_for(lambda: processes_of(folder) == [], 30.0)
+    wait_for(lambda: processes_of(folder) == [])
     assert 'Traceback' not in errors
     if stop == signal.SIGINT:
         assert process.returncode == 130
