@@ -79,7 +79,7 @@ def asked(server, path='/', method='GET', **headers):
     for name, value in headers.items():
         request.add_header(name.replace('_', '-'), value)
     try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
+        with urllib.request.urlopen(request, timeout=60) as answer:
             return answer.status, answer.read().decode(), answer.headers
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode(), error.headers
@@ -143,7 +143,7 @@ def test_only_the_own_address_of_this_machine_is_listened_on(server):
     assert server.address == '127.0.0.1'
     # another of its addresses, which needs no network either
     with pytest.raises(ConnectionRefusedError, match='refused'):
-        socket.create_connection(('127.0.0.2', server.port), timeout=10)
+        socket.create_connection(('127.0.0.2', server.port), timeout=60)
 
 
 def test_a_port_that_is_taken_is_one_line(server, session, feed):
@@ -174,7 +174,7 @@ async def frames(server, count, answer='n'):
     socket = await websocket_connect(stream_address(server))
     found = []
     while len(found) < count:
-        text = await asyncio.wait_for(socket.read_message(), 10)
+        text = await asyncio.wait_for(socket.read_message(), 60)
         if text is None:
             socket.close()
             return found
@@ -187,7 +187,7 @@ async def frames(server, count, answer='n'):
 async def ended(socket):
     """Close a connection from this side, to its end."""
     socket.close()
-    while await asyncio.wait_for(socket.read_message(), 10) is not None:
+    while await asyncio.wait_for(socket.read_message(), 60) is not None:
         pass
 
 
@@ -255,7 +255,7 @@ def test_giant_messages_and_floods_end_the_connection(server):
 
 def handshake(server):
     """A raw connection to the stream, whose frames nobody reads."""
-    raw = socket.create_connection(('127.0.0.1', server.port), timeout=10)
+    raw = socket.create_connection(('127.0.0.1', server.port), timeout=60)
     raw.sendall(
         b'GET /stream HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'
         b'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n'
@@ -289,7 +289,7 @@ def test_a_thousand_connections_are_bounded_and_the_page_stays(server, wait_for)
     held, answers = [], []
     place = ('127.0.0.1', server.port)
     try:
-        held.extend(socket.create_connection(place, timeout=10) for _ in range(1000))
+        held.extend(socket.create_connection(place, timeout=60) for _ in range(1000))
         # those beyond the bound were closed before they said anything
         for one in held[module.MOST_CONNECTIONS :]:
             assert one.recv(1) == b''
@@ -336,7 +336,7 @@ def test_too_many_browsers_are_turned_away(server, wait_for):
     ],
 )
 def test_requests_that_are_none_end_and_harm_nobody(server, feed, request_bytes):
-    with socket.create_connection(('127.0.0.1', server.port), timeout=10) as raw:
+    with socket.create_connection(('127.0.0.1', server.port), timeout=60) as raw:
         try:
             raw.sendall(request_bytes)
             answer = raw.recv(100)
