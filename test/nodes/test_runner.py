@@ -365,3 +365,35 @@ def test_a_domain_that_was_just_left_is_the_last_to_be_reserved_again(
             order.append(domain)
     assert sorted(order[:91]) == list(range(10, 101))
     assert order[91:] == order[:91]
+
+
+RESERVING = """
+import os, signal, sys, tempfile
+from rpms_ros.nodes.discovery import reserved_domain
+tempfile.tempdir = sys.argv[1]
+with reserved_domain() as domain:
+    print(domain, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_domain_whose_process_was_killed_is_not_the_next_to_be_reserved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rpms_ros.nodes.discovery import reserved_domain
+
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    for _ in range(91):
+        with reserved_domain():
+            pass
+    # what it had started there may still be found
+    done = subprocess.run(
+        [sys.executable, '-c', RESERVING, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGKILL
+    with reserved_domain() as domain:
+        assert domain != int(done.stdout)
