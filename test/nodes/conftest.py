@@ -21,7 +21,7 @@ from rpms_ros.recording import read_recording
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 TOKEN = 'correct-horse-battery'
 # a machine under load may stall for longer than the defaults allow
-PATIENT = {'executor_timeout': 5.0, 'watch_timeout': 5.0, 'stop_button_timeout': 5.0}
+PATIENT = {'executor_timeout': 10.0, 'watch_timeout': 10.0, 'stop_button_timeout': 10.0}
 
 
 @pytest.fixture(autouse=True)
