@@ -3,6 +3,7 @@
 """A live page, and a simulated muscle that is stimulated, on the graph of a test."""
 
 import os
+import socket
 import subprocess
 import sys
 from dataclasses import replace
@@ -84,6 +85,19 @@ def written_so_far():
             return None
 
     return read
+
+
+@pytest.fixture
+def unused_port():
+    """A port that nobody listens on, of those that the system hands out to nobody by itself."""
+    lowest = 10_000 + os.getpid() % 10_000
+    for port in range(lowest, lowest + 1000):
+        try:
+            socket.create_server(('127.0.0.1', port)).close()
+        except OSError:
+            continue
+        return port
+    return pytest.fail('no port is free')
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 """`rpms demo --live` as a stranger starts it: a curve in the browser, and nothing to press."""
 
 import signal
-import socket
 import subprocess
 import sys
 import urllib.error
@@ -17,12 +16,10 @@ PATIENCE = 180.0
 
 
 @pytest.fixture
-def demo(tmp_path):
+def demo(tmp_path, unused_port):
     """The demo with its page, and the address that it printed."""
-    with socket.create_server(('127.0.0.1', 0)) as bound:
-        free_port = bound.getsockname()[1]
     process = subprocess.Popen(
-        [*RPMS, 'demo', '--live', str(free_port), '--out', str(tmp_path / 'demo')],
+        [*RPMS, 'demo', '--live', str(unused_port), '--out', str(tmp_path / 'demo')],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -411,9 +411,9 @@ def test_a_second_press_hides_no_alarm_and_one_without_an_answer_is_one(graph, p
     browser.wait_for("document.getElementById('stopped').textContent.includes('NOT STOPPED')")
 
 
-def test_a_page_that_was_killed_says_so_and_comes_back(page_process, browser):
-    process, url = page_process('--namespace', '/left', '--port', '0')
-    port = url.rstrip('/').rpartition(':')[2]
+def test_a_page_that_was_killed_says_so_and_comes_back(page_process, browser, unused_port):
+    place = ('--namespace', '/left', '--port', str(unused_port))
+    process, url = page_process(*place)
     browser.open(url)
     browser.wait_for("document.getElementById('connection').textContent === 'connected'")
     process.kill()
@@ -423,7 +423,7 @@ def test_a_page_that_was_killed_says_so_and_comes_back(page_process, browser):
     for dark in (False, True):
         browser.screen(1100, dark=dark)
         assert browser.accessibility_faults() == [], dark
-    again, _ = page_process('--namespace', '/left', '--port', port)
+    again, _ = page_process(*place)
     browser.wait_for("document.getElementById('connection').textContent === 'connected'")
     browser.wait_for("document.getElementById('title').textContent === '/left'")
     again.terminate()

@@ -158,7 +158,7 @@ def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(gra
         lambda **options: OperatorConsole(terminal[1], **options),
         operator='ada',
         joy_enable=1,
-        joy_timeout=5.0,
+        joy_timeout=10.0,
     )
     console.client.token = 'any'
     graph.wait_for(lambda: publisher.get_subscription_count() > 0 and bool(beats))
@@ -198,7 +198,7 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
         lambda **options: OperatorConsole(keyboard, **options),
         operator='ada',
         schedule_file=str(file),
-        key_repeat=1.0,
+        key_repeat=2.0,
     )
     graph.wait_for(lambda: console.client.ready and bool(statuses))
     os.write(typed, b'a')
@@ -221,7 +221,7 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
     os.write(typed, b'r')
     graph.wait_for(lambda: not console.button.pressed)
     # the driver may have heard the reset before the button
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while statuses[-1].state == DriverStatus.STOPPED and time.monotonic() < end:
         os.write(typed, b'r')
         before = len(statuses)

@@ -149,7 +149,7 @@ def test_a_demo_whose_driver_stops_says_so(tmp_path: Path, wait_for: Callable[..
         os.kill(driver, signal.SIGSTOP)
         time.sleep(1.5)
         os.kill(driver, signal.SIGCONT)
-        out, errors = process.communicate(timeout=60)
+        out, errors = process.communicate(timeout=250)
     assert (process.returncode, errors) == (1, ''), out
     assert 'driver: ended before the schedule did: ' in out
     assert 'expected a sign of life within 0.5 s, got none for' in out
@@ -182,8 +182,8 @@ def test_no_process_is_left_behind(
         wait_for(lambda: (folder / 'recording').exists(), 120.0)
         process.send_signal(stop)
         # a process that is compiling hears the signal afterwards
-        _, errors = process.communicate(timeout=90)
-    wait_for(lambda: processes_of(folder) == [])
+        _, errors = process.communicate(timeout=250)
+    wait_for(lambda: processes_of(folder) == [], 250.0)
     assert 'Traceback' not in errors
     if stop == signal.SIGINT:
         assert process.returncode == 130
