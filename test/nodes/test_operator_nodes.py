@@ -19,6 +19,7 @@ from rpms_msgs.msg import Pulse
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
+from rpms_ros.nodes.button_publisher import ButtonPublisher
 from rpms_ros.nodes.keyboard import Keyboard
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
@@ -170,6 +171,26 @@ def test_an_enable_that_is_held_again_before_the_console_looks_was_let_go_of(gra
         publisher.publish(Joy(buttons=[0, held]))
     graph.wait_for(lambda: any(not beat.enable for beat in beats))
     graph.wait_for(lambda: beats[-1].enable)
+
+
+def test_a_button_that_leaves_ends_nobody_when_its_timer_is_already_due(graph):
+    node = graph.add(lambda **options: Node('page', **options))
+    button, left = ButtonPublisher(node, rate=5.0), []
+
+    def leave():
+        button.destroy()
+        leaving.cancel()
+        left.append(time.monotonic())
+
+    def stall():
+        stalling.cancel()
+        time.sleep(0.5)
+
+    # both timers are due when the executor looks again, the button's after the other
+    leaving = node.create_timer(0.1, leave)
+    stalling = node.create_timer(0.02, stall)
+    graph.wait_for(lambda: bool(left) and time.monotonic() > left[0] + 0.2)
+    assert node.count_publishers(topics.EMERGENCY_STOP) == 0
 
 
 def test_a_button_without_a_key_is_refused(graph):
