@@ -41,8 +41,8 @@ def test_the_stop_button_in_the_browser_stops_a_real_driver(graph, page, driven,
     browser.wait_for("!document.getElementById('let-go').hidden")
     browser.evaluate("document.getElementById('let-go').click()")
     graph.wait_for(lambda: page.stop._button is None)
-    # let go of here, stopped there
-    assert browser.text('#state').startswith('stopped')
+    # let go of here, stopped there; nobody let the driver say so while the browser was waited for
+    graph.wait_for(lambda: browser.text('#state').startswith('stopped'))
     assert driver.controller.delivered == delivered
 
 
