@@ -26,6 +26,7 @@ from rpms_ros.live.access import Access
 from rpms_ros.live.server import FILES
 from rpms_ros.live.server import MOST_BROWSERS
 from rpms_ros.live.server import LiveServer
+from rpms_ros.live.session import Cursor
 
 TOKEN = 'correct-horse-battery'
 MILLISECOND = 1_000_000
@@ -197,7 +198,7 @@ def test_a_browser_gets_the_course_and_then_what_is_new(server, feed, wait_for):
     assert found[0]['session'] == {'title': '/', 'can_stop': False, 'unit': 'N'}
     parts = [frame['force'] for frame in found if 'force' in frame]
     assert len(parts[0]['low']) > 50
-    assert all(len(part['low']) < len(parts[0]['low']) for part in parts[1:])
+    # each begins where the one before ended: how long it is, is up to the machine
     ends = [part['first'] + len(part['low']) for part in parts]
     assert [part['first'] for part in parts[1:]] == ends[:-1]
 
@@ -213,7 +214,8 @@ def test_who_does_not_ask_for_a_frame_costs_few_looks_and_misses_nothing(server,
     slow = handshake(server)
     wait_for(lambda: len(server.browsers) == 1)
     (stalled,) = server.browsers
-    wait_for(lambda: not stalled.ready)
+    # it has its first frame
+    wait_for(lambda: stalled.cursor != Cursor() and not stalled.ready)
     begun, before = time.monotonic(), feed.looks
     wait_for(lambda: feed.looks >= before + 4)
     # four looks end three periods at least, however slow the machine is
@@ -277,7 +279,8 @@ def test_one_that_never_reads_gets_one_frame_and_holds_up_nobody(server, wait_fo
     slow = handshake(server)
     wait_for(lambda: len(server.browsers) == 1)
     (stalled,) = server.browsers
-    wait_for(lambda: not stalled.ready)
+    # it has its first frame
+    wait_for(lambda: stalled.cursor != Cursor() and not stalled.ready)
     before = stalled.cursor
     assert len(asyncio.run(frames(server, 20))) == 20
     assert stalled.cursor == before
