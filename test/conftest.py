@@ -3,6 +3,7 @@
 """What every test needs.  Real rclpy: a domain, a context and an executor for each test."""
 
 import contextlib
+import importlib
 import importlib.util
 import os
 import time
@@ -33,6 +34,16 @@ if TYPE_CHECKING:
     from rpms_ros.testing import Graph
 
 WaitFor = Callable[..., None]
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Have matplotlib look for the fonts of a machine before the first test.
+
+    It does so once, and complains on stderr if that takes longer than five seconds, amid whichever
+    test it happens in.
+    """
+    if not hasattr(session.config, 'workerinput'):
+        importlib.import_module('matplotlib.font_manager')
 
 
 def _module_at(path: Path) -> ModuleType:
