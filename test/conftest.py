@@ -3,9 +3,11 @@
 """What every test needs.  Real rclpy: a domain, a context and an executor for each test."""
 
 import contextlib
+import fcntl
 import importlib
 import importlib.util
 import os
+import re
 import time
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -36,13 +38,35 @@ if TYPE_CHECKING:
 WaitFor = Callable[..., None]
 
 
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Have matplotlib look for the fonts of a machine before the first test.
+# a process that has just made a segment locks it a moment later [s]
+_OLD_S = 600.0
 
-    It does so once, and complains on stderr if that takes longer than five seconds, amid whichever
-    test it happens in.
+
+def _remove_dead_segments(folder: Path) -> None:
+    """Remove shared memory of Fast DDS whose process was killed, as processes of tests are.
+
+    Nobody else does, and where it is kept from run to run it fills up in the end.
+    """
+    for lock in folder.glob('fastrtps_*_el'):
+        segment = lock.with_name(lock.name.removesuffix('_el'))
+        if not re.fullmatch('fastrtps_[0-9a-f]{16}', segment.name):
+            continue
+        # whoever uses it holds the lock
+        with contextlib.suppress(OSError), lock.open() as held:
+            if time.time() - lock.stat().st_mtime > _OLD_S:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                segment.unlink(missing_ok=True)
+                lock.unlink()
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Do once, before the first test, what would happen amid whichever it is.
+
+    Matplotlib looks for the fonts of a machine, and complains on stderr if that takes longer than
+    five seconds.
     """
     if not hasattr(session.config, 'workerinput'):
+        _remove_dead_segments(Path('/dev/shm'))
         importlib.import_module('matplotlib.font_manager')
 
 
