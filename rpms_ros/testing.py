@@ -77,7 +77,7 @@ class Graph:
         self._executor.add_node(node)
         return node
 
-    def wait_for(self, predicate: Callable[[], bool], timeout: float = 10.0) -> None:
+    def wait_for(self, predicate: Callable[[], bool], timeout: float = 60.0) -> None:
         """Step the executor until `predicate` holds; fail the test after `timeout` seconds."""
         end = time.monotonic() + timeout
         while not predicate():
@@ -206,7 +206,7 @@ class SimulatedMuscle:
             self._sequence += 1
         return onset_ns
 
-    def wait_until(self, stamp_ns: int, timeout: float = 30.0) -> None:
+    def wait_until(self, stamp_ns: int, timeout: float = 60.0) -> None:
         """Wait until the sample of this stamp has come, and its estimate where one identifies."""
         self.graph.wait_for(lambda: self.stamp_ns[-1] >= stamp_ns, timeout)
         if self.identifier is not None:

@@ -3,8 +3,11 @@
 """What every test needs.  Real rclpy: a domain, a context and an executor for each test."""
 
 import contextlib
+import fcntl
+import importlib
 import importlib.util
 import os
+import re
 import time
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -16,8 +19,10 @@ from typing import Any
 import hypothesis
 import pytest
 
-# How long an example takes is up to the machine and what else it does.
-hypothesis.settings.register_profile('untimed', deadline=None)
+# How long an example takes, and making it, is up to the machine and what else it does.
+hypothesis.settings.register_profile(
+    'untimed', deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
 hypothesis.settings.load_profile('untimed')
 # Jazzy's messages check the types of their fields only if this is set before they are imported.
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
@@ -31,6 +36,38 @@ if TYPE_CHECKING:
     from rpms_ros.testing import Graph
 
 WaitFor = Callable[..., None]
+
+
+# a process that has just made a segment locks it a moment later [s]
+_OLD_S = 600.0
+
+
+def _remove_dead_segments(folder: Path) -> None:
+    """Remove shared memory of Fast DDS whose process was killed, as processes of tests are.
+
+    Nobody else does, and where it is kept from run to run it fills up in the end.
+    """
+    for lock in folder.glob('fastrtps_*_el'):
+        segment = lock.with_name(lock.name.removesuffix('_el'))
+        if not re.fullmatch('fastrtps_[0-9a-f]{16}', segment.name):
+            continue
+        # whoever uses it holds the lock
+        with contextlib.suppress(OSError), lock.open() as held:
+            if time.time() - lock.stat().st_mtime > _OLD_S:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                segment.unlink(missing_ok=True)
+                lock.unlink()
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Do once, before the first test, what would happen amid whichever it is.
+
+    Matplotlib looks for the fonts of a machine, and complains on stderr if that takes longer than
+    five seconds.
+    """
+    if not hasattr(session.config, 'workerinput'):
+        _remove_dead_segments(Path('/dev/shm'))
+        importlib.import_module('matplotlib.font_manager')
 
 
 def _module_at(path: Path) -> ModuleType:
@@ -66,14 +103,14 @@ def hostile_texts() -> ModuleType:
 
 @pytest.fixture
 def patient_file(tmp_path: Path) -> Path:
-    """The patient of the documentation, whose figures hold today."""
+    """The patient of the documentation, whose figures hold today, and tomorrow too."""
     from datetime import UTC
     from datetime import datetime
     from datetime import timedelta
 
     from rpms_ros.stimulation import patient
 
-    today = datetime.now(UTC).astimezone().date()
+    today = datetime.now(UTC).date()
     text = str(patient.__doc__).partition('\n\n')[2]
     dated = [
         f'set_on: {today - timedelta(1)}'
@@ -86,6 +123,21 @@ def patient_file(tmp_path: Path) -> Path:
     path = tmp_path / 'patient.yaml'
     path.write_text('\n'.join(dated))
     return path
+
+
+@pytest.fixture
+def any_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let drivers be told to deliver a pulse that the machine holds up, however late it is.
+
+    Users may allow a tenth of a second at most, and a machine under load stands still for longer.
+    """
+    from dataclasses import fields
+
+    from rpms_ros.stimulation.fields import Bound
+    from rpms_ros.stimulation.settings import DriverSettings
+
+    (lateness,) = (one for one in fields(DriverSettings) if one.name == 'lateness_limit_s')
+    monkeypatch.setattr(lateness, 'metadata', {'bound': Bound(0.0, 10.0, 's')})
 
 
 @pytest.fixture
@@ -119,7 +171,7 @@ def graph(context: 'Context') -> Iterator['Graph']:
 def wait_for() -> WaitFor:
     """Wait until a predicate holds, without any executor: for processes and threads."""
 
-    def wait(predicate: Callable[[], bool], timeout: float = 10.0) -> None:
+    def wait(predicate: Callable[[], bool], timeout: float = 60.0) -> None:
         end = time.monotonic() + timeout
         pause = 1e-3
         while not predicate():

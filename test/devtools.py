@@ -61,12 +61,14 @@ class Browser:
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
-        port = self._port()
-        with urllib.request.urlopen(f'http://127.0.0.1:{port}/json/list', timeout=30) as answer:
-            (page,) = [one for one in json.load(answer) if one['type'] == 'page']
-        self._socket = self._loop.run_until_complete(_connected(page['webSocketDebuggerUrl']))
-        for domain in ('Page', 'Runtime', 'Log', 'Network'):
-            self.call(f'{domain}.enable')
+        try:
+            self._socket = self._loop.run_until_complete(_connected(self._address_of_page()))
+            for domain in ('Page', 'Runtime', 'Log', 'Network'):
+                self.call(f'{domain}.enable')
+        except BaseException:
+            self._process.kill()
+            self._process.wait()
+            raise
         return self
 
     def __exit__(self, *_):
@@ -105,7 +107,7 @@ class Browser:
         # a fragment alone would not load the page again
         self.wait_for('document.readyState === "complete"')
 
-    def wait_for(self, expression, timeout=20.0):
+    def wait_for(self, expression, timeout=PATIENCE):
         """Wait until an expression in the page is true."""
         end = time.monotonic() + timeout
         while not self.evaluate(expression):
@@ -225,6 +227,18 @@ class Browser:
                 return message['result']
             if 'method' in message:
                 self.events.append(message)
+
+    def _address_of_page(self):
+        """Return where the page is driven; it may be opened a moment after the port is."""
+        address, end = f'http://127.0.0.1:{self._port()}/json/list', time.monotonic() + PATIENCE
+        while True:
+            with urllib.request.urlopen(address, timeout=PATIENCE) as answer:
+                pages = [one for one in json.load(answer) if one['type'] == 'page']
+            if pages:
+                (page,) = pages
+                return page['webSocketDebuggerUrl']
+            assert time.monotonic() < end, 'the browser opens no page'
+            time.sleep(0.02)
 
     def _port(self):
         path = self._folder / 'DevToolsActivePort'

@@ -53,7 +53,7 @@ def result(package: Path) -> list[int]:
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=250,
     )
     return [int(word) for word in done.stdout.split()]
 

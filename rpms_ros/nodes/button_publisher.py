@@ -28,6 +28,7 @@ class ButtonPublisher:
 
     def __init__(self, node: Node, pressed: bool = False, rate: float = RATE) -> None:
         self._pressed = pressed
+        self._left = False
         self._node = node
         self._publisher = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -51,9 +52,12 @@ class ButtonPublisher:
 
     def say(self) -> None:
         """Publish the state."""
-        self._publisher.publish(Bool(data=self._pressed))
+        # an executor may have taken the timer out of its queue before the button left
+        if not self._left:
+            self._publisher.publish(Bool(data=self._pressed))
 
     def destroy(self) -> None:
         """Leave the graph; a driver that is armed takes this for a button that fell silent."""
+        self._left = True
         self._node.destroy_timer(self.timer)
         self._node.destroy_publisher(self._publisher)

@@ -38,8 +38,8 @@ def stay_on_this_machine(environment: MutableMapping[str, str] = os.environ) -> 
 def reserved_domain() -> Iterator[int]:
     """Reserve a DDS domain among the processes that use this function; yield its number.
 
-    It is the one that was left the longest time ago: what a process that was killed had there is
-    found until its lease ends (Fast DDS: 20 s).
+    It is the one that was taken or left the longest time ago: what a process that was killed had
+    there is found until its lease ends (Fast DDS: 20 s).
 
     Raises
     ------
@@ -48,24 +48,30 @@ def reserved_domain() -> Iterator[int]:
     """
     folder = Path(tempfile.gettempdir()) / f'rpms_ros_domains_{os.getuid()}'
     folder.mkdir(mode=0o700, exist_ok=True)
-    for domain in sorted(_DOMAINS, key=lambda number: _left_ns(folder / str(number))):
-        # appending does not change when it was left
+    for domain in sorted(_DOMAINS, key=lambda number: _used_ns(folder / str(number))):
+        # appending does not change when it was used
         with (folder / str(domain)).open('a') as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
+            # a process that is killed does not come to its end below
+            _note_use(lock.fileno())
             try:
                 yield domain
             finally:
-                # the file system's own clock is too coarse to tell two tests apart
-                now_ns = time.time_ns()
-                os.utime(lock.fileno(), ns=(now_ns, now_ns))
+                _note_use(lock.fileno())
             return
     raise NodeError(f'expected a free DDS domain of {_DOMAINS}, got none')
 
 
-def _left_ns(lock: Path) -> int:
+def _note_use(lock: int) -> None:
+    # the file system's own clock is too coarse to tell two tests apart
+    now_ns = time.time_ns()
+    os.utime(lock, ns=(now_ns, now_ns))
+
+
+def _used_ns(lock: Path) -> int:
     try:
         return lock.stat().st_mtime_ns
     except FileNotFoundError:

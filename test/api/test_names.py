@@ -40,7 +40,7 @@ def modules_after(code: str) -> set[str]:
     """Return what a fresh interpreter has loaded after some code."""
     code += '\nimport sys; print(*sys.modules)'
     done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, check=True, timeout=120
+        [sys.executable, '-c', code], capture_output=True, text=True, check=True, timeout=250
     )
     return set(done.stdout.split())
 

@@ -130,7 +130,7 @@ def test_a_recording_that_grows_is_read_up_to_where_it_is(
 
     thread = threading.Thread(target=write)
     thread.start()
-    assert flushed.wait(10.0)
+    assert flushed.wait(60.0)
     counts = []
     for _ in range(5):
         code, _, err = rpms('info', path)

@@ -5,6 +5,7 @@
 import json
 from datetime import UTC
 from datetime import datetime
+from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -189,15 +190,19 @@ largest_comfortable: 0.55
 dose: {pulses: 5000, energy_j: 400.0e+3, window_h: 24.0}
 rest: {train_pulses: 1800, pause_s: 3.0}
 set_by: A. Physician
-set_on: TODAY
-expires: TODAY
+set_on: YESTERDAY
+expires: TOMORROW
 """
 
 
 @pytest.fixture
 def patient(tmp_path):
     path = tmp_path / 'p01.yaml'
-    path.write_text(PATIENT.replace('TODAY', str(datetime.now(UTC).date())))
+    # midnight may come while a test runs
+    today, day = datetime.now(UTC).date(), timedelta(1)
+    path.write_text(
+        PATIENT.replace('YESTERDAY', str(today - day)).replace('TOMORROW', str(today + day))
+    )
     return path
 
 
@@ -252,8 +257,8 @@ def test_patients_that_do_not_fit(rpms, tmp_path, patient):
     code, _, err = rpms('check', path, '--device', 'simulated', '--patient', patient)
     assert code == 2
     assert "patient P01: expected figures found with 'simulated'" in err
-    day = str(datetime.now(UTC).date())
-    patient.write_text(patient.read_text().replace(day, '2020-01-01'))
+    figures, _ = patient.read_text().split('set_on: ')
+    patient.write_text(f'{figures}set_on: 2020-01-01\nexpires: 2020-01-01\n')
     for command in (('check', path), ('protocol', 'muscle', '--out', tmp_path / 'x.yaml')):
         code, _, err = rpms(*command, '--device', 'rapid2-240v', '--patient', patient)
         assert code == 2

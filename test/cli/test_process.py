@@ -14,7 +14,7 @@ def run(*arguments: object, **options: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, '-m', 'rpms_ros.cli', *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=250,
         check=False,
         env={**os.environ, **options},
     )
@@ -41,7 +41,7 @@ def test_works_where_there_is_no_ros(short_session: Path) -> None:
         f'sys.exit(main(["identify", {str(short_session)!r}, "--json"]))\n'
     )
     done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=250, check=False
     )
     assert (done.returncode, done.stderr) == (0, '')
     assert json.loads(done.stdout)['pulses'] == 200
@@ -53,7 +53,7 @@ def test_a_command_that_needs_ros_says_so_in_a_line(short_session: Path) -> None
         f'sys.exit(main(["replay", {str(short_session)!r}]))\n'
     )
     done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=250, check=False
     )
     assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
     assert 'the nodes need ROS 2 Jazzy and rpms_msgs' in done.stderr
@@ -68,7 +68,7 @@ def test_a_reader_that_leaves_early_is_no_error(short_session: Path) -> None:
             stdout=pipe,
             stderr=subprocess.PIPE,
             text=True,
-            timeout=120,
+            timeout=250,
             check=False,
         )
     assert (done.returncode, done.stderr) == (0, '')

@@ -190,6 +190,10 @@ def runs_until_stopped(
     there: Callable[[str], bool],
 ) -> None:
     """Start a node, interrupt it some seconds after it is on the graph; it must not end before."""
+    name, end = Path(command.split()[0]).name, time.monotonic() + TIMEOUT
+    # one of its name may be left from the command before
+    while there(name) and time.monotonic() < end:
+        time.sleep(0.05)
     process = subprocess.Popen(
         ['bash', '-c', f'exec {command}'],
         cwd=folder,
@@ -198,8 +202,6 @@ def runs_until_stopped(
         stderr=subprocess.STDOUT,
         text=True,
     )
-    end = time.monotonic() + TIMEOUT
-    name = Path(command.split()[0]).name
     try:
         while not there(name) and process.poll() is None and time.monotonic() < end:
             time.sleep(0.05)

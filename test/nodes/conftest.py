@@ -3,6 +3,7 @@
 """A live page, and a simulated muscle that is stimulated, on the graph of a test."""
 
 import os
+import socket
 import subprocess
 import sys
 from dataclasses import replace
@@ -21,18 +22,25 @@ from rpms_ros.recording import read_recording
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 TOKEN = 'correct-horse-battery'
 # a machine under load may stall for longer than the defaults allow
-PATIENT = {'executor_timeout': 5.0, 'watch_timeout': 5.0, 'stop_button_timeout': 5.0}
+PATIENT = {'executor_timeout': 10.0, 'watch_timeout': 10.0, 'stop_button_timeout': 10.0}
 
 
-@pytest.fixture
-def patient_supervision(monkeypatch):
+@pytest.fixture(autouse=True)
+def patient_supervision(any_lateness, monkeypatch):
     """Drivers of this process that a machine under load may hold up for seconds.
 
     That the limits themselves stop a device that hangs is tested in test/stimulation.
     """
+    del any_lateness
 
     def patient(settings):
-        return replace(driver_settings_of(settings), stuck_limit_s=5.0, supervisor_timeout_s=5.0)
+        return replace(
+            driver_settings_of(settings),
+            response_limit_s=0.5,
+            stuck_limit_s=5.0,
+            supervisor_timeout_s=5.0,
+            lateness_limit_s=5.0,
+        )
 
     monkeypatch.setattr(stimulator_driver, 'driver_settings_of', patient)
 
@@ -77,6 +85,19 @@ def written_so_far():
             return None
 
     return read
+
+
+@pytest.fixture
+def unused_port():
+    """A port that nobody listens on, of those that the system hands out to nobody by itself."""
+    lowest = 10_000 + os.getpid() % 10_000
+    for port in range(lowest, lowest + 1000):
+        try:
+            socket.create_server(('127.0.0.1', port)).close()
+        except OSError:
+            continue
+        return port
+    return pytest.fail('no port is free')
 
 
 @pytest.fixture

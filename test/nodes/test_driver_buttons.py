@@ -25,10 +25,9 @@ from rpms_ros.nodes.button_publisher import ButtonPublisher
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
-pytestmark = pytest.mark.usefixtures('patient_supervision')
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
 # for what comes at once on a machine that has nothing else to do [s]
-PATIENCE = 30.0
+PATIENCE = 60.0
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -42,7 +41,7 @@ class Ward:
             'require_operator': False,
             'executor_timeout': 5.0,
             'watch_timeout': 5.0,
-            'stop_button_timeout': 2.0,
+            'stop_button_timeout': 5.0,
             'lateness_limit': 0.1,
         }
         self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
@@ -161,11 +160,11 @@ def test_a_button_that_says_nothing_forbids_arming(graph):
 
 
 def test_a_button_that_falls_silent_stops(graph):
-    ward = Ward(graph, stop_button_timeout=1.0)
+    ward = Ward(graph, stop_button_timeout=3.0)
     button = ButtonPublisher(ward.other)
     ward.run()
     button.timer.cancel()
-    assert ward.stopped().startswith('expected stop button /other to say its state every 1 s')
+    assert ward.stopped().startswith('expected stop button /other to say its state every 3 s')
     assert not ward.resets().success
     button.timer.reset()
     graph.wait_for(lambda: ward.resets().success)
@@ -191,7 +190,7 @@ def test_of_two_buttons_one_pressed_is_enough_and_keeps_the_stop(graph):
 
 
 def test_a_button_that_went_away_is_let_go_of_by_a_reset(graph):
-    ward = Ward(graph, stop_button_timeout=1.0)
+    ward = Ward(graph, stop_button_timeout=3.0)
     # in no executor: it can be destroyed at any moment
     leaving = Node('leaving', context=graph.context, use_global_arguments=False)
     publisher = leaving.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
@@ -218,34 +217,46 @@ def test_a_button_that_went_away_is_let_go_of_by_a_reset(graph):
 
 
 def test_a_button_that_must_be_present_keeps_the_stop_when_it_went_away(graph):
-    ward = Ward(graph, stop_buttons=['/left/foot_switch', 'other'], stop_button_timeout=1.0)
+    ward = Ward(graph, stop_buttons=['/left/foot_switch', 'other'], stop_button_timeout=3.0)
     ButtonPublisher(ward.other)
     ward.knows('/other')
     assert not ward.arms()
     ward.wait_for('expected stop button /left/foot_switch on the graph, speaking and released')
 
     def foot_switch():
-        """One that speaks until its timer is cancelled, from a namespace of its own."""
+        """One that speaks, from a namespace of its own; what ends it is returned."""
         # in no executor: it can be destroyed at any moment
         node = Node(
             'foot_switch', namespace='/left', context=graph.context, use_global_arguments=False
         )
         publisher = node.create_publisher(Bool, f'/{topics.EMERGENCY_STOP}', qos.STOP_STATE)
-        return node, ward.other.create_timer(0.02, lambda: publisher.publish(Bool(data=False)))
+        there = [True]
 
-    foot, timer = foot_switch()
+        def say():
+            # the executor may have taken it out of its queue before the node left
+            if there:
+                publisher.publish(Bool(data=False))
+
+        timer = ward.other.create_timer(0.02, say)
+
+        def leave():
+            there.clear()
+            timer.cancel()
+            node.destroy_node()
+
+        return leave
+
+    leave = foot_switch()
     ward.run()
-    timer.cancel()
-    foot.destroy_node()
+    leave()
     ward.stopped()
     # its silence is over once a reset has forgotten it: the others do not stand in for it
     refused = 'expected stop button /left/foot_switch on the graph'
     graph.wait_for(lambda: refused in ward.resets().message, PATIENCE)
-    again, timer = foot_switch()
+    leave = foot_switch()
     graph.wait_for(lambda: ward.resets().success, PATIENCE)
     ward.run()
-    timer.cancel()
-    again.destroy_node()
+    leave()
 
 
 @pytest.mark.parametrize('name', ['', 'left/foot', 'left/'])
@@ -313,7 +324,7 @@ def test_a_press_is_heard_while_the_executor_is_blocked(graph, wait_for):
         ward.run()
         # nobody spins the executor from here on
         said.set()
-        wait_for(lambda: ward.controller.interlocks.latched, timeout=2.0)
+        wait_for(lambda: ward.controller.interlocks.latched)
         stopped_ns = time.monotonic_ns()
     finally:
         said.set()

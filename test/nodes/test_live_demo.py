@@ -3,7 +3,6 @@
 """`rpms demo --live` as a stranger starts it: a curve in the browser, and nothing to press."""
 
 import signal
-import socket
 import subprocess
 import sys
 import urllib.error
@@ -17,12 +16,10 @@ PATIENCE = 180.0
 
 
 @pytest.fixture
-def demo(tmp_path):
+def demo(tmp_path, unused_port):
     """The demo with its page, and the address that it printed."""
-    with socket.create_server(('127.0.0.1', 0)) as bound:
-        free_port = bound.getsockname()[1]
     process = subprocess.Popen(
-        [*RPMS, 'demo', '--live', str(free_port), '--out', str(tmp_path / 'demo')],
+        [*RPMS, 'demo', '--live', str(unused_port), '--out', str(tmp_path / 'demo')],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -31,13 +28,13 @@ def demo(tmp_path):
     yield process, said[1].strip().rpartition(' ')[2]
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
+    process.communicate(timeout=PATIENCE)
 
 
 def answers(url):
     """Whether somebody serves there."""
     try:
-        with urllib.request.urlopen(url, timeout=10) as answer:
+        with urllib.request.urlopen(url, timeout=60) as answer:
             return bool(answer.status == 200)
     except OSError:
         return False
@@ -61,7 +58,7 @@ def test_a_curve_appears_and_the_page_only_shows(demo, beside, tmp_path):
         assert browser.evaluate("document.getElementById('controls').hidden")
         assert browser.complaints() == []
     with pytest.raises(urllib.error.HTTPError, match='403'):
-        urllib.request.urlopen(urllib.request.Request(f'{url}stop', method='POST'), timeout=10)
+        urllib.request.urlopen(urllib.request.Request(f'{url}stop', method='POST'), timeout=60)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert 'Traceback' not in errors

@@ -34,7 +34,7 @@ from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 # of `page`
 TOKEN = 'correct-horse-battery'
 # a machine under load may stall for longer than the defaults allow
-PATIENT = {'executor_timeout': 5.0, 'watch_timeout': 5.0, 'stop_button_timeout': 5.0}
+PATIENT = {'executor_timeout': 10.0, 'watch_timeout': 10.0, 'stop_button_timeout': 10.0}
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def post(url, what, token):
     request = urllib.request.Request(f'{url}{what}', method='POST')
     request.add_header('Authorization', f'Bearer {token}')
     try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
+        with urllib.request.urlopen(request, timeout=60) as answer:
             return answer.status
     except urllib.error.HTTPError as error:
         return error.code
@@ -126,7 +126,7 @@ def test_a_stop_that_is_let_go_of_at_once_is_said(graph, page):
     page.stop.let_go()
     graph.wait_for(lambda: any(message.data for message in heard))
     graph.wait_for(lambda: page.stop._button is None)
-    assert not heard[-1].data
+    graph.wait_for(lambda: not heard[-1].data)
 
 
 def test_a_driver_that_has_ended_confirms_no_stop(graph, page):
@@ -247,20 +247,35 @@ def test_the_command_finds_the_namespace_and_names_several(graph, page_process):
         node = graph.add(lambda **options: Node('sensor', namespace=namespace, **options))
         return node.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE)
 
+    def command(*arguments):
+        """What it printed before it was ended, what it complained of, and its exit code."""
+        process, printed = page_process('--port', '0', *arguments)
+        if printed:
+            process.terminate()
+        return printed, process.communicate()[1], process.returncode
+
+    def until(found, *arguments):
+        """Run it again where it looked too briefly: a machine under load is long in telling."""
+        for _ in range(5):
+            url, errors, code = command(*arguments)
+            if found in errors:
+                break
+        return url, errors, code
+
     sensor('/left')
-    process, url = page_process('--port', '0', '--stop')
+    url, errors, code = until('shows /left', '--stop')
+    assert 'shows /left' in errors
+    assert code == 0
     assert url.startswith('http://127.0.0.1:')
     assert len(url.partition('#token=')[2]) == 32
-    process.terminate()
-    errors = process.communicate()[1]
-    assert 'shows /left' in errors
     assert url.partition('#token=')[2] not in errors
     sensor('/right')
-    process, _ = page_process('--port', '0')
-    assert process.communicate()[1].endswith(
+    several = (
         'expected one namespace with a session, got /left, /right; choose one with --namespace\n'
     )
-    assert process.returncode == 2
+    url, errors, code = until(several)
+    assert errors.endswith(several)
+    assert (url, code) == ('', 2)
 
 
 def test_the_address_for_a_phone_is_printed_where_the_network_may_look(capsys):

@@ -79,8 +79,8 @@ def test_a_rate_that_does_not_divide_a_nanosecond_does_not_drift(graph) -> None:
 
 def test_the_force_is_that_of_the_contraction_bit_for_bit(laboratory: Laboratory) -> None:
     laboratory.wait_for_samples(1)
-    # in the future, so that no sample is out before the pulse is known
-    onset_ns = laboratory.stamps[-1] + 100_000_000
+    # in the future, so that no sample is out before the pulse is known, on a busy machine either
+    onset_ns = laboratory.stamps[-1] + 1_000_000_000
     laboratory.send(Pulse(onset_ns, 0.9))
     laboratory.wait_until(onset_ns + 300_000_000)
     muscle = Contraction(average_subject())
@@ -141,11 +141,15 @@ def test_its_own_clock_runs_at_the_factor(graph) -> None:
         lambda message: clock.append((messages.nanoseconds(message.clock), monotonic_ns())),
         qos.CLOCK,
     )
-    laboratory.graph.wait_for(lambda: len(clock) > 1 and clock[-1][0] > clock[0][0] + 5 * 10**9)
-    simulated, real = (np.array(times) for times in zip(*clock, strict=True))
+
+    def at_the_factor() -> bool:
+        """From a second on; the longer, the less it matters when the two ends were heard."""
+        (first, began), (last, now) = clock[0], clock[-1]
+        return now - began > 10**9 and abs((last - first) / (now - began) / 5.0 - 1.0) < 0.05
+
+    laboratory.graph.wait_for(lambda: len(clock) > 1 and at_the_factor())
+    simulated = np.array([time for time, _ in clock])
     assert (np.diff(simulated) >= 0).all()
-    # one second of real time, at whose ends a message may be late by a fifth of it
-    assert 4.0 < (simulated[-1] - simulated[0]) / (real[-1] - real[0]) < 6.25
     assert set(np.diff(laboratory.stamps).tolist()) == {10_000_000}
     assert abs(laboratory.stamps[-1] - simulated[-1]) < 10**9
 

@@ -59,7 +59,7 @@ class Source(Node):
             self.send_what_is_due(min(time.monotonic() - begun, duration))
             return len(self.sent) == int(duration * RATE)
 
-        wait_for(done, 10 * duration)
+        wait_for(done)
 
 
 @contextmanager
@@ -116,7 +116,7 @@ def test_nothing_is_lost_at_5_khz(
         # Not stopped before it has had time to take what waits for it.
         wait_for(lambda: recorded(path) == len(source.sent))
         process.send_signal(signal.SIGINT)
-        assert process.wait(10.0) == 0
+        assert process.wait(60.0) == 0
     recording = read_recording(path)
     assert (path / 'metadata.yaml').exists()
     assert len(recording.forces) == RATE
@@ -137,14 +137,15 @@ def test_a_kill_costs_nothing_that_was_flushed(
         begun = time.monotonic()
 
         def flushed_while_more_comes() -> bool:
-            source.send_what_is_due(time.monotonic() - begun)
+            # no more than a recorder that is held up may leave waiting
+            source.send_what_is_due(min(time.monotonic() - begun, qos.FORCE.depth / RATE))
             return recorded(path) > 0
 
         wait_for(flushed_while_more_comes, 60.0)
         # and with nothing more to come: how long it takes is measured in bench/recorder.py
         wait_for(lambda: recorded(path) == len(source.sent), 60.0)
         process.send_signal(signal.SIGKILL)
-        process.wait(10.0)
+        process.wait(60.0)
     assert not (path / 'metadata.yaml').exists()
     recording = read_recording(path)
     check_order(recording)

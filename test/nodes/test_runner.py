@@ -26,6 +26,8 @@ from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.runner import run
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
+# of a process that imports and ends on a machine under load [s]
+PATIENCE = 120.0
 NODE = """
 import sys
 from dataclasses import dataclass
@@ -66,18 +68,18 @@ def test_a_signal_ends_the_node_with_exit_code_zero(domain: int, stop: signal.Si
         assert process.stdout is not None
         assert process.stdout.readline() == 'running at 20.0\n'
         process.send_signal(stop)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, '')
 
 
 STARTER = """
-import os, pathlib, subprocess, sys
+import os, pathlib, subprocess, sys, time
 heard = pathlib.Path(sys.argv[2])
 environment = {**os.environ, 'RPMS_ROS_PARENT': str(os.getpid())}
 with heard.open('w') as file:
     node = subprocess.Popen([sys.executable, '-c', sys.argv[1]], env=environment, stdout=file)
 while 'running' not in heard.read_text():
-    pass
+    time.sleep(0.01)
 print(node.pid, flush=True)
 os._exit(0)
 """
@@ -92,7 +94,7 @@ def test_a_node_ends_with_whoever_started_it(
         text=True,
         stdout=subprocess.PIPE,
         check=True,
-        timeout=20,
+        timeout=PATIENCE,
     )
     wait_for(lambda: not is_running(int(done.stdout)))
 
@@ -112,7 +114,7 @@ def test_parameters_come_from_a_yaml_file(domain: int, tmp_path: Path) -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == 'running at 2.5\n'
         process.terminate()
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
     assert 'parameter rat is unknown here and ignored' in errors
 
@@ -139,7 +141,7 @@ def test_a_file_that_has_nothing_for_the_node_is_named(domain: int, tmp_path: Pa
             assert process.stdout is not None
             assert process.stdout.readline() == f'running at {rate}\n'
             process.terminate()
-            _, errors = process.communicate(timeout=20)
+            _, errors = process.communicate(timeout=PATIENCE)
         (line,) = [line for line in errors.splitlines() if said in line]
         assert level in line
 
@@ -216,7 +218,7 @@ def test_a_bad_parameter_is_one_line_and_exit_code_two(
     file = tmp_path / 'example.yaml'
     file.write_text(f'example:\n  ros__parameters:\n    {yaml}\n')
     with start(domain, '--ros-args', '--params-file', str(file)) as process:
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (2, message)
 
 
@@ -225,7 +227,7 @@ def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(
     domain: int, arguments: list[str]
 ) -> None:
     with start(domain, '--ros-args', *arguments) as process:
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     # rcl may log a line of its own before ours
     assert errors.splitlines()[-1].startswith('error: ')
@@ -252,7 +254,7 @@ def ended(code: str, domain: int) -> subprocess.CompletedProcess[str]:
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
         check=False,
     )
 
@@ -280,7 +282,7 @@ def test_a_signal_while_modules_are_imported_is_no_traceback(
 
 def test_help_tells_the_parameters_and_starts_nothing(domain: int) -> None:
     with start(domain, '--help') as process:
-        out, errors = process.communicate(timeout=20)
+        out, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, '')
     assert '  rate  Rate. ([Hz] at least 1.0; default 20.0)\n' in out
     assert 'running' not in out
@@ -288,7 +290,7 @@ def test_help_tells_the_parameters_and_starts_nothing(domain: int) -> None:
 
 def test_the_version_is_told_and_nothing_started(domain: int) -> None:
     with start(domain, '--version') as process:
-        out, errors = process.communicate(timeout=20)
+        out, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out, errors) == (0, f'rpms_ros {rpms_ros.__version__}\n', '')
 
 
@@ -308,7 +310,7 @@ def test_the_help_of_a_node_fits_into_a_terminal(
 
 def test_an_option_that_is_not_of_ros_is_refused(domain: int) -> None:
     with start(domain, '--rate', '20') as process:
-        out, errors = process.communicate(timeout=20)
+        out, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out) == (2, '')
     assert 'unrecognized arguments: --rate 20' in errors
 
@@ -324,7 +326,7 @@ def test_a_node_without_ros_says_so_in_a_line(name: str) -> None:
         f'from rpms_ros.nodes.executables import {name}\nsys.exit({name}())\n'
     )
     done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
     assert done.stderr.endswith(f'{name} needs ROS 2 Jazzy and rpms_msgs\n')
@@ -363,3 +365,35 @@ def test_a_domain_that_was_just_left_is_the_last_to_be_reserved_again(
             order.append(domain)
     assert sorted(order[:91]) == list(range(10, 101))
     assert order[91:] == order[:91]
+
+
+RESERVING = """
+import os, signal, sys, tempfile
+from rpms_ros.nodes.discovery import reserved_domain
+tempfile.tempdir = sys.argv[1]
+with reserved_domain() as domain:
+    print(domain, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_domain_whose_process_was_killed_is_not_the_next_to_be_reserved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rpms_ros.nodes.discovery import reserved_domain
+
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    for _ in range(91):
+        with reserved_domain():
+            pass
+    # what it had started there may still be found
+    done = subprocess.run(
+        [sys.executable, '-c', RESERVING, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGKILL
+    with reserved_domain() as domain:
+        assert domain != int(done.stdout)

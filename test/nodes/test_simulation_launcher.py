@@ -46,10 +46,11 @@ def processes_of(folder: Path, file: str = '') -> list[int]:
 def demo(folder: Path, *options: str) -> str:
     """Return what a demo prints that has lost nothing.
 
-    A machine that stands still for a tenth of a second makes pulses late, which the demo says with
-    its exit code; then it is tried again.
+    A machine that stands still for a tenth of a second makes pulses late, and a driver that is
+    held up for longer stops itself; the demo says either with its exit code, and is tried again.
     """
-    for _ in range(3):
+    held_up = ("'pulse_late'", 'driver: ended before the schedule did', 'is this machine busy?')
+    for _ in range(5):
         shutil.rmtree(folder, ignore_errors=True)
         done = subprocess.run(
             [*RPMS, 'demo', *options, '--out', str(folder)],
@@ -58,7 +59,7 @@ def demo(folder: Path, *options: str) -> str:
             check=False,
             timeout=250,
         )
-        if done.returncode == 0 or "'pulse_late'" not in done.stdout:
+        if done.returncode == 0 or not any(one in done.stdout + done.stderr for one in held_up):
             break
     assert (done.returncode, done.stderr) == (0, ''), done.stdout
     return done.stdout
@@ -74,7 +75,8 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
         qos.ESTIMATE,
     )
     identifier = graph.add(Identifier)
-    graph.add(PlantSimulator, subject='simulation', minimum_subscribers=1, publication_delay=0.05)
+    # the force waits for pulses that a machine under load holds up
+    graph.add(PlantSimulator, subject='simulation', minimum_subscribers=1, publication_delay=0.5)
     graph.add(
         StimulatorDriver,
         autostart=True,
@@ -83,9 +85,11 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
         minimum_subscribers=2,
         duration=2.0,
         low=0.4,
+        executor_timeout=5.0,
+        watch_timeout=5.0,
     )
-    graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses >= 20, 30.0)
-    graph.wait_for(lambda: estimates[-1].samples >= 2000, 30.0)
+    graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses >= 20)
+    graph.wait_for(lambda: estimates[-1].samples >= 2000)
     assert identifier.stream.fault_counts == {}
     assert estimates[-1].curve_known
     # after two seconds not good yet, but no longer the start of 0 N
@@ -128,8 +132,8 @@ def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: P
     assert muscle.curve[-1, -1] < 0.98 * muscle.curve[0, -1]
 
 
-def test_a_demo_whose_driver_stops_says_so(tmp_path: Path, wait_for: Callable[..., None]) -> None:
-    folder = tmp_path / 'demo'
+def held_up_demo(folder: Path, wait_for: Callable[..., None]) -> tuple[int, str, str]:
+    """Return exit code, output and complaints of a demo whose driver is stopped for a while."""
     with subprocess.Popen(
         [*RPMS, 'demo', '--duration', '30', '--quiet', '--out', str(folder)],
         stdout=subprocess.PIPE,
@@ -137,16 +141,31 @@ def test_a_demo_whose_driver_stops_says_so(tmp_path: Path, wait_for: Callable[..
         text=True,
     ) as process:
         said = folder / 'stimulator_driver.txt'
-        wait_for(lambda: said.exists() and 'running' in said.read_text(), 250.0)
+
+        def runs(size: int) -> bool:
+            written = sum(file.stat().st_size for file in folder.rglob('*.mcap'))
+            running = said.exists() and 'running' in said.read_text()
+            return process.poll() is not None or (running and written > size)
+
+        wait_for(lambda: runs(0), 250.0)
         # some seconds of it
-        wait_for(lambda: sum(f.stat().st_size for f in folder.rglob('*.mcap')) > 300_000, 60.0)
-        (driver,) = processes_of(folder, 'stimulator_driver.yaml')
-        # silent for longer than a demo allows
-        os.kill(driver, signal.SIGSTOP)
-        time.sleep(1.5)
-        os.kill(driver, signal.SIGCONT)
-        out, errors = process.communicate(timeout=60)
-    assert (process.returncode, errors) == (1, ''), out
+        wait_for(lambda: runs(300_000))
+        for driver in processes_of(folder, 'stimulator_driver.yaml'):
+            # silent for longer than a demo allows
+            os.kill(driver, signal.SIGSTOP)
+            time.sleep(1.5)
+            os.kill(driver, signal.SIGCONT)
+        out, errors = process.communicate(timeout=250)
+    return process.returncode, out, errors
+
+
+def test_a_demo_whose_driver_stops_says_so(tmp_path: Path, wait_for: Callable[..., None]) -> None:
+    for attempt in range(3):
+        code, out, errors = held_up_demo(tmp_path / f'demo_{attempt}', wait_for)
+        # on a busy machine another limit of the driver may be the first
+        if 'expected a sign of life within 0.5 s, got none for' in out:
+            break
+    assert (code, 'Traceback' in errors) == (1, False), out + errors
     assert 'driver: ended before the schedule did: ' in out
     assert 'expected a sign of life within 0.5 s, got none for' in out
 
@@ -173,13 +192,13 @@ def test_no_process_is_left_behind(
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
-        wait_for(lambda: len(processes_of(folder)) == 3, 30.0)
+        wait_for(lambda: len(processes_of(folder)) == 3, 120.0)
         # all of them listen by then, or are about to
-        wait_for(lambda: (folder / 'recording').exists(), 30.0)
+        wait_for(lambda: (folder / 'recording').exists(), 120.0)
         process.send_signal(stop)
         # a process that is compiling hears the signal afterwards
-        _, errors = process.communicate(timeout=90)
-    wait_for(lambda: processes_of(folder) == [], 30.0)
+        _, errors = process.communicate(timeout=250)
+    wait_for(lambda: processes_of(folder) == [], 250.0)
     assert 'Traceback' not in errors
     if stop == signal.SIGINT:
         assert process.returncode == 130

@@ -38,8 +38,8 @@ class Bench:
             'require_stop_button': False,
             'executor_timeout': 5.0,
             'watch_timeout': 5.0,
-            'stop_button_timeout': 2.0,
-            'force_timeout': 2.0,
+            'stop_button_timeout': 5.0,
+            'force_timeout': 5.0,
             'lateness_limit': 0.1,
         }
         self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
@@ -177,7 +177,7 @@ def test_force_over_the_limit_stops(graph, force, quantity, unit):
 
 
 def test_force_sensor_that_falls_silent_stops(graph):
-    bench = Bench(graph, force_limit=100.0, force_timeout=0.5)
+    bench = Bench(graph, force_limit=100.0, force_timeout=2.0)
     graph.wait_for(lambda: bench.sensor.get_subscription_count() == 1)
     timer = bench.other.create_timer(0.02, lambda: bench.sensor.publish(wrench(10.0)))
     assert bench.change(Transition.TRANSITION_CONFIGURE)
@@ -197,7 +197,7 @@ def test_force_sensor_that_falls_silent_stops(graph):
     ids=['same stamp', 'foreign frame', 'a recording of yesterday'],
 )
 def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(graph, dead):
-    bench = Bench(graph, force_limit=100.0, force_timeout=1.0)
+    bench = Bench(graph, force_limit=100.0, force_timeout=3.0)
     # a sensor that repeats nothing is heard as well
     sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
     graph.wait_for(lambda: sensor.get_subscription_count() == 1)
@@ -206,7 +206,7 @@ def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(graph, 
     bench.arm()
     how[0] = dead
     bench.wait_for_state(DriverStatus.STOPPED)
-    assert 'force: expected a sign of life within 1 s' in bench.statuses[-1].reason
+    assert 'force: expected a sign of life within 3 s' in bench.statuses[-1].reason
     assert bench.controller.fault_counts()['force_refused'] > 0
 
 
@@ -259,8 +259,8 @@ def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(graph):
     [
         (SimulatedFaults(silent_loss=1.0), 'expected a pulse from the device, got none'),
         (SimulatedFaults(extra_intensity=0.1), 'expected intensity 0.5 from the device, got 0.6'),
-        (SimulatedFaults(slow_s=0.15), 'expected the pulse within 0.1 s'),
-        (SimulatedFaults(stuck_s=60.0), 'fire: expected an answer within 0.2 s'),
+        (SimulatedFaults(slow_s=0.8), 'expected the pulse within 0.5 s'),
+        (SimulatedFaults(stuck_s=60.0), 'fire: expected an answer within 5 s'),
         (SimulatedFaults(vanish_after=1), 'expected an answer from the device, got none'),
     ],
 )

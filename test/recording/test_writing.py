@@ -46,7 +46,7 @@ def test_full_device_is_told_and_what_fits_is_kept(tmp_path: Path, storage: str)
         [sys.executable, '-c', FULL_DEVICE, str(path), storage],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     assert done.stderr == ''

@@ -168,8 +168,9 @@ class Driver:
 
 
 @pytest.fixture
-def controller_of(tmp_path):
+def controller_of(tmp_path, any_lateness):
     """Build a controller of a simulated instrument on a line, for a device specification."""
+    del any_lateness
 
     def build(fake, specification):
         return StimulationController(
@@ -178,9 +179,10 @@ def controller_of(tmp_path):
             # a machine under load may hold up a thread or two
             DriverSettings(
                 executor_timeout_s=5.0,
-                lateness_limit_s=0.1,
-                response_limit_s=1.0,
-                stuck_limit_s=2.0,
+                lateness_limit_s=5.0,
+                response_limit_s=5.0,
+                stuck_limit_s=5.0,
+                supervisor_timeout_s=5.0,
             ),
             ledger=DoseLedger(tmp_path, 'rapid2', 'test'),
         )

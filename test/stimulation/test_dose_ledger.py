@@ -399,7 +399,7 @@ def test_a_full_disk_is_an_error_and_what_was_reserved_before_counts(tmp_path):
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=120,
     )
     first, second = run.stdout.splitlines()
     reserved = int(first.split()[0])

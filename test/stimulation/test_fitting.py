@@ -5,6 +5,7 @@
 import dataclasses
 from datetime import UTC
 from datetime import datetime
+from datetime import timedelta
 
 import pytest
 from hypothesis import example
@@ -33,11 +34,12 @@ from rpms_ros.stimulation.patient import Rest
 from rpms_ros.stimulation.patient import for_session
 
 RAPID = load_device_specification('rapid2-240v')
-TODAY = datetime.now(UTC).date()
+# midnight may come between the import and a test
+TODAY, DAY = datetime.now(UTC).date(), timedelta(1)
 PATIENT = Patient(
     'P01', 'rapid2-240v', 0.3, 0.5,
-    dose=DoseLimits(2000, 100_000.0, 24.0), rest=Rest(1000, 2.0), set_by='A', set_on=TODAY,
-    expires=TODAY,
+    dose=DoseLimits(2000, 100_000.0, 24.0), rest=Rest(1000, 2.0), set_by='A', set_on=TODAY - DAY,
+    expires=TODAY + DAY,
 )  # fmt: skip
 SHARE = st.floats(0.0, 1.0)
 SEGMENTS = st.one_of(

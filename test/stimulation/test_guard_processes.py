@@ -88,7 +88,7 @@ def test_driver_is_killed(train, wait_for):
 
 
 def test_driver_is_stopped_and_goes_on(train, wait_for):
-    fake, run = train(beat_limit_s=1.0, answer_limit_s=1.0)
+    fake, run = train(beat_limit_s=3.0, answer_limit_s=3.0)
     run.process.send_signal(signal.SIGSTOP)
     assert_silent(fake, wait_for, 'was told to')
     fired = len(fake.triggers)
@@ -96,7 +96,7 @@ def test_driver_is_stopped_and_goes_on(train, wait_for):
     said = run.process.stdout.readline()
     assert 'fault' in said
     assert 'sign of life of the driver' in said
-    assert run.process.wait(10) == 0
+    assert run.process.wait(60) == 0
     assert len(fake.triggers) == fired
 
 
@@ -106,23 +106,23 @@ def test_guard_is_killed(train, wait_for):
     # past the guard
     assert_silent(fake, wait_for, 'was told to')
     assert 'fault' in run.process.stdout.readline()
-    assert run.process.wait(10) == 0
+    assert run.process.wait(60) == 0
 
 
 def test_guard_is_stopped_and_goes_on(train, wait_for):
-    fake, run = train(beat_limit_s=1.0, answer_limit_s=1.0)
+    fake, run = train(beat_limit_s=3.0, answer_limit_s=3.0)
     os.kill(run.guard, signal.SIGSTOP)
     assert_silent(fake, wait_for, 'was told to')
     fired = len(fake.triggers)
     os.kill(run.guard, signal.SIGCONT)
     assert 'fault' in run.process.stdout.readline()
-    assert run.process.wait(10) == 0
+    assert run.process.wait(60) == 0
     wait_for(lambda: gone(run.guard))
     assert len(fake.triggers) == fired
 
 
 def test_both_are_killed(train, wait_for):
-    fake, run = train(watchdog_s=1.0)
+    fake, run = train(watchdog_s=3.0)
     os.kill(run.guard, signal.SIGSTOP)
     run.process.kill()
     os.kill(run.guard, signal.SIGKILL)
@@ -130,7 +130,7 @@ def test_both_are_killed(train, wait_for):
 
 
 def test_instrument_hangs(train, wait_for):
-    fake, run = train(answer_limit_s=1.0)
+    fake, run = train(answer_limit_s=3.0)
     fake.hang = True
     assert 'fault' in run.process.stdout.readline()
     fired = len(fake.triggers)
@@ -138,7 +138,7 @@ def test_instrument_hangs(train, wait_for):
     assert_silent(fake, wait_for, 'was told to')
     # what it had in its ears it may still do
     assert len(fake.triggers) <= fired + 1
-    assert run.process.wait(10) == 0
+    assert run.process.wait(60) == 0
 
 
 @pytest.mark.parametrize(

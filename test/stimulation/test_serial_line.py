@@ -259,10 +259,10 @@ def test_silence_sets_zero_first_and_waits_for_nobody(fake, device, wait_for, ar
     began = time.monotonic()
     device.silence()
     device.silence()
-    # far less than the time-out of an exchange, 5 s
-    assert time.monotonic() - began < 1.0
+    # less than the time-out of an exchange, 5 s
+    assert time.monotonic() - began < 4.0
     # the guard ends the exchange that hangs: nothing is known, and nothing is wrong
-    hanging.join(4.0)
+    hanging.join(60.0)
     assert returned == [DeviceStatus()]
     fake.hang = False
     wait_for(lambda: not fake.armed)
@@ -294,17 +294,21 @@ def test_after_a_silence_the_status_is_asked_for_and_the_disarming_made_sure(fak
         device.keep_alive()
 
 
-def test_temperature_is_asked_for_every_two_seconds(fake, device):
+def test_temperature_is_asked_for_every_two_seconds(fake, patient_device):
+    now = [10**9]
+    device = patient_device(fake.port, clock=lambda: now[0])
+    device.open()
     assert device.keep_alive().temperature == 25.3
     # what was measured earlier does not come again: it is not known to be so now
     assert device.keep_alive().temperature is None
     assert device.arm().temperature is None
     assert device.prepare(0.5).temperature is None
     assert fake.frames.count(b'F@') == 1
-    device._temperature_ns -= 2_000_000_000
+    now[0] += 2_000_000_000
     fake.temperatures = 'xyz', '251'
     with pytest.raises(DeviceError, match='expected two temperatures in tenths of a degree, got'):
         device.keep_alive()
+    device.close()
 
 
 @pytest.mark.parametrize(
@@ -317,7 +321,7 @@ def test_temperature_is_asked_for_every_two_seconds(fake, device):
     ],
 )
 def test_noise_silence_and_half_answers(fake, wrong, match, wait_for, armed):
-    device = SerialDevice(fake.port, timeout_s=0.3, beat_limit_s=20.0)
+    device = SerialDevice(fake.port, timeout_s=1.0, beat_limit_s=20.0)
     device.open()
     armed(device)
     for name, value in wrong.items():

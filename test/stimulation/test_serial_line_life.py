@@ -158,7 +158,7 @@ def test_a_fork_that_outlives_the_driver_does_not_keep_it_armed(fake, wait_for):
     text = (
         'import os, sys, time\n'
         'from rpms_ros.stimulation.devices.serial_line import SerialDevice\n'
-        'device = SerialDevice(sys.argv[1], beat_limit_s=1.0)\n'
+        'device = SerialDevice(sys.argv[1], timeout_s=5.0, beat_limit_s=3.0)\n'
         'device.open()\n'
         'device.arm()\n'
         'child = os.fork()\n'
@@ -229,7 +229,7 @@ def test_guard_that_was_started_by_hand(fake, by_hand, wait_for, armed, patient_
         device.prepare(0.31)
     device.close()
     guard.terminate()
-    assert guard.wait(10) == 0
+    assert guard.wait(60) == 0
     assert b'drivers find it at' in guard.stderr.read()
     assert not path.exists()
     assert fake.fired() == [30, 30]
@@ -247,7 +247,7 @@ def test_guard_by_hand_outlives_a_driver_that_gave_up_waiting(by_hand, patient_d
     assert last.guard_pid == guard.pid
     last.close()
     guard.terminate()
-    assert guard.wait(10) == 0
+    assert guard.wait(60) == 0
     assert b'a driver has left before it was served' in guard.stderr.read()
 
 

@@ -43,7 +43,7 @@ class HangingDevice(SimulatedDevice):
     def held(self, call, *arguments):
         if call.__name__ == self.hangs_in:
             self.hanging.set()
-            assert self.let_go.wait(30.0)
+            assert self.let_go.wait(60.0)
         return call(*arguments)
 
     def close(self):
@@ -52,15 +52,16 @@ class HangingDevice(SimulatedDevice):
 
 
 @pytest.fixture
-def driver():
+def driver(any_lateness):
     """A driver with its threads; a machine under load may be slow."""
+    del any_lateness
     settings = DriverSettings(
         executor_timeout_s=10.0,
         supervisor_timeout_s=10.0,
-        lateness_limit_s=0.1,
-        response_limit_s=1.0,
-        stuck_limit_s=0.5,
-        open_limit_s=0.5,
+        lateness_limit_s=5.0,
+        response_limit_s=5.0,
+        stuck_limit_s=2.0,
+        open_limit_s=2.0,
     )
     controller = StimulationController(
         HangingDevice(), load_device_specification('simulated'), settings
@@ -119,7 +120,7 @@ def test_hang_is_latched_and_cleaned_up_while_it_lasts(running, wait_for, call):
     wait_for(lambda: bool(fired))
     device.hangs_in = call
     wait_for(lambda: controller.state is State.FAULT)
-    assert controller.reason == f'{call}: expected an answer within 0.5 s, got none'
+    assert controller.reason == f'{call}: expected an answer within 2 s, got none'
     assert not device.armed
     # a clean-up leads out of it although nobody has answered yet
     controller.cleanup()
@@ -147,8 +148,8 @@ def test_status_and_stop_do_not_wait_for_a_device_that_hangs(running, wait_for):
     began = time.monotonic()
     controller.status()
     controller.stop('test', 'a test')
-    # the hang lasts 30 s
-    assert time.monotonic() - began < 10.0
+    # the hang lasts a minute
+    assert time.monotonic() - began < 30.0
     assert controller.status()[1]
     assert not controller.device.armed
 
@@ -205,9 +206,9 @@ def test_order_that_was_given_up_is_not_done_any_more(wait_for):
     hanging, let_go = threading.Event(), threading.Event()
 
     def own():
-        assert wake.wait(10.0)
+        assert wake.wait(60.0)
         hanging.set()
-        assert let_go.wait(10.0)
+        assert let_go.wait(60.0)
         orders.serve()
         done.append('served')
 
@@ -220,7 +221,7 @@ def test_order_that_was_given_up_is_not_done_any_more(wait_for):
         orders.ask(lambda: done.append('kept'), 0.01, keep=True)
     let_go.set()
     wait_for(lambda: done == ['kept', 'served'])
-    orders.owner.join(10.0)
+    orders.owner.join(60.0)
 
 
 def test_simulated_device_refuses_what_a_real_one_would():

@@ -379,7 +379,8 @@ def _averaged(solution: _Solution, tried: list[_Solution]) -> tuple[FloatArray, 
     The evidence of neighbouring scales often differs little: with the best one alone the estimate
     would jump from one to the next, and intervals would be too narrow.
     """
-    likely = [one for one in tried if one.evidence > solution.evidence - _LIKELY]
+    # the best one in any case: where its evidence is huge, the difference is lost in rounding
+    likely = [one for one in tried if one.evidence >= solution.evidence - _LIKELY]
     weight = np.exp([one.evidence - solution.evidence for one in likely])
     weight /= weight.sum()
     step = sum(share * one.step for share, one in zip(weight, likely, strict=True))

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import identify
 from rpms_ros.identification.checkpoint import load
 from rpms_ros.identification.checkpoint import save
 from rpms_ros.identification.estimate import CONVERGED
 from rpms_ros.identification.stream import IdentificationStream
 from rpms_ros.identification.tracking.estimator import TrackingEstimator
 from rpms_ros.identification.tracking.settings import TrackingSettings
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
@@ -354,3 +357,14 @@ def test_what_cannot_have_changed_is_refused():
         estimator.tell_change('gain')
     with pytest.raises(IdentificationError, match=r"a change of gain, .* got 'coil'"):
         estimator.tell_change('coil')
+
+
+def test_a_rest_of_exactly_zero_before_the_first_pulse_does_not_end_it():
+    intensity = np.random.default_rng(1).uniform(0.0, 1.0, 60)
+    pulses = PulseTrain.regular(intensity, 20.0, 500_000_000)
+    muscle = Contraction(simulation_subject())
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamp_ns = np.arange(4000, dtype=np.int64) * 1_000_000
+    found = identify(TrackingEstimator(), pulses, ForceTrace(stamp_ns, muscle.force(stamp_ns)))
+    # the subject pulls 10 N, without noise; 3 s of pulses
+    assert found.estimates[-1].curve_force[-1] == pytest.approx(10.0, rel=0.05)

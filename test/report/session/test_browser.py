@@ -111,7 +111,7 @@ def opened(beside: Callable[[str], ModuleType]) -> Open:
             [*command, f'--user-data-dir={path.parent / "profile"}', *flags, path.as_uri()],
             capture_output=True,
             text=True,
-            timeout=100,
+            timeout=250,
             check=True,
             stdin=subprocess.DEVNULL,
         )
