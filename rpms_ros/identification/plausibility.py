@@ -30,6 +30,7 @@ RESPONSE_NEGATIVE = 'response_negative'
 BAND_WIDER_THAN_CURVE = 'band_wider_than_curve'
 NO_CONSTANT_MUSCLE = 'no_constant_muscle'
 RESPONSE_MISFIT = 'response_misfit'
+RESIDUALS_ALIKE = 'residuals_alike'
 
 REASON: Mapping[str, str] = MappingProxyType(
     {
@@ -44,6 +45,8 @@ REASON: Mapping[str, str] = MappingProxyType(
         'moved or the patient tensed it, and the numbers are a mixture',
         RESPONSE_MISFIT: 'the prediction errors follow the pulses: the response is not one of the '
         'model, or the muscle changes',
+        RESIDUALS_ALIKE: 'what the muscle leaves of neighbouring samples is alike, as with a '
+        'sensor that filters its noise: the curve may be wrong by more than its interval',
     }
 )
 """Explanation of each doubt, by its name."""

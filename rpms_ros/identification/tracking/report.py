@@ -10,6 +10,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.plausibility import REASON
+from rpms_ros.identification.plausibility import RESIDUALS_ALIKE
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.tracking.change_watch import FoundChange
 from rpms_ros.identification.tracking.stretching import slowed
@@ -24,6 +26,9 @@ _MINUTE = 60.0
 _UNEVEN = 0.06
 # The disturbance counts as lively above this share of the force, by `LIVELINESS`.
 _LIVELY = 6
+# Above this factor neighbouring residuals are more alike than a muscle of the model leaves them,
+# which is 1.1 at most once it is known: a lively disturbance then takes up what is the muscle's.
+_ALIKE = 1.5
 _WIDE = 0.05
 
 
@@ -38,7 +43,7 @@ def described_fit(
     area: FloatArray,
     tremor: Tremor,
 ) -> Estimate:
-    """Return the estimate with rates, changes, disturbance and reasons added.
+    """Return the estimate with rates, changes, disturbance, doubts and reasons added.
 
     Parameters
     ----------
@@ -64,8 +69,10 @@ def described_fit(
         float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation if estimate.confidence else 0.0
     )
     rest = _rest_level(fit.levels)
+    doubts = (RESIDUALS_ALIKE,) if estimate.curve_known and fit.together > _ALIKE else ()
     return replace(
         estimate,
+        doubts=(*estimate.doubts, *doubts),
         rate_names=names,
         rate=rate,
         rate_lower=rate - half,
@@ -75,7 +82,7 @@ def described_fit(
         change_ago=np.array([1e-9 * (estimate.stamp_ns - one.stamp_ns) for one in found]),
         disturbance=float(fit.levels[-1]) - rest,
         disturbance_deviation=_level_deviation(fit, estimate.stamp_ns * 1e-9 / interval_s),
-        reasons=_reasons(estimate, fit, deliberating, tremor),
+        reasons=(*_reasons(estimate, fit, deliberating, tremor), *(REASON[one] for one in doubts)),
     )
 
 
