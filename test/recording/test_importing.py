@@ -66,7 +66,8 @@ HEAD = ('Time [s]', 'Force [N]', 'Stim [V]')
 
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'utf-16-le', 'latin-1'])
 @pytest.mark.parametrize(
-    ('separator', 'comma'), [(',', False), (';', False), (';', True), ('\t', True), (' ', False)]
+    ('separator', 'comma'),
+    [(',', False), (';', False), (';', True), ('\t', True), (' ', False), ('|', True)],
 )
 def test_tables_of_text(tmp_path: Path, encoding: str, separator: str, comma: bool) -> None:
     path = tmp_path / 'trial.csv'
@@ -99,6 +100,10 @@ def test_times_of_day_are_times(tmp_path: Path) -> None:
     path = tmp_path / 'trial.csv'
     path.write_text('\n'.join(['time;force;gate', *lines]))
     expect_the_session(*imported(path), late_s=36_000.0)
+    file = read_signals(path)
+    assert dict(guessed(file).reasons)['time'] == "'time' in s, from times of day"
+    with pytest.raises(RecordingError, match=r'expected no --time-unit, or s, for .* got ms'):
+        guessed(file, time_unit='ms')
     lines[-1] = lines[-1].replace('03-01', '03-02')
     path.write_text('\n'.join(['time;force;gate', *lines]))
     with pytest.raises(RecordingError, match=r'expected the times of one day in .* of 2 dates'):

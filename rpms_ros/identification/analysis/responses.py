@@ -104,12 +104,16 @@ class Cutter:
             return reason
         if trace.saturated[part].any():
             return 'sensor saturated'
+        usable = self._usable(stamps, self.onset_ns[group.first : group.last])
+        # the fits divide by the spread of the force
+        if not usable.any() or not np.ptp(trace.force[part][usable]):
+            return 'the force never changes'
         onset = (self.onset_ns[group.first : group.last] - start) / NANOSECONDS_PER_SECOND
         return Response(
             onset,
             lag,
             trace.force[part],
-            self._usable(stamps, self.onset_ns[group.first : group.last]),
+            usable,
             float(self._intensity[group.first]),
             float(self._artifacts.offset[group.first] - self._artifacts.clock_offset),
             start,

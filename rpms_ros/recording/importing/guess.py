@@ -24,6 +24,7 @@ from rpms_ros.recording.importing.event_lists import rises
 from rpms_ros.recording.importing.event_lists import sampled_like
 from rpms_ros.recording.importing.gates import gate_told
 from rpms_ros.recording.importing.gates import has_two_levels
+from rpms_ros.recording.importing.signals import TIME_OF_DAY
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.units import SENSOR_UNITS
@@ -255,6 +256,13 @@ def _time_told(column: Signal | None, given: str | None, rate: float | None) -> 
 
 
 def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
+    if signal.unit == TIME_OF_DAY:
+        if given not in (None, 's'):
+            raise RecordingError(
+                f'expected no --time-unit, or s, for the times of day of {signal.name!r}, '
+                f'got {given}'
+            )
+        return 's', 'from times of day'
     if given is not None:
         return given, 'as stated (--time-unit)'
     stated = usual_unit(signal.unit)

@@ -16,6 +16,9 @@ _ENDING = re.compile(
     r'^.*[_/ ]\s*(us|ms|s|mN|kN|N|mV|V|g|kg|gf|kgf|lbf|Nm|mNm|kNm|kgm|ft-lbs?|ft-lbf)$'
 )
 
+# The unit of a column of clock times, whose values are seconds whatever its title says.
+TIME_OF_DAY = 'h:m:s'
+
 
 @dataclass(frozen=True)
 class Signal:

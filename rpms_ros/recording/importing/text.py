@@ -12,6 +12,7 @@ import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
+from rpms_ros.recording.importing.signals import TIME_OF_DAY
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.signals import unit_of
@@ -22,7 +23,7 @@ _MARKS = {
     b'\xff\xfe': 'utf-16',
     b'\xfe\xff': 'utf-16',
 }
-_SEPARATORS = {'\t': 'tab', ';': 'semicolon', ',': 'comma', ' ': 'spaces'}
+_SEPARATORS = {'\t': 'tab', ';': 'semicolon', '|': 'bar', ',': 'comma', ' ': 'spaces'}
 _CLOCK = re.compile(r'^(?:(\S+)[T ])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*Z?$')
 _UNITS = re.compile(
     r'^[\[(]?\s*(?:s|sec|seconds?|ms|us|µs|μs|min|N|mN|kN|V|mV|g|kg|gf|kgf|lbf|'
@@ -97,6 +98,11 @@ def read_table(path: Path) -> SignalFile:
         _refuse_decimal_commas(path, rows(lines[first - 1]), sample)
     names, units = _header([rows(line) for line in lines[:first]], width)
     columns = _columns(path, rows, lines, first, width, comma)
+    begin = rows(lines[first])
+    units = [
+        TIME_OF_DAY if _CLOCK.match(cell) else unit
+        for cell, unit in zip(begin, units, strict=True)
+    ]
     facts = [encoding, f'separated by {_SEPARATORS[separator]}']
     facts += ['decimal comma'] if comma else []
     facts += [] if first else ['no header']

@@ -215,6 +215,18 @@ def test_pulses_without_an_answer():
     assert found.twitches is None
 
 
+@pytest.mark.parametrize(
+    'pulses', [singles(2), PulseTrain.regular(np.ones(5), 50.0, start_ns=1_000_000_000)]
+)
+def test_a_force_that_never_changes_is_no_response(pulses):
+    """A dead sensor, another axis, or a torque that is read as a force."""
+    force = force_of(pulses)
+    found = analyze(pulses, replace(force, force=np.zeros(len(force.force))))
+    assert sentence(found, 'the force never changes')
+    assert found.twitches is None
+    assert found.summation is None
+
+
 def test_clocks_that_differ_are_put_right():
     pulses = singles()
     early = replace(pulses, onset_ns=pulses.onset_ns - 7_000_000)
