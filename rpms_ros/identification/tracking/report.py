@@ -69,7 +69,7 @@ def described_fit(
         float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation if estimate.confidence else 0.0
     )
     rest = _rest_level(fit.levels)
-    doubts = (RESIDUALS_ALIKE,) if estimate.curve_known and fit.together > _ALIKE else ()
+    doubts = (RESIDUALS_ALIKE,) if estimate.curve_known and _leaves_alike(fit) else ()
     return replace(
         estimate,
         doubts=(*estimate.doubts, *doubts),
@@ -84,6 +84,12 @@ def described_fit(
         disturbance_deviation=_level_deviation(fit, estimate.stamp_ns * 1e-9 / interval_s),
         reasons=(*_reasons(estimate, fit, deliberating, tremor), *(REASON[one] for one in doubts)),
     )
+
+
+def _leaves_alike(fit: WindowFit) -> bool:
+    """Tell whether neighbouring residuals are alike, and more than the model's own error."""
+    left = fit.misfit * fit.weighed
+    return fit.together > _ALIKE and left > 0.5 * fit.variance
 
 
 def _rest_level(levels: FloatArray) -> float:
