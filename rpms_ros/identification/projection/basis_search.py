@@ -36,8 +36,12 @@ _STRIDES = (
     *((1, 0), (-1, 0), (0, 1), (0, -1), (0, 2), (0, -2), (0, 8), (0, -8)),
     *((3, 0), (-3, 0), (1, -2), (-1, 2), (3, -1), (-3, 1), (3, 1), (-3, -1)),
 )
+# Time constants whose log-likelihoods differ by less are told apart by the noise alone [nat].
+_EQUAL = 6.0
+# How far the latency follows from one time constant to the next.
+_FOLLOWED = (0, -1, 1, -2, 2, -4, 4)
 # Difference of the log-likelihood from which another basis than that of the start is taken [nat].
-_DECISION = 15.0
+_DECISION = 3.0
 _STEPS = 6
 _TOLERANCE = 1e-3
 _DAMPING = 1e-2
@@ -97,9 +101,29 @@ class BasisSearch:
             if nearest == place:
                 break
             place = nearest
+        place = self._middle(place)
         start = (0, 0)
         gain = self._unexplained(start) - self._unexplained(place)
         return place if gain > _DECISION else start
+
+    def _middle(self, best: Place) -> Place:
+        """Return the point in the middle of the time constants that are as good as the best.
+
+        A slow change of intensity tells little of the dynamics, and the best of many that are
+        nearly equal is one at the edge as often as not, whose functions just bear the twitch.
+        """
+        most = self._unexplained(best) + _EQUAL
+        equal = [best]
+        for step in (-1, 1):
+            place = best
+            while True:
+                beside = [(place[0] + step, place[1] + j) for j in _FOLLOWED]
+                place = min(filter(self._has, beside), key=self._unexplained, default=best)
+                if place == best or self._unexplained(place) > most:
+                    break
+                equal.append(place)
+        equal.sort()
+        return equal[len(equal) // 2]
 
     def _has(self, place: Place) -> bool:
         """Return whether the grid has a point."""
