@@ -36,12 +36,10 @@ _STRIDES = (
     *((1, 0), (-1, 0), (0, 1), (0, -1), (0, 2), (0, -2), (0, 8), (0, -8)),
     *((3, 0), (-3, 0), (1, -2), (-1, 2), (3, -1), (-3, 1), (3, 1), (-3, -1)),
 )
-# Time constants whose log-likelihoods differ by less are told apart by the noise alone [nat].
+# Points whose log-likelihoods differ by less are told apart by the noise alone [nat].
 _EQUAL = 6.0
 # How far the latency follows from one time constant to the next.
 _FOLLOWED = (0, -1, 1, -2, 2, -4, 4)
-# Difference of the log-likelihood from which another basis than that of the start is taken [nat].
-_DECISION = 3.0
 _STEPS = 6
 _TOLERANCE = 1e-3
 _DAMPING = 1e-2
@@ -101,29 +99,37 @@ class BasisSearch:
             if nearest == place:
                 break
             place = nearest
-        place = self._middle(place)
-        start = (0, 0)
-        gain = self._unexplained(start) - self._unexplained(place)
-        return place if gain > _DECISION else start
+        return self._middle(place)
 
     def _middle(self, best: Place) -> Place:
-        """Return the point in the middle of the time constants that are as good as the best.
+        """Return the point in the middle of those that are as good as the best.
 
-        A slow change of intensity tells little of the dynamics, and the best of many that are
-        nearly equal is one at the edge as often as not, whose functions just bear the twitch.
+        A slow change of intensity tells little of the dynamics, and the best of many points that
+        are nearly equal is one at the edge as often as not, whose functions just bear the twitch.
+        First the middle of the time constants, then that of the latencies there.
         """
         most = self._unexplained(best) + _EQUAL
+        constants = [[(step, j) for j in _FOLLOWED] for step in (-1, 1)]
+        best = self._middle_of(best, constants, most)
+        return self._middle_of(best, [[(0, -1)], [(0, 1)]], most)
+
+    def _middle_of(self, best: Place, ways: list[list[Place]], most: float) -> Place:
+        """Return the middle of the points that are reached both ways and unexplained by no more.
+
+        Each way is a list of steps, of which the best is taken.
+        """
         equal = [best]
-        for step in (-1, 1):
+        for steps in ways:
             place = best
             while True:
-                beside = [(place[0] + step, place[1] + j) for j in _FOLLOWED]
+                beside = [(place[0] + k, place[1] + j) for k, j in steps]
                 place = min(filter(self._has, beside), key=self._unexplained, default=best)
                 if place == best or self._unexplained(place) > most:
                     break
                 equal.append(place)
         equal.sort()
-        return equal[len(equal) // 2]
+        # of two, none is at an edge
+        return equal[len(equal) // 2] if len(equal) > 2 else best
 
     def _has(self, place: Place) -> bool:
         """Return whether the grid has a point."""
