@@ -58,7 +58,9 @@ class IdentifierParameters(NodeParameters):
         maximum=HIGHEST_RATE,
     )
     axis: str = parameter(
-        'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'
+        'z',
+        'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.',
+        true_is='y',
     )
     quantity: str = parameter(
         FORCE,
