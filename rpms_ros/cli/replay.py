@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from rpms_ros.nodes.replay import Replay
     from rpms_ros.report.agreement import Agreement
 
+OF_EVERY_NODE = ('use_sim_time', 'qos_overrides')
+"""Parameters that are not the identifier's own."""
+
 _DESCRIPTION = """\
 Plays pulses and force of a recording over DDS into the real identifier node, as fast as it keeps
 up or at a factor of the recorded speed, and compares its estimates with those in the recording, if
@@ -114,16 +117,39 @@ def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
 
     try:
         content = loaded(regular_text(arguments.parameters))
-        nodes = list(content.values())
-        return {**parameters, **nodes[0]['ros__parameters']}
+        return {**parameters, **_of_an_identifier(content, arguments.parameters)}
     except (OSError, RecordingError, ValueError, yaml.YAMLError) as error:
         raise NodeError(
             f'expected a parameter file, got {arguments.parameters}: {error}'
         ) from error
-    except (AttributeError, TypeError, KeyError, IndexError) as error:
+
+
+def _of_an_identifier(content: object, path: Path) -> dict[str, Any]:
+    """Return the parameters for an identifier, of a file that may be one for several nodes."""
+    from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+    from rpms_ros.nodes.parameter_files import blocks_of
+    from rpms_ros.nodes.parameters import descriptions
+
+    blocks = dict(blocks_of(content))
+    own = set(descriptions(IdentifierParameters))
+    for_all = [block for name, block in blocks.items() if name.endswith('*')]
+    named = {name: block for name, block in blocks.items() if not name.endswith('*')}
+    # the only node of a file may have any name
+    if len(named) > 1:
+        named = {name: one for name, one in named.items() if name.endswith('/identifier')}
+    if len(named) > 1:
         raise NodeError(
-            f'expected ros__parameters of an identifier in {arguments.parameters}, got none'
-        ) from error
+            f'expected parameters of one identifier in {path}, got those of {", ".join(named)}'
+        )
+    if not named and not for_all:
+        raise NodeError(f'expected ros__parameters of an identifier in {path}, got none')
+    found: dict[str, Any] = {}
+    for block in for_all:
+        found |= {name: value for name, value in block.items() if name in own}
+    for block in named.values():
+        # what rclpy gives every node says nothing of a replay
+        found |= {name: value for name, value in block.items() if name not in OF_EVERY_NODE}
+    return found
 
 
 def as_document(

@@ -42,6 +42,7 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
     """
     stamp = (estimate.stamp_ns - origin_ns) * _NANOSECONDS
     unit = text(estimate.unit) or 'N'
+    meanings = [_plain(meaning_of_doubt(name)) for name in estimate.doubts[:MOST_NAMES]]
     return {
         'estimator': text(estimate.estimator),
         'unit': unit,
@@ -84,9 +85,11 @@ def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
         'disturbance': number(estimate.disturbance),
         'disturbance_deviation': number(estimate.disturbance_deviation),
         'doubts': [
-            [text(name), _plain(meaning_of_doubt(name))] for name in estimate.doubts[:MOST_NAMES]
+            [text(name), meaning]
+            for name, meaning in zip(estimate.doubts[:MOST_NAMES], meanings, strict=True)
         ],
-        'reasons': texts(estimate.reasons),
+        # some are the meaning of a doubt, which is shown with its name
+        'reasons': texts(one for one in estimate.reasons if _plain(one) not in meanings),
         'faults': [
             [text(name), int(count), _plain(MEANING.get(name, ''))]
             for name, count in list(estimate.faults.items())[:MOST_NAMES]

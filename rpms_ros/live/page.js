@@ -86,7 +86,7 @@
         one.disturbance + 1.96 * one.disturbance_deviation, unit)}` : '');
     rows('rate-rows', one.rates.map(([name, value, low, high]) =>
       [name, within(value, low, high), band(low, high, '') || 'none']));
-    write('change-text', one.changes ? `${one.changes} sudden changes since the start`
+    write('change-text', one.changes ? `${one.changes} sudden change${one.changes > 1 ? 's' : ''} since the start`
       : 'no sudden change found');
     list('change-list', one.marks.map(([kind, time]) => `${kind} at ${shown(time, 's')}`));
     write('doubt-text', one.doubts.length

@@ -27,6 +27,7 @@ from rpms_ros.live.heard import Topic
 from rpms_ros.live.modelled import ModelledForce
 from rpms_ros.live.numbers import number
 from rpms_ros.live.numbers import numbers
+from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import Pulse
@@ -260,12 +261,12 @@ class LiveSession:
     def _note_bad_data(self) -> None:
         counts = {
             FORCE: (
-                (self.bins.not_finite, 'samples not finite'),
-                (self.bins.stray, 'samples stamped far from the others'),
-                (self.bins.epoch, 'jumps of the clock'),
+                (self.bins.not_finite, 'sample', ' not finite'),
+                (self.bins.stray, 'sample', ' stamped far from the others'),
+                (self.bins.epoch, 'jump', ' of the clock'),
             ),
-            PULSES: ((self._bad_pulses, 'pulses with an intensity outside 0..1'),),
+            PULSES: ((self._bad_pulses, 'pulse', ' with an intensity outside 0..1'),),
         }
         for view, name in zip(self._topic_views, self.topics, strict=True):
-            words = [f'{count} {word}' for count, word in counts.get(name, ()) if count]
+            words = [counted(n, what) + which for n, what, which in counts.get(name, ()) if n]
             view['text'] = '; '.join([view['text'], *words] if view['text'] else words)

@@ -77,7 +77,7 @@ def load_scenario(name: str) -> Scenario:
     MuscleError
         If there is none, or it is not valid; the message names file, line and key.
     """
-    path = _FOLDER / f'{name}.yaml' if name in scenario_names() else Path(name)
+    path = _FOLDER / f'{name}.yaml' if name in scenario_names() else Path(name).expanduser()
     try:
         text = path.read_text(encoding='utf-8')
     except (OSError, ValueError) as fault:

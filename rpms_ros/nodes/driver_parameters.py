@@ -293,7 +293,7 @@ def schedule_of(settings: DriverParameters) -> Schedule:
         If its file cannot be read or does not describe one.
     """
     if settings.schedule_file:
-        return load_schedule(Path(settings.schedule_file))
+        return load_schedule(Path(settings.schedule_file).expanduser())
     rate, duration, low, high = settings.rate, settings.duration, settings.low, settings.high
     rise = (high - low) / max(1, settings.steps - 1)
     levels = tuple(min(1.0, low + step * rise) for step in range(settings.steps))

@@ -3,6 +3,7 @@
 """Parameters of the identifier, and the stream that they describe."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from rpms_ros import messages
 from rpms_ros.axis import FORCE
@@ -58,7 +59,9 @@ class IdentifierParameters(NodeParameters):
         maximum=HIGHEST_RATE,
     )
     axis: str = parameter(
-        'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'
+        'z',
+        'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.',
+        true_is='y',
     )
     quantity: str = parameter(
         FORCE,
@@ -177,10 +180,10 @@ def build_estimator(settings: IdentifierParameters) -> Estimator:
         settings.preset,
         settings.seed,
         settings.repetition_rate,
-        TemporalSummation.of_file(path) if path else None,
+        TemporalSummation.of_file(Path(path).expanduser()) if path else None,
     )
     if settings.start_from:
-        warm_start(estimator, settings.start_from)
+        warm_start(estimator, Path(settings.start_from).expanduser())
     return estimator
 
 

@@ -60,7 +60,9 @@ class LivePageParameters(NodeParameters):
         'empty for a page that only shows.',
     )
     axis: str = parameter(
-        'z', 'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.'
+        'z',
+        'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.',
+        true_is='y',
     )
     quantity: str = parameter(
         FORCE, 'What the sensor measures: a force, or a torque.', choices=tuple(UNITS)

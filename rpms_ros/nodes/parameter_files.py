@@ -38,7 +38,7 @@ def nodes_of(path: Path) -> list[str]:
         content = yaml.load(path.read_text(encoding='utf-8'), Loader=yaml.BaseLoader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
         return []
-    return list(_names(content, '')) if isinstance(content, Mapping) else []
+    return [name for name, _ in blocks_of(content)]
 
 
 def is_for(pattern: str, node: str) -> bool:
@@ -62,9 +62,14 @@ def without_effect(arguments: Sequence[str], node: str) -> Iterator[str]:
             )
 
 
-def _names(content: Mapping[Any, Any], prefix: str) -> Iterator[str]:
-    for key, value in content.items():
+def blocks_of(content: object, prefix: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield each node of the content of a file, with wildcards, and its parameters.
+
+    >>> list(blocks_of({'leg': {'identifier': {'ros__parameters': {'seed': 1}}}}))
+    [('/leg/identifier', {'seed': 1})]
+    """
+    for key, value in content.items() if isinstance(content, Mapping) else ():
         if key == _PARAMETERS:
-            yield prefix
-        elif isinstance(value, Mapping):
-            yield from _names(value, f'{prefix}/{str(key).strip("/")}')
+            yield prefix, value if isinstance(value, Mapping) else {}
+        else:
+            yield from blocks_of(value, f'{prefix}/{str(key).strip("/")}')

@@ -73,6 +73,8 @@ class Description:
         Whether it may be changed while the node runs.
     may_be_empty : bool
         Whether a list may be empty, as it is by default.
+    true_is : str
+        What a text was where ROS gives true for it: it reads y, yes and on as such.
     """
 
     doc: str
@@ -82,6 +84,7 @@ class Description:
     choices: tuple[str, ...] = ()
     dynamic: bool = False
     may_be_empty: bool = False
+    true_is: str = ''
 
     def conditions(self) -> str:
         """Return unit, bounds and choices in words."""
@@ -142,13 +145,22 @@ def _require(name: str, value: Any, expected: Parameter.Type, description: Descr
     got = Parameter.Type.from_parameter_value(list(value) if isinstance(value, tuple) else value)
     if got is not expected:
         names = [kind.name.lower().replace('_', ' ') for kind in (expected, got)]
-        lacks_point = (expected, got) == (Parameter.Type.DOUBLE, Parameter.Type.INTEGER)
-        hint = f' (write {value}.0)' if lacks_point else ''
+        hint = _hint(expected, got, value)
         raise NodeError(f'parameter {name}: expected {names[0]}, got {names[1]} {value}{hint}')
     for item in value if isinstance(value, list | tuple) else (value,):
         if not _within(item, description):
             conditions = description.conditions() or 'finite'
             raise NodeError(f'parameter {name}: expected {conditions}, got {item!r}')
+
+
+def _hint(expected: Parameter.Type, got: Parameter.Type, value: Any) -> str:
+    """Return how to write a value that ROS has read as another type than it was meant."""
+    if (expected, got) == (Parameter.Type.DOUBLE, Parameter.Type.INTEGER):
+        return f' (write {value}.0)'
+    read_otherwise = (Parameter.Type.BOOL, Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
+    if expected is Parameter.Type.STRING and got in read_otherwise:
+        return ' (put it in quotes)'
+    return ''
 
 
 def _within(item: Any, description: Description) -> bool:
@@ -218,6 +230,8 @@ def declare_parameters(
             _declare_empty(node, name, kind, _descriptor(name, kind, description))
             values[name] = ()
             continue
+        if name in given and given[name].value is True and description.true_is:
+            given[name] = Parameter(name, value=description.true_is)
         if name in given:
             _require(name, given[name].value, kind, description)
         descriptor = _descriptor(name, kind, description)

@@ -96,7 +96,9 @@ class PlantParameters(NodeParameters):
         minimum=1e-3,
         maximum=_LARGEST_FORCE,
     )
-    axis: str = parameter('z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'))
+    axis: str = parameter(
+        'z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'), true_is='y'
+    )
     quantity: str = parameter(
         FORCE,
         'What the sensor measures; with torque every N here is N m.',

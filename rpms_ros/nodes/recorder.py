@@ -148,7 +148,7 @@ class Recorder(Node):
         except RecordingError as error:
             raise NodeError(str(error)) from error
         self._closed = False
-        self.counts = {name: TopicCount() for name in self.settings.topics}
+        self.counts = {name: TopicCount() for name in self._named_once()}
         self._publisher_counts: dict[str, int] = {}
         self._unknown: list[str] = []
         self._refused: list[str] = []
@@ -168,7 +168,7 @@ class Recorder(Node):
         if self._unknown:
             self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
         warn_of_unused(self)
-        heard = ', '.join(self.resolve_topic_name(name) for name in self.settings.topics)
+        heard = ', '.join(self.resolve_topic_name(name) for name in self.counts)
         logger_of(self).info(f'recording to {self.path}: {heard}')
 
     @property
@@ -176,8 +176,18 @@ class Recorder(Node):
         """Folder of the recording."""
         return self._writer.path
 
-    def _subscribe_to_known(self) -> None:
+    def _named_once(self) -> list[str]:
+        """Return the names of the topics, the first of those that are one and the same topic.
+
+        Heard twice, each message would be recorded twice.
+        """
+        names: dict[str, str] = {}
         for name in self.settings.topics:
+            names.setdefault(self.resolve_topic_name(name), name)
+        return list(names.values())
+
+    def _subscribe_to_known(self) -> None:
+        for name in self.counts:
             if name in _TOPICS:
                 self._subscribe(name, *_TOPICS[name])
             else:
@@ -186,11 +196,11 @@ class Recorder(Node):
     def _opened(self) -> RecordingWriter:
         """Return the writer; if the name is taken by another recorder, a number is added."""
         settings = self.settings
-        key = read_key(Path(settings.key_file)) if settings.key_file else None
+        key = read_key(Path(settings.key_file).expanduser()) if settings.key_file else None
         options: dict[str, Any] = {'storage': settings.storage, 'key': key}
         options['compression'] = settings.compression
         if settings.path:
-            return RecordingWriter(settings.path, **options)
+            return RecordingWriter(Path(settings.path).expanduser(), **options)
         now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S')
         base = '_'.join(filter(None, [now, *self.get_namespace().split('/')]))
         for number in range(1, _MOST_NAMES):

@@ -73,7 +73,12 @@ class StateServices:
             raise NodeError(
                 f'expected a path of 1 to {_LONGEST_PATH} printable characters, got {len(asked)}'
             )
-        path = (self._folder / asked).resolve()
+        refused = NodeError(f'expected a file within {self._folder}, got {asked}')
+        try:
+            path = (self._folder / asked).resolve()
+        except (OSError, RuntimeError) as error:
+            # a link that leads to itself; what a callback raises would end the node
+            raise refused from error
         if path == self._folder or not path.is_relative_to(self._folder):
-            raise NodeError(f'expected a file within {self._folder}, got {asked}')
+            raise refused
         return path

@@ -65,7 +65,7 @@ def load_device_specification(name: str) -> DeviceSpecification:
     StimulationError
         If there is none of that name, or the file holds a fault; names the place.
     """
-    path = _FOLDER / f'{name}.yaml' if name in profile_names() else Path(name)
+    path = _FOLDER / f'{name}.yaml' if name in profile_names() else Path(name).expanduser()
     if path.suffix != '.yaml' or not path.is_file():
         known = ', '.join(profile_names())
         raise StimulationError(f'expected a device of {known} or a YAML file, got {name!r}')

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
+from rpms_ros.identification.plausibility import meaning_of_doubt
 from rpms_ros.identification.tracking.report import RATE_NAMES
 from rpms_ros.live.force_bins import BIN_NS
 from rpms_ros.live.modelled import ModelledForce
@@ -184,6 +185,16 @@ def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start
     assert view['reasons'] == ['one intensity only']
 
 
+def test_the_reason_of_a_doubt_is_said_once(session, make_estimate):
+    reason = meaning_of_doubt('residuals_alike')
+    session.estimate(
+        make_estimate(doubts=('residuals_alike',), reasons=('one intensity only', reason))
+    )
+    view = valid(session.frame(Cursor())[1])['estimate']
+    assert view['doubts'] == [['residuals_alike', reason]]
+    assert view['reasons'] == ['one intensity only']
+
+
 def test_quantities_have_words_and_units(session, make_estimate):
     values = np.array([0.045, 0.008, 3.0, 2.5])
     session.estimate(
@@ -266,7 +277,7 @@ def test_numbers_that_are_not_finite_are_null(session, make_estimate, make_statu
     assert set(frame['estimate']['curve']['force']) == {None}
     assert frame['driver']['coil_temperature'] is None
     assert 'pulses' not in frame
-    assert '1 pulses with an intensity outside 0..1' in frame['topics'][1]['text']
+    assert '1 pulse with an intensity outside 0..1' in frame['topics'][1]['text']
 
 
 def test_an_estimate_of_any_size_makes_a_small_frame(session, make_estimate):

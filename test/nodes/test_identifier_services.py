@@ -195,6 +195,8 @@ def test_a_state_is_saved_and_gone_on_from(graph, tmp_path: Path) -> None:
         ('a\x07', 'expected a path of 1 to 255 printable characters, got 2'),
         ('x' * 256, 'expected a path of 1 to 255 printable characters, got 256'),
         ('nobody.state', 'expected a file with a saved state'),
+        ('loop', 'expected a file within .*, got loop'),
+        ('loop/my.state', 'expected a file within .*, got loop/my.state'),
     ],
 )
 def test_a_path_that_leads_elsewhere_is_refused(
@@ -203,6 +205,7 @@ def test_a_path_that_leads_elsewhere_is_refused(
     folder = tmp_path / 'states'
     folder.mkdir()
     (folder / 'link').symlink_to(tmp_path)
+    (folder / 'loop').symlink_to(folder / 'loop')
     (tmp_path / 'out.state').write_text('somebody else')
     keeper = Keeper(graph, state_folder=str(folder))
     for name in ('load_state', *(('save_state',) if path != 'nobody.state' else ())):
@@ -210,7 +213,7 @@ def test_a_path_that_leads_elsewhere_is_refused(
         assert not success
         assert re.search(message, said)
     assert (tmp_path / 'out.state').read_text() == 'somebody else'
-    assert sorted(each.name for each in folder.iterdir()) == ['link']
+    assert sorted(each.name for each in folder.iterdir()) == ['link', 'loop']
 
 
 def test_a_state_that_is_none_leaves_the_identifier_as_it_was(graph, tmp_path: Path) -> None:

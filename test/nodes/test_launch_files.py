@@ -153,6 +153,11 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
     recorder.close()
 
 
+def test_the_axis_y_can_be_said(graph, load) -> None:
+    nodes = load('identifier', axis='y').add_to(graph)
+    assert nodes['identifier'].settings.axis == 'y'
+
+
 def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: Path) -> None:
     schedule = tmp_path / 'short.yaml'
     schedule.write_text('segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 2.0}]')

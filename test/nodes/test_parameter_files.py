@@ -9,6 +9,11 @@ import yaml
 from rclpy.context import Context
 from rclpy.node import Node
 
+from rpms_ros.errors import NodeError
+from rpms_ros.errors import StimulationError
+from rpms_ros.muscle.scenario import load_scenario
+from rpms_ros.nodes.driver_parameters import DriverParameters
+from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
 from rpms_ros.nodes.live_page import LivePageParameters
 from rpms_ros.nodes.parameters import NodeParameters
@@ -16,8 +21,10 @@ from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import descriptions
 from rpms_ros.nodes.plant_parameters import PlantParameters
 from rpms_ros.nodes.recorder import RecorderParameters
+from rpms_ros.stimulation.device_specification import load_device_specification
 
 ROOT = Path(__file__).resolve().parents[2]
+WITH_AN_AXIS = ('identifier', 'plant_simulator', 'live_page')
 NODES: dict[str, type[NodeParameters]] = {
     'identifier': IdentifierParameters,
     'plant_simulator': PlantParameters,
@@ -46,3 +53,49 @@ def test_a_parameter_file_holds_every_parameter_at_its_default(
     assert set(descriptions(settings)) <= set(node._parameter_overrides)
     assert declare_parameters(node, settings) == settings()
     assert 'unknown' not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize('name', WITH_AN_AXIS)
+def test_the_axis_y_is_not_taken_for_yes(context: Context, tmp_path: Path, name: str) -> None:
+    path = tmp_path / 'own.yaml'
+    path.write_text('/**: {ros__parameters: {axis: y}}')
+    for given in (['--params-file', str(path)], ['-p', 'axis:=y']):
+        node = Node(
+            name, context=context, cli_args=['--ros-args', *given], use_global_arguments=False
+        )
+        settings = declare_parameters(node, NODES[name])
+        assert (settings.axis, node.get_parameter('axis').value) == ('y', 'y')
+
+
+def test_files_that_parameters_name_may_be_in_the_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path))
+    for name, text in (
+        ('law.json', '{"facilitation": 0.5}'),
+        ('mine.yaml', 'name: mine'),
+        ('train.yaml', 'segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 2.0}]'),
+    ):
+        (tmp_path / name).write_text(text)
+    # the parameters are refused if the file is not found
+    IdentifierParameters(estimator='horizon', temporal_summation='~/law.json')
+    with pytest.raises(NodeError, match='expected a session with a recruitment curve'):
+        IdentifierParameters(estimator='horizon', start_from='~/law.json')
+    assert load_scenario('~/mine.yaml').name == 'mine'
+    assert len(schedule_of(DriverParameters(schedule_file='~/train.yaml')).segments) == 1
+    with pytest.raises(StimulationError, match=r'train\.yaml'):
+        load_device_specification('~/train.yaml')
+
+
+@pytest.mark.parametrize('word', ['off', '12', '1.5', 'y'])
+def test_a_text_that_ros_reads_as_something_else_is_to_be_quoted(
+    context: Context, word: str
+) -> None:
+    def declared(given: str) -> NodeParameters:
+        arguments = ['--ros-args', '-p', given]
+        node = Node('recorder', context=context, cli_args=arguments, use_global_arguments=False)
+        return declare_parameters(node, RecorderParameters)
+
+    with pytest.raises(NodeError, match=r'path: expected string, got .* \(put it in quotes'):
+        declared(f'path:={word}')
+    assert declared(f"path:='{word}'") == RecorderParameters(path=word)

@@ -171,6 +171,37 @@ def test_any_topic_is_recorded_as_rosbag2_does(graph, tmp_path: Path) -> None:
     assert json.loads(facts.custom['publishers']) == {'/pulses': 2, '/note': 1}
 
 
+def test_a_topic_that_is_named_twice_is_recorded_once(graph, tmp_path: Path) -> None:
+    named = ['pulses', 'force', '/leg/force', 'force']
+    recorder = graph.add(
+        lambda **options: Recorder(namespace='leg', **options),
+        path=str(tmp_path / 'session'),
+        topics=named,
+    )
+    assert list(recorder.counts) == ['pulses', 'force']
+    source = graph.add(lambda **options: Node('sensor', namespace='leg', **options))
+    force = source.create_publisher(WrenchStamped, 'force', qos.FORCE)
+    graph.wait_for(lambda: force.get_subscription_count() == 1)
+    for _ in range(3):
+        force.publish(WrenchStamped())
+    graph.wait_for(lambda: recorder.counts['force'].messages == 3)
+    recorder.close()
+    with Reader(tmp_path / 'session') as reader:
+        assert reader.message_count == 3
+
+
+def test_a_path_may_begin_with_the_home(
+    graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # no shell replaces the tilde in path:=~/session
+    monkeypatch.setenv('HOME', str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'key').write_text('correct horse battery staple')
+    recorder = graph.add(Recorder, path='~/session', key_file='~/key')
+    recorder.close()
+    assert (tmp_path / 'session' / 'metadata.yaml').is_file()
+
+
 def test_a_type_is_described_by_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('AMENT_PREFIX_PATH', os.environ.get('AMENT_PREFIX_PATH', sys.prefix))
     type_name = 'rpms_msgs/msg/Pulse'
