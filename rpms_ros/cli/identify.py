@@ -257,8 +257,11 @@ def _dynamics(found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
             ),
         ),
         (f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'),
-        ('T_a', f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}'),
-        ('latency of the model', _milliseconds(found['latency_s'])),
+        (
+            f'T_a, {found["model"]}',
+            f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}',
+        ),
+        (f'latency, {found["model"]}', _milliseconds(found['latency_s'])),
         ('fit', f'{_fits(found)} (100 (1 - |residual| / |force - mean|))'),
     ]
     if found['law']:
