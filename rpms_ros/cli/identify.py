@@ -25,6 +25,8 @@ from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
 from rpms_ros.printable import counted
 from rpms_ros.printable import printable
+from rpms_ros.report.named import NOT_A_TWITCH
+from rpms_ros.report.named import is_no_twitch
 from rpms_ros.report.named import label
 from rpms_ros.report.named import recruitment_shown
 from rpms_ros.report.named import shown
@@ -242,6 +244,8 @@ def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
     time_ms = 1e3 * response['time_s'][place]
     peak = with_interval(_place(response, place), unit=f' {unit}')
     rows.append(('response to one pulse', f'peak {peak} after {time_ms:.0f} ms'))
+    if is_no_twitch(document):
+        rows.append(('', NOT_A_TWITCH))
     return rows
 
 

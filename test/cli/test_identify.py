@@ -342,8 +342,8 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
     write_recording(tmp_path / 'train', pulses, ForceTrace(stamps, force))
     code, out, _ = rpms('identify', tmp_path / 'train', '--estimator', 'batch')
     assert code == 0
-    for word in ('onset of force', '1 of 8 pulses at 50 Hz'):
-        assert word in out
+    assert 'onset of force' in out
+    assert '1 of 8 pulses at 50 Hz' in out
     words = ' '.join(out.split())
     # each number with the model it belongs to: that of the history law has another T_a
     assert re.search(r'T_a, equal pulses 1\d\.\d+ ms .*latency, equal pulses [89]\.\d+ ms', words)
