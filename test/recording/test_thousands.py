@@ -47,3 +47,13 @@ def test_times_of_day_with_a_point_stay_times(tmp_path: Path) -> None:
     path = tmp_path / 'trial.csv'
     path.write_text('time;force\n10:00:00.5;1,5\n10:00:00.6;1,6\n', encoding='utf-8')
     assert read_table(path).signals[0].values[0] == 36000.5
+
+
+def test_other_texts_are_not_taken_for_marks_between_thousands(tmp_path: Path) -> None:
+    path = tmp_path / 'results.csv'
+    path.write_text('recording,duration\nmonday,19.999\ntuesday,20.125\n', encoding='utf-8')
+    with pytest.raises(RecordingError, match='expected rows of numbers below the header'):
+        read_table(path)
+    path.write_text('at;force\n0,5;0.005\n', encoding='utf-8')
+    with pytest.raises(RecordingError, match=r"got '0\.005' in row 1, where others have"):
+        read_table(path)

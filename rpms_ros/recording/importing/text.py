@@ -31,7 +31,7 @@ _UNITS = re.compile(
     r'm|mm|%|1|-|a\.?u\.?|)\s*[\])]?$'
 )
 _THOUSANDS = re.compile(
-    r'^[-+]?\d{1,3}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?|'
+    r'^[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?|'
     r"(?:['’\s]\d{3})+(?:[.,]\d*)?)$"
 )
 _LOOKED_AT = 200
@@ -93,7 +93,9 @@ def read_table(path: Path) -> SignalFile:
     comma = separator != ',' and _decimal_comma(rows, lines)
     first = _first_row(rows, lines, comma)
     if first == len(lines):
-        _refuse_thousands(path, [cell for line in lines[-_LOOKED_AT:] for cell in rows(line)])
+        cells = [cell for line in lines[-_LOOKED_AT:] for cell in rows(line)]
+        points = [cell for cell in cells if comma and _has_point(cell)]
+        _refuse_thousands(path, points + [cell for cell in cells if number(cell, comma) is None])
         raise RecordingError(
             f'expected rows of numbers below the header of {path}, got none among {first} lines'
         )
@@ -168,6 +170,11 @@ def _refuse_decimal_commas(path: Path, titles: list[str], sample: list[list[str]
         )
 
 
+def _has_point(cell: str) -> bool:
+    """Return whether a number has a point; that of a time of day ends its seconds."""
+    return '.' in cell and ':' not in cell
+
+
 def _refuse_thousands(path: Path, cells: Sequence[str]) -> None:
     """Refuse a table with marks between thousands: 1.000 would be read as one."""
     for cell in cells:
@@ -232,7 +239,7 @@ def _columns(
             )
         for column, cell in enumerate(cells):
             value = number(cell, comma)
-            if value is None or (comma and '.' in cell and ':' not in cell):
+            if value is None or (comma and _has_point(cell)):
                 _refuse_thousands(path, [cell])
                 raise RecordingError(
                     f'expected numbers in {path}, got {cell[:40]!r} in row {index + 1}'

@@ -292,3 +292,10 @@ def test_a_force_of_one_sample_a_second_has_a_page(
     analysis = make_analysis(tmp_path / 'slow')
     page = as_page(analysis, as_document(analysis))
     assert 'is the time in another unit' in page
+
+
+def test_on_paper_a_sentence_stays_with_the_figure_that_it_introduces(page: str) -> None:
+    """That of the held-out fit ended a sheet, below its heading, and the figure began the next."""
+    on_paper = page[page.index('@media print') :]
+    assert re.search(r'p:has\([^)]*\+ figure[^)]*\) { break-after: avoid; }', on_paper)
+    assert re.search(r'<p>A fresh estimator learns[^<]*</p>\s*<figure', page)
