@@ -57,3 +57,10 @@ def test_a_row_without_a_time_is_named(tmp_path: Path) -> None:
     path.write_text(head + '\n'.join(rows), encoding='utf-8')
     with pytest.raises(RecordingError, match=r"column 'Force' of .*, got none in row 6"):
         import_file(path, ImportOptions())
+
+
+def test_a_workbook_of_the_old_format_is_told_what_to_become(tmp_path: Path) -> None:
+    path = tmp_path / 'leg.xls'
+    path.write_bytes(bytes.fromhex('d0cf11e0a1b11ae1') + bytes(504))
+    with pytest.raises(RecordingError, match=r'old format \.xls; save it as \.xlsx'):
+        import_file(path, ImportOptions())

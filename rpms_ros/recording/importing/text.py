@@ -34,6 +34,7 @@ _THOUSANDS = re.compile(
     r'^[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?|'
     r"(?:['’\s]\d{3})+(?:[.,]\d*)?)$"
 )
+_OLD_OFFICE = b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1'
 _LOOKED_AT = 200
 _MISSING = {'', 'nan', 'na', 'n/a', '-', 'null'}
 
@@ -53,6 +54,11 @@ def decoded(path: Path) -> tuple[str, str]:
         raw = path.read_bytes()
     except OSError as error:
         raise RecordingError(f'expected a file at {path}, got {error}') from error
+    if raw.startswith(_OLD_OFFICE):
+        raise RecordingError(
+            f'expected a table of text or a workbook .xlsx in {path}, got one of the old format '
+            '.xls; save it as .xlsx'
+        )
     text, name = _text(raw)
     head = text[:4096]
     strange = any(letter < ' ' and letter not in '\t\n\f\r' for letter in head)
