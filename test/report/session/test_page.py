@@ -268,6 +268,8 @@ def trains_page(make_analysis: Callable[..., SessionAnalysis], tmp_path_factory:
 def test_trains_of_one_intensity_have_a_report_of_their_own(trains_page: str) -> None:
     assert 'good</strong> <span>dynamics only' in trains_page
     assert 'Use onset, T_a and latency.' in trains_page
+    # `tracking` would tell no more of them
+    assert '</strong> Pulses of nearly one intensity do not tell.' in trains_page
     assert 'Use the curve' not in trains_page
     assert '<q>Dynamics were identified' in trains_page
     # nothing of the estimator, which takes the pulses for equal ones at 20 Hz
