@@ -40,8 +40,8 @@ ESTIMATORS = {
     'recursive': ('recursive', 'people'),
     'batch': ('batch', 'people'),
 }
-# Latency [ms] and T_a [ms]; the first is what the functions are for.
-MUSCLES = ((9, 38.44), (5, 38.44), (24, 38.44), (9, 10), (9, 25), (9, 70), (9, 90))
+# Latency [ms] and T_a [ms]; the second is what the functions are for.
+MUSCLES = ((0, 38.44), (9, 38.44), (5, 38.44), (24, 38.44), (9, 10), (9, 25), (9, 70), (9, 90))
 
 
 def run(estimator, muscle, excitation, seed):

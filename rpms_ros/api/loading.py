@@ -154,7 +154,7 @@ def load(
     )
     if is_foreign(place):
         if sign not in (1, -1):
-            raise RecordingError(f'expected sign 1 or -1, got {sign}')
+            raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
         return _imported(place, _with_columns(options, columns), sign, quantity)
     given = ['columns'] if columns is not None else options.given()
     if given:

@@ -60,6 +60,8 @@ Exit codes: 0 well, 1 done but with something missing or wrong in the data, 2 no
 """
 # What an installation without extras lacks.
 _EXTRAS = {'jinja2': 'report'}
+# What `rpms study` does with several recordings.
+_STUDIED = ('rpms_ros.cli.identify', 'rpms_ros.cli.report')
 _NO_ROS = 'the nodes need ROS 2 Jazzy and rpms_msgs (make build, or a sourced workspace)'
 
 
@@ -95,6 +97,16 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
+def _unknown(arguments: argparse.Namespace, unknown: Sequence[str]) -> str:
+    """Return what is wrong with arguments that a command does not know."""
+    # A shell makes many names of a star.
+    names = not any(text.startswith('-') for text in unknown)
+    if not (names and hasattr(arguments, 'bag')):
+        return f'unrecognized arguments: {" ".join(unknown)}'
+    hint = '; rpms study takes several' if arguments.run.__module__ in _STUDIED else ''
+    return f'expected one recording, got {len(unknown) + 1}{hint}'
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
     texts = list(sys.argv[1:] if argv is None else argv)
@@ -108,7 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         autocomplete(commands)
     arguments, unknown = commands.parse_known_args(texts)
     if unknown:
-        arguments.parser.error(f'unrecognized arguments: {" ".join(unknown)}')
+        arguments.parser.error(_unknown(arguments, unknown))
     try:
         code: int = arguments.run(arguments)
         sys.stdout.flush()

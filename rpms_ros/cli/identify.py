@@ -25,6 +25,8 @@ from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
 from rpms_ros.printable import counted
 from rpms_ros.printable import printable
+from rpms_ros.report.named import NOT_A_TWITCH
+from rpms_ros.report.named import is_no_twitch
 from rpms_ros.report.named import label
 from rpms_ros.report.named import recruitment_shown
 from rpms_ros.report.named import shown
@@ -242,6 +244,8 @@ def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
     time_ms = 1e3 * response['time_s'][place]
     peak = with_interval(_place(response, place), unit=f' {unit}')
     rows.append(('response to one pulse', f'peak {peak} after {time_ms:.0f} ms'))
+    if is_no_twitch(document):
+        rows.append(('', NOT_A_TWITCH))
     return rows
 
 
@@ -257,8 +261,11 @@ def _dynamics(found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
             ),
         ),
         (f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'),
-        ('T_a', f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}'),
-        ('latency of the model', _milliseconds(found['latency_s'])),
+        (
+            f'T_a, {found["model"]}',
+            f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}',
+        ),
+        (f'latency, {found["model"]}', _milliseconds(found['latency_s'])),
         ('fit', f'{_fits(found)} (100 (1 - |residual| / |force - mean|))'),
     ]
     if found['law']:

@@ -216,6 +216,8 @@ def _of_dynamics(found: dict[str, Any]) -> Row:
     row: Row = dict.fromkeys(('peak_force', 'time_to_peak_s'))
     row |= {f'train_{name}': found[name] for name in ('rate_hz', 'peak_force', 'fit_percent')}
     row |= {'train_model': found['model'], 'order': found['order']}
+    # It is that of the estimator, whose model is not the one that is stated.
+    row |= dict.fromkeys(('output_error_n', 'output_error_of_range'))
     for name in _TRAIN_INTERVALS:
         if stated := found[name]:
             row |= {name: stated['value']}

@@ -182,7 +182,7 @@ def read_recording(
     topics = topics or Topics()
     direction = direction_of(axis)
     if sign not in (1, -1):
-        raise RecordingError(f'expected sign 1 or -1, got {sign}')
+        raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
     if quantity not in SENSOR_TYPES:
         raise RecordingError(f'expected a quantity of {", ".join(SENSOR_TYPES)}, got {quantity}')
     types = SENSOR_TYPES[quantity]

@@ -80,8 +80,8 @@ def _train_columns(analysis: MuscleAnalysis) -> Columns:
     models = (('equal', 'fit, equal [%]'), ('gains', 'gains [%]'), ('law', 'law [%]'))
     return {
         'number': str(len(found.trains)),
-        'T_a [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
-        'T_l, model [ms]': _milliseconds(found.latency, found.latency_spread),
+        'T_a, equal [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
+        'T_l, equal [ms]': _milliseconds(found.latency, found.latency_spread),
         'onset [ms]': _onset(found).removesuffix(' ms'),
         **{
             label: f'{found.mean_fit(model):.1f}'
@@ -186,9 +186,10 @@ def _train_rows(found: SummationAnalysis) -> list[Row]:
     rejected = ', '.join(f'{count} x {reason}' for reason, count in found.rejected.items())
     rows = [
         ('trains', f'{len(found.trains)}, rejected: {rejected or "none"}'),
-        ('T_a in trains', _spread(found.time_constant, found.time_constant_spread)),
-        ('latency of the model in trains', _spread(found.latency, found.latency_spread)),
         ('onset of force in trains', _onset(found)),
+        # Those of the history law are others: each belongs to its model.
+        ('T_a, equal pulses', _spread(found.time_constant, found.time_constant_spread)),
+        ('latency, equal pulses', _spread(found.latency, found.latency_spread)),
         ('fit, equal pulses', f'{found.mean_fit("equal"):.1f} %'),
         ('fit, a gain a pulse', f'{found.mean_fit("gains"):.1f} %'),
     ]

@@ -5,6 +5,7 @@
 import math
 from collections.abc import Mapping
 from statistics import NormalDist
+from typing import Any
 
 from rpms_ros.report.text import with_interval
 
@@ -21,6 +22,32 @@ _WORDS = {
     'order': 'order of the twitch',
     'twitch_peak_n': 'peak of the twitch',
 }
+
+
+NOT_A_TWITCH = (
+    'not the course of a twitch of the model: the twitch stated is the closest to it; rely on '
+    'neither peak'
+)
+
+
+def is_no_twitch(result: Mapping[str, Any]) -> bool:
+    """Return whether the intervals of two peaks have nothing in common.
+
+    They are that of the identified response and that of the twitch which was fitted to it.
+
+    Parameters
+    ----------
+    result : mapping
+        The JSON of `rpms identify`.
+    """
+    twitch = result.get('physiology', {}).get('twitch_peak_n')
+    response = result['impulse_response']
+    if twitch is None or 'lower' not in response:
+        return False
+    place = response['force'].index(max(response['force']))
+    return bool(
+        twitch['upper'] < response['lower'][place] or response['upper'][place] < twitch['lower']
+    )
 
 
 def label(name: str) -> str:

@@ -46,7 +46,10 @@ def _what(course: Course) -> str:
 
 def _not_told(course: Course) -> str:
     name = course.estimates[-1].estimator
-    if name == 'batch' and course.estimates[-1].curve_known:
+    if not course.estimates[-1].curve_known:
+        # nor could an estimator that follows the muscle
+        return 'Pulses of nearly one intensity do not tell.'
+    if name == 'batch':
         if NO_CONSTANT_MUSCLE in course.estimates[-1].doubts:
             return f'{REASON[NO_CONSTANT_MUSCLE].capitalize()}.'
         return 'One muscle explains all of the recording.'

@@ -100,6 +100,24 @@ def test_a_slip_of_the_keyboard_is_answered_with_what_was_meant(
     assert err.count('\n') == 1
 
 
+@pytest.mark.parametrize(
+    ('command', 'more'),
+    [
+        ('identify', '; rpms study takes several'),
+        ('report', '; rpms study takes several'),
+        ('info', ''),
+    ],
+)
+def test_a_star_that_stands_for_many_recordings_is_not_answered_with_their_names(
+    command: str, more: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = exits(capsys, command, 'a', 'b', 'c')
+    assert code == 2
+    assert err == (
+        f'rpms {command}: error: expected one recording, got 3{more} (rpms {command} --help)\n'
+    )
+
+
 def test_what_resembles_nothing_is_only_refused(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = exits(capsys, 'xyzzy')
     assert code == 2

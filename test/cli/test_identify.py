@@ -342,9 +342,13 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
     write_recording(tmp_path / 'train', pulses, ForceTrace(stamps, force))
     code, out, _ = rpms('identify', tmp_path / 'train', '--estimator', 'batch')
     assert code == 0
-    for word in ('onset of force', 'latency of the model', '1 of 8 pulses at 50 Hz', 'T_a'):
-        assert word in out
+    assert 'onset of force' in out
+    assert '1 of 8 pulses at 50 Hz' in out
     words = ' '.join(out.split())
+    # each number with the model it belongs to: that of the history law has another T_a
+    assert re.search(r'T_a, equal pulses 1\d\.\d+ ms .*latency, equal pulses [89]\.\d+ ms', words)
+    analyzed = ' '.join(rpms('analyze', tmp_path / 'train')[1].split())
+    assert re.search(r'T_a, equal pulses 1\d\.\d+ ms latency, equal pulses [89]\.\d+ ms', analyzed)
     assert 'verdict good: dynamics only' in words
     assert re.search(r'fit equal pulses \d+\.\d %, a gain a pulse \d+\.\d %', words)
     assert '(100 (1 - |residual| / |force - mean|))' in words

@@ -122,6 +122,11 @@ def _finite(file: SignalFile, name: str, values: FloatArray) -> None:
 
 
 def _rising(file: SignalFile, name: str, values: FloatArray, unit: float) -> IntArray:
+    if (missing := np.flatnonzero(np.isnan(values))).size:
+        raise RecordingError(
+            f'expected a time in each row of column {name!r} of {file.path}, got none in row '
+            f'{missing[0] + 1}'
+        )
     if (late := np.flatnonzero(np.diff(values) <= 0)).size:
         raise RecordingError(
             f'expected rising times in column {name!r} of {file.path}, '

@@ -13,7 +13,7 @@ from rpms_ros.recording.importing.extra import needed
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.signals import unit_of
-from rpms_ros.recording.importing.signals import unlike
+from rpms_ros.recording.importing.text import header
 
 # A sheet has a million rows at most: of a few columns about a hundred megabytes of XML [bytes].
 _LARGEST = 300_000_000
@@ -49,17 +49,24 @@ def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
         raise RecordingError(f'expected an Excel workbook at {path}, got {error}') from error
     first = next((index for index, row in enumerate(rows) if _numbers(row)), None)
     if first is None:
-        raise RecordingError(f'expected rows of numbers in {path}, got none')
+        got = ', '.join(str(cell)[:40] for cell in rows[-1] if cell is not None) if rows else ''
+        raise RecordingError(
+            f'expected rows of numbers in {path}, got none; the last row is: {got or "empty"}'
+        )
     width = max(len(row) for row in rows[first:])
-    above = [[str(cell or '') for cell in row] for row in rows[:first]]
-    head = [*above[-1], *[''] * width][:width] if above else [''] * width
-    table = np.array([[_value(path, cell) for cell in row] for row in rows[first:]])
+    titles, units = header([_titles(row, width) for row in rows[:first]], width)
+    table = np.array(
+        [
+            [_value(path, cell, first + index + 1) for cell in row]
+            for index, row in enumerate(rows[first:])
+        ]
+    )
     return SignalFile(
         path,
         'Excel workbook',
         tuple(
-            Signal(name, np.ascontiguousarray(column), unit_of(name))
-            for name, column in zip(unlike(head), table.T, strict=True)
+            Signal(name, np.ascontiguousarray(column), unit or unit_of(name))
+            for name, unit, column in zip(titles, units, table.T, strict=True)
         ),
         facts=(f'sheet {chosen}',),
     )
@@ -95,9 +102,17 @@ def _numbers(row: tuple[object, ...]) -> bool:
     return bool(told) and all(isinstance(cell, int | float) for cell in told)
 
 
-def _value(path: Path, cell: object) -> float:
+def _titles(row: tuple[object, ...], width: int) -> list[str]:
+    cells = ['' if cell is None else str(cell).strip() for cell in row]
+    return [*cells, *[''] * width][:width]
+
+
+def _value(path: Path, cell: object, row: int) -> float:
     if cell is None:
         return float('nan')
     if not isinstance(cell, int | float):
-        raise RecordingError(f'expected numbers in {path}, got {str(cell)[:40]!r}')
+        raise RecordingError(
+            f'expected numbers in {path}, got {str(cell)[:40]!r} in row {row} of those that are '
+            'not empty'
+        )
     return float(cell)

@@ -30,6 +30,11 @@ _UNITS = re.compile(
     r'm?k?N[ ·*.-]?m|kg ?m|ft[ -]lb[fs]?|'
     r'm|mm|%|1|-|a\.?u\.?|)\s*[\])]?$'
 )
+_THOUSANDS = re.compile(
+    r'^[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?|'
+    r"(?:['’\s]\d{3})+(?:[.,]\d*)?)$"
+)
+_OLD_OFFICE = b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1'
 _LOOKED_AT = 200
 _MISSING = {'', 'nan', 'na', 'n/a', '-', 'null'}
 
@@ -49,6 +54,11 @@ def decoded(path: Path) -> tuple[str, str]:
         raw = path.read_bytes()
     except OSError as error:
         raise RecordingError(f'expected a file at {path}, got {error}') from error
+    if raw.startswith(_OLD_OFFICE):
+        raise RecordingError(
+            f'expected a table of text or a workbook .xlsx in {path}, got one of the old format '
+            '.xls; save it as .xlsx'
+        )
     text, name = _text(raw)
     head = text[:4096]
     strange = any(letter < ' ' and letter not in '\t\n\f\r' for letter in head)
@@ -89,6 +99,9 @@ def read_table(path: Path) -> SignalFile:
     comma = separator != ',' and _decimal_comma(rows, lines)
     first = _first_row(rows, lines, comma)
     if first == len(lines):
+        cells = [cell for line in lines[-_LOOKED_AT:] for cell in rows(line)]
+        points = [cell for cell in cells if comma and _has_point(cell)]
+        _refuse_thousands(path, points + [cell for cell in cells if number(cell, comma) is None])
         raise RecordingError(
             f'expected rows of numbers below the header of {path}, got none among {first} lines'
         )
@@ -96,7 +109,7 @@ def read_table(path: Path) -> SignalFile:
     if separator == ',' and first:
         sample = [rows(line) for line in lines[first : first + _LOOKED_AT]]
         _refuse_decimal_commas(path, rows(lines[first - 1]), sample)
-    names, units = _header([rows(line) for line in lines[:first]], width)
+    names, units = header([rows(line) for line in lines[:first]], width)
     columns = _columns(path, rows, lines, first, width, comma)
     begin = rows(lines[first])
     units = [
@@ -163,6 +176,21 @@ def _refuse_decimal_commas(path: Path, titles: list[str], sample: list[list[str]
         )
 
 
+def _has_point(cell: str) -> bool:
+    """Return whether a number has a point; that of a time of day ends its seconds."""
+    return '.' in cell and ':' not in cell
+
+
+def _refuse_thousands(path: Path, cells: Sequence[str]) -> None:
+    """Refuse a table with marks between thousands: 1.000 would be read as one."""
+    for cell in cells:
+        if _THOUSANDS.match(cell):
+            raise RecordingError(
+                f'expected numbers without marks between thousands in {path}, got {cell!r}; '
+                'export it without them'
+            )
+
+
 def number(cell: str, comma: bool) -> float | None:
     """Return the number of a cell, not a number where it is missing; None for other text."""
     if cell.lower() in _MISSING:
@@ -188,7 +216,7 @@ def _first_row(rows: Callable[[str], list[str]], lines: Sequence[str], comma: bo
     return len(lines)
 
 
-def _header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
+def header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
     """Return names and units of the columns from the lines above the numbers."""
     wide = [cells for cells in above if len(cells) == width]
     units = [''] * width
@@ -217,9 +245,11 @@ def _columns(
             )
         for column, cell in enumerate(cells):
             value = number(cell, comma)
-            if value is None:
+            if value is None or (comma and _has_point(cell)):
+                _refuse_thousands(path, [cell])
                 raise RecordingError(
                     f'expected numbers in {path}, got {cell[:40]!r} in row {index + 1}'
+                    + (', where others have a decimal comma' if comma and '.' in cell else '')
                 )
             if ':' in cell and (clock := _CLOCK.match(cell)):
                 days.add(clock[1] or '')

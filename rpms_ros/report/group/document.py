@@ -139,6 +139,10 @@ def _beyond(found: Measured) -> bool | None:
     return found.lower > 0.0 or found.upper < 0.0
 
 
+def _has_time_constant(row: Row) -> bool:
+    return usable(row) and row.get('twitch_time_constant_s') is not None
+
+
 def _remarks(rows: Sequence[Row], one_person: bool) -> list[str]:
     remarks = []
     names: dict[str, list[str]] = {}
@@ -150,6 +154,14 @@ def _remarks(rows: Sequence[Row], one_person: bool) -> list[str]:
         for same in names.values()
         if len(same) > 1
     ]
+    # None is the twitch of an identified response.
+    models = {row.get('train_model') for row in rows if _has_time_constant(row)}
+    if len(models) > 1:
+        told = ', '.join(sorted(name or 'response to one pulse' for name in models))
+        remarks.append(
+            f'T_a is that of different models ({told}), which do not measure the same: compare '
+            'it within one (column train_model).'
+        )
     if one_person and not all(_dated(row) for row in rows):
         remarks.append('Not every session has a date: they stand in the order that was given.')
     return remarks

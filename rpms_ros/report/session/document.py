@@ -10,6 +10,8 @@ from rpms_ros.identification.faults import MEANING
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
 from rpms_ros.report.course import Course
+from rpms_ros.report.named import NOT_A_TWITCH
+from rpms_ros.report.named import is_no_twitch
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.checklist import ITEMS_OF_THE_CONSENSUS
 from rpms_ros.report.session.checklist import SOURCE
@@ -56,6 +58,7 @@ def as_document(analysis: SessionAnalysis) -> dict[str, Any]:
             'remarks': [*analysis.result.notes, *analysis.remarks],
         }
     )
+    document['twitch']['remark'] = NOT_A_TWITCH if is_no_twitch(document['result']) else None
     return document
 
 

@@ -120,6 +120,16 @@ def test_a_recording_that_is_given_twice_and_a_missing_date_are_named() -> None:
     assert document['recordings'][1]['date'] is None
 
 
+def test_time_constants_of_different_models_are_not_compared_without_a_word() -> None:
+    law, equal = {'train_model': 'history law'}, {'train_model': 'equal pulses'}
+    (remark,) = group_document([row(1), row(2, **law), row(3, **law)], 'x', False)['remarks']
+    assert 'of different models (history law, response to one pulse)' in remark
+    assert group_document([row(1, **law), row(2, **law)], 'x', False)['remarks'] == []
+    # what must not be used is not in the means
+    rows = [row(1, **law), row(2, **equal, verdict='no')]
+    assert group_document(rows, 'x', False)['remarks'] == []
+
+
 def test_spread_beyond_the_intervals() -> None:
     equal = [Measured(5.0, 4.0, 6.0)] * 4
     spread = spread_of(equal)

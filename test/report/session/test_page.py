@@ -268,6 +268,8 @@ def trains_page(make_analysis: Callable[..., SessionAnalysis], tmp_path_factory:
 def test_trains_of_one_intensity_have_a_report_of_their_own(trains_page: str) -> None:
     assert 'good</strong> <span>dynamics only' in trains_page
     assert 'Use onset, T_a and latency.' in trains_page
+    # `tracking` would tell no more of them
+    assert '</strong> Pulses of nearly one intensity do not tell.' in trains_page
     assert 'Use the curve' not in trains_page
     assert '<q>Dynamics were identified' in trains_page
     # nothing of the estimator, which takes the pulses for equal ones at 20 Hz
@@ -292,3 +294,10 @@ def test_a_force_of_one_sample_a_second_has_a_page(
     analysis = make_analysis(tmp_path / 'slow')
     page = as_page(analysis, as_document(analysis))
     assert 'is the time in another unit' in page
+
+
+def test_on_paper_a_sentence_stays_with_the_figure_that_it_introduces(page: str) -> None:
+    """That of the held-out fit ended a sheet, below its heading, and the figure began the next."""
+    on_paper = page[page.index('@media print') :]
+    assert re.search(r'p:has\([^)]*\+ figure[^)]*\) { break-after: avoid; }', on_paper)
+    assert re.search(r'<p>A fresh estimator learns[^<]*</p>\s*<figure', page)

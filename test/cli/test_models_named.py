@@ -1,0 +1,65 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers that belong to one model are not read as those of another."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpms_ros.muscle import twitch
+from rpms_ros.pulses import ForceTrace
+from rpms_ros.pulses import PulseTrain
+from rpms_ros.recording import write_recording
+from rpms_ros.report.named import NOT_A_TWITCH
+from rpms_ros.report.named import is_no_twitch
+
+Rpms = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.parametrize(('estimator', 'told'), [('horizon', True), ('batch', False)])
+def test_a_response_that_is_no_twitch_is_told_from_the_twitch_closest_to_it(
+    rpms: Rpms, tmp_path: Path, estimator: str, told: bool
+) -> None:
+    """The functions of `horizon` begin after this muscle does: two peaks of its force differ."""
+    session, report = tmp_path / 'session', tmp_path / 'report.html'
+    simulated = ['--schedule', 'sinusoid', '--duration', 18, '--noise', 0.02, '--seed', 1]
+    rpms('simulate', '--out', session, *simulated)
+    _, out, _ = rpms('identify', session, '--estimator', estimator)
+    assert (NOT_A_TWITCH in ' '.join(out.split())) == told
+    rpms('report', session, '--estimator', estimator, '--out', report)
+    assert (f'<p>The response is {NOT_A_TWITCH}.</p>' in report.read_text()) == told
+
+
+@pytest.mark.parametrize(
+    ('ends', 'told'), [((3.6, 3.8), True), ((4.2, 4.3), True), ((3.6, 3.9), False)]
+)
+def test_peaks_differ_where_their_intervals_have_nothing_in_common(
+    ends: tuple[float, float], told: bool
+) -> None:
+    peak = dict(zip(('lower', 'upper'), ends, strict=True))
+    response: dict[str, Any] = {'force': [0.0, 4.0, 1.0]}
+    response |= {'lower': [0.0, 3.85, 0.9], 'upper': [0.0, 4.15, 1.1]}
+    result = {'physiology': {'twitch_peak_n': peak}, 'impulse_response': response}
+    assert is_no_twitch(result) == told
+    assert not is_no_twitch({**result, 'impulse_response': {'force': [4.0]}})
+    assert not is_no_twitch({**result, 'physiology': {}})
+
+
+def test_a_study_of_trains_has_no_error_of_another_model(rpms: Rpms, tmp_path: Path) -> None:
+    lag = np.arange(4000)[:, None] / 2000 - 1.0 - np.arange(8) / 50 - 9e-3
+    force = 2.0 * twitch(lag, 15e-3, 3).sum(axis=1)
+    force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
+    onset = 1_000_000_000 + 20_000_000 * np.arange(8)
+    pulses = PulseTrain(onset, np.full(8, 0.7), np.arange(8), np.full(8, 1e-4))
+    trace = ForceTrace(500_000 * np.arange(4000), force)
+    write_recording(tmp_path / 'train', pulses, trace)
+    rpms('study', tmp_path / 'train', '--out', tmp_path / 'study', '--jobs', 1)
+    with (tmp_path / 'study' / 'results.csv').open(newline='') as file:
+        (row,) = csv.DictReader(file)
+    assert row['train_model'] == 'equal pulses'
+    assert float(row['train_fit_percent']) > 98.0
+    assert (row['output_error_n'], row['output_error_of_range']) == ('', '')
