@@ -40,6 +40,8 @@ _STRIDES = (
 _EQUAL = 6.0
 # How far the latency follows from one time constant to the next.
 _FOLLOWED = (0, -1, 1, -2, 2, -4, 4)
+# Latencies are compared step by step up to this distance.
+_FINE = 8
 _STEPS = 6
 _TOLERANCE = 1e-3
 _DAMPING = 1e-2
@@ -51,6 +53,14 @@ def basis_at(start: LaguerreBasis, place: Place) -> LaguerreBasis:
     """Return the basis at a point of the grid around `start`."""
     time_constant = start.time_constant * _RATIO ** place[0]
     return LaguerreBasis(start.functions, time_constant, start.latency + _SHIFT * place[1])
+
+
+def _between(low: int, high: int, first: int, last: int, best: int) -> int:
+    """Return the middle of what is equal from `low` to `high`; that of the start if all is."""
+    if low - first < _FINE // 2 and last - high < _FINE // 2:
+        return 0
+    # of two, none is at an edge
+    return (low + high + 1) // 2 if high - low > 1 else best
 
 
 class BasisSearch:
@@ -106,30 +116,34 @@ class BasisSearch:
 
         A slow change of intensity tells little of the dynamics, and the best of many points that
         are nearly equal is one at the edge as often as not, whose functions just bear the twitch.
-        First the middle of the time constants, then that of the latencies there.
+        First the middle of the time constants, then that of the latencies there; if all of them
+        are equal, that of the start.
         """
         most = self._unexplained(best) + _EQUAL
-        constants = [[(step, j) for j in _FOLLOWED] for step in (-1, 1)]
-        best = self._middle_of(best, constants, most)
-        return self._middle_of(best, [[(0, -1)], [(0, 1)]], most)
-
-    def _middle_of(self, best: Place, ways: list[list[Place]], most: float) -> Place:
-        """Return the middle of the points that are reached both ways and unexplained by no more.
-
-        Each way is a list of steps, of which the best is taken.
-        """
-        equal = [best]
-        for steps in ways:
+        found = {best[0]: best[1]}
+        for step in (-1, 1):
             place = best
             while True:
-                beside = [(place[0] + k, place[1] + j) for k, j in steps]
+                beside = [(place[0] + step, place[1] + j) for j in _FOLLOWED]
                 place = min(filter(self._has, beside), key=self._unexplained, default=best)
                 if place == best or self._unexplained(place) > most:
                     break
-                equal.append(place)
-        equal.sort()
-        # of two, none is at an edge
-        return equal[len(equal) // 2] if len(equal) > 2 else best
+                found[place[0]] = place[1]
+        constant = _between(min(found), max(found), _FASTEST, _SLOWEST, best[0])
+        low, high = (self._last_latency(constant, found[constant], way, most) for way in (-1, 1))
+        soonest = next(j for j in range(_SOONEST, 1) if self._has((constant, j)))
+        return constant, _between(low, high, soonest, _LATEST, found[constant])
+
+    def _last_latency(self, constant: int, latency: int, way: int, most: float) -> int:
+        """Return the last latency on the way that is as good."""
+        distance = 0
+        while True:
+            # of a wide range the edges need not be known to a step
+            further = distance + (1 if distance < _FINE else _FINE // 2)
+            place = (constant, latency + way * further)
+            if not self._has(place) or self._unexplained(place) > most:
+                return latency + way * distance
+            distance = further
 
     def _has(self, place: Place) -> bool:
         """Return whether the grid has a point."""

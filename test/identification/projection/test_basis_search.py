@@ -84,6 +84,16 @@ def test_of_bases_that_only_noise_tells_apart_none_at_the_edge_is_taken(
     assert ((lower <= truth) & (truth <= upper)).all()
 
 
+def test_a_recording_that_tells_nothing_of_the_dynamics_leaves_the_functions_of_the_start(
+    living_sessions,
+) -> None:
+    what = living_sessions.session('steady', 'sinusoid', 1, 18.0)
+    noise = np.random.default_rng(1).normal(scale=0.05, size=len(what.force))
+    found = fed(batch(), what._replace(force=noise))
+    found.estimate(0, {})
+    assert found._place == (0, 0)
+
+
 def test_a_preset_of_the_paper_sets_the_basis(living_sessions) -> None:
     what = recording(living_sessions, *MUSCLES[3], 'random')
     told = fed(batch('paper_table_4'), what)
