@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from rpms_ros.nodes.replay import Replay
     from rpms_ros.report.agreement import Agreement
 
-OF_EVERY_NODE = ('use_sim_time', 'qos_overrides')
-"""Parameters that are not the identifier's own."""
+# Parameters that are not the identifier's own.
+_OF_EVERY_NODE = ('use_sim_time', 'qos_overrides')
 
 _DESCRIPTION = """\
 Plays pulses and force of a recording over DDS into the real identifier node, as fast as it keeps
@@ -148,7 +148,7 @@ def _of_an_identifier(content: object, path: Path) -> dict[str, Any]:
         found |= {name: value for name, value in block.items() if name in own}
     for block in named.values():
         # what rclpy gives every node says nothing of a replay
-        found |= {name: value for name, value in block.items() if name not in OF_EVERY_NODE}
+        found |= {name: value for name, value in block.items() if name not in _OF_EVERY_NODE}
     return found
 
 

@@ -4,7 +4,8 @@
 
 Seven Laguerre functions describe a twitch whose time constant is not far from their own and which
 does not begin before their latency.  All bases have as many unknowns, so the one with the smallest
-residual is the most likely one.  They are the points of a grid.
+residual is the most likely one; of those that only the noise tells apart the middle is taken.
+They are the points of a grid.
 """
 
 import math
@@ -40,8 +41,9 @@ _STRIDES = (
 _EQUAL = 6.0
 # How far the latency follows from one time constant to the next.
 _FOLLOWED = (0, -1, 1, -2, 2, -4, 4)
-# Latencies are compared step by step up to this distance.
-_FINE = 8
+# Latencies are compared step by step up to this distance, and then in strides: the edges of a wide
+# range need not be known to a step.
+_FINE, _STRIDE = 8, 4
 _STEPS = 6
 _TOLERANCE = 1e-3
 _DAMPING = 1e-2
@@ -57,7 +59,7 @@ def basis_at(start: LaguerreBasis, place: Place) -> LaguerreBasis:
 
 def _between(low: int, high: int, first: int, last: int, best: int) -> int:
     """Return the middle of what is equal from `low` to `high`; that of the start if all is."""
-    if low - first < _FINE // 2 and last - high < _FINE // 2:
+    if low - first < _STRIDE and last - high < _STRIDE:
         return 0
     # of two, none is at an edge
     return (low + high + 1) // 2 if high - low > 1 else best
@@ -100,7 +102,10 @@ class BasisSearch:
         self._found: dict[Place, float] = {}
 
     def best(self, place: Place, everywhere: bool) -> Place:
-        """Return the best point found from `place`, or from the best of a coarse grid too."""
+        """Return the middle of the best points found from `place`.
+
+        With `everywhere` the search begins at the best of a coarse grid too.
+        """
         if everywhere:
             place = min((place, *_COARSE), key=self._unexplained)
         while True:
@@ -138,8 +143,7 @@ class BasisSearch:
         """Return the last latency on the way that is as good."""
         distance = 0
         while True:
-            # of a wide range the edges need not be known to a step
-            further = distance + (1 if distance < _FINE else _FINE // 2)
+            further = distance + (1 if distance < _FINE else _STRIDE)
             place = (constant, latency + way * further)
             if not self._has(place) or self._unexplained(place) > most:
                 return latency + way * distance
