@@ -126,6 +126,17 @@ def patient_file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
+def specification_file(tmp_path: Path) -> Path:
+    """The specification that comes with the package, of one device."""
+    from rpms_ros.stimulation import device_specification
+
+    kind = Path(device_specification.__file__).parent / 'device_specifications/rapid2-240v.yaml'
+    path = tmp_path / 'device.yaml'
+    path.write_text(f'serial_number: "0815"\n{kind.read_text()}')
+    return path
+
+
+@pytest.fixture
 def any_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let drivers be told to deliver a pulse that the machine holds up, however late it is.
 

@@ -17,6 +17,8 @@ from rpms_ros.stimulation.audit_log import AuditLog
 
 _WAITING = 500
 _JOIN_S = 5.0
+# how often the file is looked at while there is nothing to write
+_LOOK_S = 0.2
 
 Entry = tuple[str, dict[str, object]]
 
@@ -79,15 +81,26 @@ class DriverAudit:
         self._log.close()
 
     def _run(self) -> None:
-        while (entry := self._entries.get()) is not None:
+        try:
+            while self._step():
+                pass
+        except StimulationError as error:
+            self._broken = f'expected an audit log that can be written, got {error}'
+            self._failed(self._broken)
+
+    def _step(self) -> bool:
+        """Write what comes next, or look at the file; return whether there is more to come."""
+        try:
+            entry = self._entries.get(timeout=_LOOK_S)
+        except queue.Empty:
+            if self._log is not None:
+                self._log.look()
+            return True
+        if entry is not None:
             kind, fields = entry
             left_out, self._left_out = self._left_out, 0
-            try:
-                self._append(kind, {**fields, **({'left_out': left_out} if left_out else {})})
-            except StimulationError as error:
-                self._broken = f'expected an audit log that can be written, got {error}'
-                self._failed(self._broken)
-                return
+            self._append(kind, {**fields, **({'left_out': left_out} if left_out else {})})
+        return entry is not None
 
     def _append(self, kind: str, fields: dict[str, object]) -> None:
         if self._log is not None:

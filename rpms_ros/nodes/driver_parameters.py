@@ -3,7 +3,6 @@
 """Parameters of the stimulator driver, and what is built from them."""
 
 import dataclasses
-import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import UNITS
 from rpms_ros.errors import NodeError
+from rpms_ros.errors import StimulationError
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
 from rpms_ros.seeds import LARGEST_SEED
@@ -34,8 +34,6 @@ from rpms_ros.stimulation.repetitive import Staircase
 from rpms_ros.stimulation.repetitive import UniformRandom
 from rpms_ros.stimulation.settings import DriverSettings
 
-# what a dose ledger takes as the name of a device
-_LONGEST_NAME = 64
 _NODE_NAME = re.compile(r'(/\w+)+|\w+', re.ASCII)
 _SCHEDULES = ('constant', 'uniform_random', 'sinusoid', 'staircase')
 
@@ -129,7 +127,7 @@ class DriverParameters(NodeParameters):
         '', 'YAML file of the patient; a real device needs one, empty for nobody.'
     )
     ledger_folder: str = parameter(
-        '', 'Folder of the dose ledgers; a real device needs one, empty keeps none.'
+        '', 'Folder of the dose ledgers, absolute; a real device needs one, empty keeps none.'
     )
     audit_log: str = parameter(
         '', 'File of the audit log; a real device needs one, empty writes none.'
@@ -171,6 +169,10 @@ class DriverParameters(NodeParameters):
         require_device(self.device)
         if not self.simulated:
             self._require_safeguards()
+        # from another directory a relative one would be another, without the doses so far
+        folder = self.ledger_folder
+        if folder and not Path(folder).expanduser().is_absolute():
+            raise NodeError(f'expected ledger_folder with an absolute path, got {folder}')
         for name in self.stop_buttons:
             if not _NODE_NAME.fullmatch(name):
                 raise NodeError(
@@ -254,21 +256,25 @@ def patient_of(settings: DriverParameters) -> Patient | None:
     return load_patient(Path(settings.patient_file).expanduser())
 
 
-def ledger_of(settings: DriverParameters) -> MemoryLedger:
+def ledger_of(settings: DriverParameters, specification: DeviceSpecification) -> MemoryLedger:
     """Return where the dose is kept, open: in files where a folder and a patient are named.
 
     Raises
     ------
     StimulationError
-        If the ledger is open elsewhere, damaged, or cannot be written.
+        If the ledger is open elsewhere, damaged, or cannot be written, or if a real device has no
+        serial number: by the name of a port it would be another one at each.
     """
     patient = patient_of(settings)
     if patient is None or not settings.ledger_folder:
         return MemoryLedger(None if patient is None else patient.dose)
     folder = Path(settings.ledger_folder).expanduser()
-    device = settings.hardware
-    if len(device) > _LONGEST_NAME or not (device.isascii() and device.isprintable()):
-        device = f'{settings.device} {hashlib.sha256(settings.port.encode()).hexdigest()[:16]}'
+    device = settings.device if settings.simulated else specification.serial_number
+    if not device:
+        raise StimulationError(
+            'expected serial_number in the device specification of a real device, got none in '
+            f'{specification.name!r}: state it in a file of your own'
+        )
     return DoseLedger(folder, device, patient.identifier, patient.dose)
 
 

@@ -85,7 +85,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         self.settings = declare_parameters(self, DriverParameters, refuse_misspelt=True)
         settings = self.settings
         self._figures = SessionFigures(settings)
-        self._ledger = ledger_of(settings)
+        self._ledger = ledger_of(settings, self._figures.specification)
         self._parts.callback(self._ledger.close)
         self.controller = StimulationController(
             build_device(settings, self._figures.specification),

@@ -70,6 +70,10 @@ class AuditLog:
             raise StimulationError(f'expected fields other than {", ".join(wrong)}')
         self._file.append([{'kind': kind, **{name: _plain(v) for name, v in fields.items()}}])
 
+    def look(self) -> None:
+        """Raise what `append` would raise now: of a file that was removed, or a full disk."""
+        self._file.append([], sync=False)
+
     def close(self) -> None:
         """Close the file; may be called again."""
         self._file.close()

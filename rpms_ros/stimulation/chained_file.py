@@ -74,6 +74,7 @@ class ChainedFile:
             for record in chain.records():
                 read(record)
             self._hash, self._count = chain.hash, chain.count
+            self._size = os.fstat(self._file).st_size
             self._mend(chain, read)
             if self._count == 0:
                 first = {'kind': BEGIN, 'purpose': purpose, **(begin or {})}
@@ -91,7 +92,8 @@ class ChainedFile:
         Raises
         ------
         StimulationError
-            If they cannot be written; nothing more is written then until the file is opened anew.
+            If they cannot be written, or the file is not what was written so far (removed,
+            replaced, cut short, added to); nothing more is written then until it is opened anew.
         """
         with self._lock:
             if self._broken is not None:
@@ -130,15 +132,22 @@ class ChainedFile:
     def _write(self, data: bytes, sync: bool) -> None:
         # what was written in part, or not synced, may or may not be there: no second try
         try:
-            written = os.write(self._file, data)
+            self._size += len(data)
+            os.write(self._file, data)
             if sync:
                 os.fsync(self._file)
+            # after it: what is written now is known to be where the next opener reads it
+            here, there = os.fstat(self._file), os.lstat(self.path)
+            if (here.st_dev, here.st_ino) != (there.st_dev, there.st_ino):
+                raise OSError('another file of that name')
+            if here.st_size != self._size:
+                raise OSError(f'{here.st_size} bytes in place of {self._size}')
+            disk = os.fstatvfs(self._file)
+            if disk.f_blocks and disk.f_bavail * disk.f_frsize < LONGEST_LINE:
+                raise OSError(f'a disk with less than {LONGEST_LINE} bytes left')
         except OSError as fault:
             self._broken = str(fault)
             raise StimulationError(f'expected a writable {self.path}, got {fault}') from fault
-        if written != len(data):
-            self._broken = f'room for {written} of {len(data)} bytes'
-            raise StimulationError(f'expected a writable {self.path}, got {self._broken}')
 
     def _mend(self, chain: Chain, read: Callable[[Record], object]) -> None:
         """Append behind a line that was cut off."""

@@ -215,9 +215,17 @@ def _refuse_unfit(
             f'expected the device specification of a real device, got {specification.name!r}, '
             'which is for a simulated one only'
         )
-    if device.real and not isinstance(ledger, DoseLedger):
-        got = 'none' if ledger is None else 'one in memory'
-        raise StimulationError(f'expected a dose ledger on the disk for a real device, got {got}')
+    if device.real:
+        if not isinstance(ledger, DoseLedger):
+            got = 'none' if ledger is None else 'one in memory'
+            raise StimulationError(
+                f'expected a dose ledger on the disk for a real device, got {got}'
+            )
+        if ledger.device != specification.serial_number:
+            raise StimulationError(
+                'expected the dose ledger of the device with serial_number '
+                f'{specification.serial_number!r}, got that of {ledger.device!r}'
+            )
     narrowest = specification.limits.minimum_width_s
     widest = specification.limits.maximum_width_s
     if not device.sets_width and narrowest != widest:

@@ -21,7 +21,9 @@ from rpms_ros.stimulation.yaml_places import from_file
 _FOLDER = Path(__file__).with_name('device_specifications')
 LONGEST_NAME = 64
 LONGEST_TEXT = 500
-_KEYS = ['name', 'description', 'simulated_only', 'limits', 'thermal', 'sources']
+_KEYS = [
+    'name', 'description', 'serial_number', 'simulated_only', 'limits', 'thermal', 'sources'
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class DeviceSpecification:
         Whether it must not be used with a device that can hurt somebody.
     sources : mapping of str to str
         Where each figure comes from.
+    serial_number : str
+        Of the one device that is driven, by which its dose ledger is known; empty for a kind.
     """
 
     name: str
@@ -50,6 +54,7 @@ class DeviceSpecification:
     thermal: CoilThermal | None
     simulated_only: bool
     sources: Mapping[str, str]
+    serial_number: str = ''
 
 
 def profile_names() -> list[str]:
@@ -96,6 +101,9 @@ def _read(content: object) -> DeviceSpecification:
         thermal=_thermal(thermal),
         simulated_only=simulated_only,
         sources=sources,
+        serial_number=read_text(document, 'serial_number', '', LONGEST_NAME)
+        if 'serial_number' in document
+        else '',
     )
 
 

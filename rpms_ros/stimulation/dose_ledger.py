@@ -35,6 +35,7 @@ from rpms_ros.stimulation.ledger_reading import LedgerReader
 from rpms_ros.stimulation.ledger_reading import Past
 from rpms_ros.stimulation.ledger_reading import agreed
 from rpms_ros.stimulation.ledger_reading import readable
+from rpms_ros.stimulation.ledger_reading import require_all
 
 PURPOSE = 'dose ledger'
 SHORTEST_HISTORY_H = 24.0
@@ -164,6 +165,8 @@ class DoseLedger(MemoryLedger):
         try:
             for reader in readers:
                 self._files.append(_opened(folder, reader))
+            for reader, other in (readers, readers[::-1]):
+                require_all(reader, sorted(folder.glob(f'{other.owner}-*.ledger')))
             self._past = self._agree(*readers)
         except StimulationError as fault:
             self.close()

@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the ledgers of a device and of a patient say about earlier processes."""
 
+import json
 import math
 import re
+from collections import Counter
+from collections.abc import Iterable
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
+from pathlib import Path
 from typing import Any
 from typing import NamedTuple
 
@@ -74,6 +78,8 @@ class LedgerReader:
         Reservations with pulses that still count, by their identifier, oldest first.
     shared : list of str
         Identifiers of all reservations together with the partner, oldest first.
+    partners : Counter of str
+        How many reservations there are together with whom.
     """
 
     owner: str
@@ -83,6 +89,7 @@ class LedgerReader:
     horizon_ns: int
     batches: dict[str, Batch] = field(default_factory=dict)
     shared: list[str] = field(default_factory=list)
+    partners: Counter[str] = field(default_factory=Counter)
 
     def take(self, record: Record) -> None:
         """Take one record in.
@@ -119,7 +126,9 @@ class LedgerReader:
         pulses = self._pulses(content)
         if pulses:
             self.batches[key] = Batch(content, pulses)
-        if content['patient' if self.owner == 'device' else 'device'] == self.partner:
+        other = content['patient' if self.owner == 'device' else 'device']
+        self.partners[other] += 1
+        if other == self.partner:
             self.shared.append(key)
 
     def _pulses(self, content: Mapping[str, Any]) -> dict[int, Past]:
@@ -160,6 +169,34 @@ def agreed(device: LedgerReader, patient: LedgerReader) -> Batch | None:
         f'reservations that the other ledger has, got {min(len(given), len(got))}: records are '
         'missing'
     )
+
+
+def require_all(reader: LedgerReader, others: Iterable[Path]) -> None:
+    """Hold a ledger against those of everybody else, so that its loss shows to the next partner.
+
+    Raises
+    ------
+    LedgerError
+        If it lacks reservations that one of the others has.
+    """
+    name, text = re.escape(json.dumps(reader.name).encode()), rb'("(?:[^"\\]|\\.)*")'
+    parties = (name, text) if reader.owner == 'device' else (text, name)
+    # whole lines alone: what a kill has cut off is written once more behind it
+    pair = re.compile(rb'"device":%s,"patient":%s,[^\n]*"hash":"[0-9a-f]{64}"}\n' % parties)
+    # of the last reservation a killed process may have left the patient's ledger without
+    spare = 1 if reader.owner == 'patient' else 0
+    for path in others:
+        try:
+            found = Counter(pair.findall(path.read_bytes()))
+        except OSError as fault:
+            raise LedgerError(f'expected a readable ledger, got {path}: {fault}') from fault
+        for partner, count in found.items():
+            got = reader.partners[json.loads(partner)]
+            if got < count - spare:
+                raise LedgerError(
+                    f'expected in the ledger of {reader.owner} {reader.name!r} the {count} '
+                    f'reservations that {path.name} has, got {got}: records are missing'
+                )
 
 
 def readable(torn: bytes, known: LedgerReader) -> list[Past]:

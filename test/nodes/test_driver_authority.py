@@ -347,6 +347,30 @@ def test_who_did_what_is_written_down(clinic, tmp_path):
     assert 'maximum_intensity' in arm['limits']
 
 
+def unlinked(path, monkeypatch):
+    del monkeypatch
+    path.unlink()
+
+
+def full(path, monkeypatch):
+    del path
+    left = os.statvfs_result((4096, 4096, 1000, 0, 0, 0, 0, 0, 0, 255))
+    monkeypatch.setattr(os, 'fstatvfs', lambda _file: left)
+
+
+@pytest.mark.parametrize(
+    ('change', 'reason'), [(unlinked, 'No such file'), (full, 'a disk with less than 1000000 b')]
+)
+def test_a_train_ends_without_an_audit_log_that_can_be_written(
+    clinic, tmp_path, monkeypatch, change, reason
+):
+    path = tmp_path / 'audit.jsonl'
+    lab = clinic(audit_log=str(path))
+    lab.run()
+    change(path, monkeypatch)
+    assert reason in lab.wait_for_state(DriverStatus.STOPPED)
+
+
 def test_without_its_audit_log_nothing_is_armed(clinic, tmp_path):
     lab = clinic(audit_log=str(tmp_path / 'audit.jsonl'))
     lab.driver._audit._log.close()

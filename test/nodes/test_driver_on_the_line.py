@@ -52,7 +52,7 @@ def batch(monkeypatch):
 
 
 @pytest.fixture
-def theatre(graph, instrument, patient_file, tmp_path, monkeypatch, more):
+def theatre(graph, instrument, patient_file, specification_file, tmp_path, monkeypatch, more):
     """An instrument, its driver with everything that a real device needs, and an operator."""
     fake = instrument(watchdog_s=20.0)
 
@@ -76,7 +76,7 @@ def theatre(graph, instrument, patient_file, tmp_path, monkeypatch, more):
     parameters = {
         'device': 'serial',
         'port': fake.port,
-        'device_specification': 'rapid2-240v',
+        'device_specification': str(specification_file),
         'patient_file': str(patient_file),
         'ledger_folder': str(tmp_path / 'ledger'),
         'audit_log': str(tmp_path / 'audit.jsonl'),

@@ -2,11 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is built from the parameters of the driver."""
 
+import time
+
 import pytest
 
+from rpms_ros.errors import StimulationError
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import device_specification_of
+from rpms_ros.nodes.driver_parameters import ledger_of
+from rpms_ros.stimulation.dose import PlannedPulse
 
 
 @pytest.mark.parametrize(('parameter', 'percent'), [(1.0, 55), (0.305, 30)])
@@ -24,3 +29,26 @@ def test_the_guard_holds_the_tightest_bound_of_device_patient_and_parameter(
     )
     device = build_device(settings, device_specification_of(settings))
     assert device._line.limits.maximum_percent == percent
+
+
+def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_is_called(
+    patient_file, specification_file, tmp_path
+):
+    def opened(port, specification=str(specification_file)):
+        settings = DriverParameters(
+            device='serial',
+            port=port,
+            device_specification=specification,
+            patient_file=str(patient_file),
+            ledger_folder=str(tmp_path / 'ledgers'),
+            audit_log=str(tmp_path / 'audit.jsonl'),
+        )
+        return ledger_of(settings, device_specification_of(settings))
+
+    with opened('/dev/ttyUSB0') as ledger:
+        ledger.take(ledger.reserve([PlannedPulse(time.monotonic_ns(), 0.1, 2.0)])[0])
+    with opened('/dev/serial/by-id/usb-stimulator') as ledger:
+        assert ledger.device == '0815'
+        assert len(ledger.history(time.monotonic_ns())) == 1
+    with pytest.raises(StimulationError, match=r"serial_number in .*, got none in 'rapid2-240v'"):
+        opened('/dev/ttyUSB0', 'rapid2-240v')

@@ -322,14 +322,18 @@ def test_autostart_goes_on_where_somebody_has_begun_by_hand(graph, reached):
             'expected ledger_folder with a real device, got none',
         ),
         (
-            {'device': 'serial', 'audit_log': 'a', 'ledger_folder': 'b'},
+            {'device': 'serial', 'audit_log': 'a', 'ledger_folder': 'b', 'patient_file': 'c'},
+            'expected ledger_folder with an absolute path, got b',
+        ),
+        (
+            {'device': 'serial', 'audit_log': 'a', 'ledger_folder': '/b'},
             'expected patient_file with a real device, got none',
         ),
         (
             {
                 'device': 'serial',
                 'audit_log': 'a',
-                'ledger_folder': 'b',
+                'ledger_folder': '/b',
                 'patient_file': '/nowhere.yaml',
             },
             'expected a readable patient file, got /nowhere.yaml',
@@ -383,13 +387,13 @@ def test_error_in_a_transition_ends_in_the_safe_state(graph):
     assert not lab.driver.controller.device.armed
 
 
-def test_device_that_is_not_there_is_refused(graph, tmp_path, patient_file):
+def test_device_that_is_not_there_is_refused(graph, tmp_path, patient_file, specification_file):
     port = str(tmp_path / 'ttyUSB9')
     lab = Laboratory(
         graph,
         device='serial',
         port=port,
-        device_specification='rapid2-240v',
+        device_specification=str(specification_file),
         require_operator=True,
         require_stop_button=True,
         audit_log=str(tmp_path / 'audit.jsonl'),

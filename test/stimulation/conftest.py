@@ -175,7 +175,7 @@ def controller_of(tmp_path, any_lateness):
     def build(fake, specification):
         return StimulationController(
             SerialDevice(fake.port, timeout_s=5.0, beat_limit_s=20.0),
-            specification,
+            dataclasses.replace(specification, serial_number='rapid2'),
             # a machine under load may hold up a thread or two
             DriverSettings(
                 executor_timeout_s=5.0,

@@ -55,6 +55,16 @@ def test_it_goes_on_where_it_ended(path):
     assert len(verify(path).records) == 7
 
 
+def test_a_log_that_is_removed_takes_nothing_more_and_a_look_finds_it(path):
+    with AuditLog(path) as log:
+        log.look()
+        path.unlink()
+        with pytest.raises(StimulationError, match=r'expected a writable .*No such file'):
+            log.look()
+        with pytest.raises(StimulationError, match=r'expected a writable .*No such file'):
+            log.append('arm')
+
+
 def test_one_process_at_a_time(path):
     with (
         AuditLog(path),

@@ -195,7 +195,7 @@ def test_totals_outlive_the_device_and_its_energy_includes_earlier_drivers(virtu
     assert controller.limiter.session_energy_j == pytest.approx(50.0 + 5 * 25.0)
 
 
-def test_a_real_device_needs_a_ledger():
+def test_a_real_device_needs_a_ledger_of_its_serial_number(tmp_path):
     class Real(SimulatedDevice):
         real = True
 
@@ -203,6 +203,26 @@ def test_a_real_device_needs_a_ledger():
     for ledger, got in ((None, 'none'), (MemoryLedger(), 'one in memory')):
         with pytest.raises(StimulationError, match=f'on the disk for a real device, got {got}'):
             StimulationController(Real(), specification, DriverSettings(), ledger=ledger)
+    with (
+        DoseLedger(tmp_path, '/dev/ttyUSB0', 'P01') as ledger,
+        pytest.raises(StimulationError, match="serial_number '', got that of '/dev/ttyUSB0'"),
+    ):
+        StimulationController(Real(), specification, DriverSettings(), ledger=ledger)
+
+
+def test_a_ledger_that_is_removed_in_a_train_is_a_fault_and_ends_it(virtual, tmp_path):
+    clocks = Clocks(lambda: SECOND, lambda: SECOND)
+    with DoseLedger(tmp_path, 'device', 'patient', clocks=clocks) as ledger:
+        driver = virtual(ledger=ledger).armed()
+        driver.controller.start(TRAIN)
+        driver.advance(1.0)
+        for path in tmp_path.glob('*.ledger'):
+            path.unlink()
+        driver.advance(1.0)
+        assert driver.controller.state is State.FAULT
+        assert 'device.ledger, got' in driver.controller.reason
+        # a second was reserved ahead, half of it at a time
+        assert len(driver.device.commands) <= 31
 
 
 def test_three_processes_on_one_ledger_keep_the_limit(virtual, tmp_path):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dose ledger: what was reserved counts, whatever happens to process, clock, file and disk."""
 
+import os
 import subprocess
 import sys
 import textwrap
@@ -302,6 +303,7 @@ def test_a_reservation_that_reached_one_ledger_only_is_put_into_the_other(
         moved = opened('coil-2', 'P01')
         assert moved.totals().pulses == 5
         killed(moved)
+        killed(opened('coil-1', 'P02'))
 
 
 @pytest.mark.parametrize('which', [0, 1])
@@ -318,6 +320,59 @@ def test_lost_records_and_lost_ledgers_are_refused(machine, opened, tmp_path, wh
     path.unlink()
     with pytest.raises(LedgerError, match=r'the 4 reservations .* got 0: records are missing'):
         opened()
+
+
+def replaced(path):
+    data = path.read_bytes()
+    path.unlink()
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize('which', [0, 1])
+@pytest.mark.parametrize(
+    ('change', 'fault'),
+    [
+        (lambda path: path.unlink(), 'No such file'),
+        (replaced, 'another file of that name'),
+        (lambda path: os.truncate(path, 400), r'\d+ bytes in place of \d+'),
+        (lambda path: path.write_bytes(path.read_bytes() + b'\n'), r'\d+ bytes in place of \d+'),
+    ],
+)
+def test_a_ledger_that_is_removed_or_changed_while_open_takes_nothing_more(
+    machine, opened, tmp_path, which, change, fault
+):
+    ledger = opened()
+    ledger.reserve(planned(machine, 2))
+    change(ledgers_of(tmp_path)[which])
+    with pytest.raises(LedgerError, match=f'expected a writable .*, got .*{fault}'):
+        ledger.reserve(planned(machine, 1))
+    with pytest.raises(LedgerError, match='expected a working ledger, got'):
+        ledger.reserve(planned(machine, 1))
+
+
+def test_a_ledger_of_anybody_that_names_what_is_missing_is_enough_to_refuse(
+    machine, opened, tmp_path
+):
+    first = opened('coil-1', 'P02')
+    for number in first.reserve(planned(machine, 3)):
+        first.take(number)
+    first.close()
+    opened('coil-1', 'a "b\\').close()
+    device = tmp_path / 'device-coil-1.ledger'
+    whole = device.read_bytes()
+    device.unlink()
+    missing = r"device 'coil-1' the 1 reservations that patient-p02\.ledger has, got 0"
+    with pytest.raises(LedgerError, match=missing):
+        opened('coil-1', 'P01')
+    device.write_bytes(whole)
+    for _ in range(2):
+        moved = opened('coil-2', 'P02')
+        moved.reserve(planned(machine, 1))
+        killed(moved)
+    (tmp_path / 'patient-p02.ledger').unlink()
+    missing = r"patient 'P02' the 2 reservations that device-coil-2\.ledger has, got 0"
+    with pytest.raises(LedgerError, match=missing):
+        opened('coil-1', 'P02')
 
 
 def test_a_flipped_bit_anywhere_is_refused_or_changes_nothing(machine, tmp_path, opened):
