@@ -18,40 +18,42 @@ from rpms_ros.cli.options import SUCCESS
 from rpms_ros.errors import RpmsError
 from rpms_ros.printable import printable
 
+_NEED_ROS = ('demo', 'live', 'replay')
 COMMANDS = (
-    'demo',
-    'live',
-    'simulate',
+    'identify',
+    'report',
     'info',
     'verify',
-    'identify',
     'study',
     'analyze',
-    'report',
-    'replay',
     'import_file',
     'export',
+    'simulate',
     'protocol',
     'check',
     'audit',
     'layout',
+    *_NEED_ROS,
 )
-"""Modules of this package, in the order of the help."""
+"""Modules of this package, in the order of the help: those that need ROS last."""
 
 _DESCRIPTION = """\
 Identify a muscle that is stimulated by repetitive magnetic or electrical pulses.
 
-  rpms demo                              live, with a simulated muscle
-  rpms live                              a running session in the browser
-  rpms simulate --out session            a recording of a simulated session
+Without ROS:
+  rpms identify session --out results    recruitment and dynamics of the muscle
+  rpms report session --out report.html  one page to read, print and send
   rpms info session                      what a recording holds
   rpms verify session                    whether it is whole and unchanged
-  rpms identify session --out results    recruitment and dynamics of the muscle
   rpms analyze session --out results     latency, twitch, summation, recruitment
-  rpms report session --out report.html  one page to read, print and send
-  rpms replay session                    the recording through the real nodes
   rpms import trial.csv --out trial --time 'Time [s]' --force 'Force [N]' --pulse Gate
   rpms export session --to csv --out tables
+  rpms simulate --out session            a recording of a simulated session
+
+With ROS 2:
+  rpms demo                              live, with a simulated muscle
+  rpms live                              a running session in the browser
+  rpms replay session                    the recording through the real nodes
 """
 _EPILOG = """\
 Help on one command: rpms help COMMAND, or rpms COMMAND --help
@@ -62,7 +64,7 @@ Exit codes: 0 well, 1 done but with something missing or wrong in the data, 2 no
 _EXTRAS = {'jinja2': 'report'}
 # What `rpms study` does with several recordings.
 _STUDIED = ('rpms_ros.cli.identify', 'rpms_ros.cli.report')
-_NO_ROS = 'the nodes need ROS 2 Jazzy and rpms_msgs (make build, or a sourced workspace)'
+_NO_ROS = 'it needs ROS 2 Jazzy and rpms_msgs: run make build, or source a workspace'
 
 
 class _Parser(argparse.ArgumentParser):
@@ -131,10 +133,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         root = (error.name or '').partition('.')[0]
         if root == 'rpms_ros':
             raise
-        hint = f'; {_NO_ROS}' if root == 'rclpy' or root.endswith(('_msgs', '_srvs')) else ''
+        text = str(error)
         if root in _EXTRAS:
-            hint = f'; pip install "rpms_ros[{_EXTRAS[root]}]"'
-        print(f'rpms: error: {error}{hint}', file=sys.stderr)
+            text += f'; pip install "rpms_ros[{_EXTRAS[root]}]"'
+        elif (name := arguments.run.__module__.rpartition('.')[2]) in _NEED_ROS:
+            text = f'rpms {name} finds no {root}; {_NO_ROS}'
+        print(f'rpms: error: {text}', file=sys.stderr)
         return FAILURE
     except BrokenPipeError:
         # The reader has closed our output: nothing may be flushed into it any more.

@@ -53,7 +53,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         subparsers,
         'demo',
         run,
-        'simulated muscle, driver and identifier live, with a report',
+        'simulated muscle, driver and identifier live, with a report (needs ROS 2)',
         _DESCRIPTION,
         _EXAMPLES,
     )

@@ -49,7 +49,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         subparsers,
         'replay',
         run,
-        'play a recording into the identifier node and compare the estimates',
+        'play a recording into the identifier node and compare the estimates (needs ROS 2)',
         _DESCRIPTION,
         _EXAMPLES,
     )

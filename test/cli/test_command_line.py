@@ -3,6 +3,7 @@
 """The command line itself: help, version, what may have been meant, messages that stay short."""
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -67,6 +68,19 @@ def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert exits(capsys, 'help') == exits(capsys, '--help')
     assert exits(capsys, 'help', 'identify') == exits(capsys, 'identify', '--help')
+
+
+def test_help_begins_with_what_works_without_ros(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = exits(capsys, '--help')
+    listed = out.partition('COMMAND\n')[2].partition('options:')[0]
+    blocks = re.split(r'^ {4}(?=\w)', listed, flags=re.MULTILINE)[1:]
+    assert [block.split()[0] for block in blocks] == NAMES
+    marked = [block.split()[0] for block in blocks if '(needs ROS 2)' in ' '.join(block.split())]
+    assert marked == NAMES[-3:] == ['demo', 'live', 'replay']
+    without, _, with_ros = out.partition('With ROS 2:')
+    assert 'Without ROS:\n  rpms identify' in without
+    assert not any(f'rpms {name} ' in without for name in marked)
+    assert all(f'rpms {name} ' in with_ros for name in marked)
 
 
 @pytest.mark.parametrize('name', NAMES)
