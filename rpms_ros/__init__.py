@@ -56,5 +56,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the names for completion."""
-    return sorted({*globals(), *__all__})
+    """Return the names for completion: those that may be used."""
+    return [*__all__, '__version__']

@@ -5,7 +5,6 @@
 import json
 from dataclasses import asdict
 from dataclasses import dataclass
-from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.api.session import Session
+from rpms_ros.api.session import as_html
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
@@ -74,8 +74,8 @@ class Identification:
     """
 
     session: Session
-    estimates: IdentifiedSession = field(repr=False)
-    result: IdentificationResult = field(repr=False)
+    estimates: IdentifiedSession
+    result: IdentificationResult
 
     @property
     def estimator(self) -> str:
@@ -87,7 +87,7 @@ class Identification:
         """Whether the result may be used: ``grade``, ``reasons`` and both in one ``line``.
 
         The grade is ``good``, ``doubtful`` (look at the reasons first) or ``no`` (do not use it);
-        the gravest reason comes first.  `rpms identify` ends in the same words.
+        the gravest reason comes first.  `rpms identify` begins with the same words.
 
         Examples
         --------
@@ -264,25 +264,35 @@ class Identification:
 
         return as_dataset(self)
 
-    def __str__(self) -> str:
-        rows = [f'{self.session.name}: {self.estimator}']
-        # What must not be used is not there to be copied.
-        if self.verdict.grade != 'no':
-            rows += self._found()
-        rows += [*self.result.notes, *(f'{name}: {count}' for name, count in self.faults.items())]
-        return '\n  '.join([*rows, self.verdict.line])
+    def __repr__(self) -> str:
+        return f'Identification({self.session.name!r}, {self.estimator!r}, {self.verdict.line!r})'
 
-    def _found(self) -> list[str]:
-        """Return a line for each parameter, and for the force at half and full intensity."""
+    def __str__(self) -> str:
+        rows = [': '.join(filter(None, row)) for row in self._rows()]
+        return '\n  '.join([f'{self.session.name}: {self.estimator}', self.verdict.line, *rows])
+
+    def _repr_html_(self) -> str:
+        about = ('session', f'{self.session.name}: {self.estimator}')
+        return as_html(f'verdict {self.verdict.line}', [about, *self._rows()])
+
+    def _rows(self) -> list[tuple[str, str]]:
+        """Return what was found, notes and faults."""
+        # What must not be used is not there to be copied.
+        found = self._found() if self.verdict.grade != 'no' else []
+        faults = [(name, str(count)) for name, count in self.faults.items()]
+        return [*found, *(('', note) for note in self.result.notes), *faults]
+
+    def _found(self) -> list[tuple[str, str]]:
+        """Return each parameter, and the force at half and full intensity."""
         unit, rows = self.result.unit, []
         for name, one in self.parameters.items():
             known = {'value': one.value, 'lower': one.lower, 'upper': one.upper}
             text = with_interval(known, unit='' if one.unit == '1' else f' {one.unit}')
-            rows.append(f'{name}: {text}' + (f', {one.determined}' if one.determined else ''))
+            rows.append((name, text + (f', {one.determined}' if one.determined else '')))
         if self.curve is not None:
             for share in (0.5, 1.0):
                 text = with_interval(asdict(self.force_at(share)), unit=f' {unit}')
-                rows.append(f'{QUANTITIES[unit]} at intensity {share:g}: {text}')
+                rows.append((f'{QUANTITIES[unit]} at intensity {share:g}', text))
         return rows
 
     @property

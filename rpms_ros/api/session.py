@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """One session: pulses, force, and what can be asked of them."""
 
+import html
 import math
 from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
@@ -14,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.identification.pulse_checks import no_overlap
@@ -32,6 +35,8 @@ from rpms_ros.recording.verifying import verify
 from rpms_ros.report.known_muscle import KnownMuscle
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from rpms_ros.api.identification import Identification
 
 Fact = str | int | float | list[str] | dict[str, int] | None
@@ -113,6 +118,40 @@ class Session:
             'remarks': [*facts.remarks, *([] if apart is None else [apart])],
             'imported': [f'{label}: {text}' for label, text in self.imported],
         }
+
+    def plot(self, figure: 'Figure | None' = None) -> 'Figure':
+        """Draw the force and the intensity of each pulse over time; return the figure.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure, optional
+            An empty figure to draw into; else one is made by ``matplotlib.pyplot``, which shows
+            it in a notebook, and in a script with ``plt.show()``.
+        """
+        if figure is None:
+            from matplotlib import pyplot as plt
+
+            figure = plt.figure(figsize=(12.0, 5.0), layout='constrained')
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        # without samples time counts from the first pulse
+        start = next((int(one.min()) for one in self._stamps() if len(one)), 0)
+        seconds = [(one - start) / NANOSECONDS_PER_SECOND for one in self._stamps()]
+        above.plot(seconds[0], self.force.force, linewidth=0.8, color='black')
+        quantity = self.recording.quantity
+        above.set_ylabel(f'{quantity} [{UNITS[quantity]}]')
+        below.vlines(seconds[1], 0.0, self.pulses.intensity, linewidth=0.8)
+        below.set(xlabel='time [s]', ylabel='intensity', ylim=(0.0, 1.05))
+        figure.suptitle(self.name)
+        return figure
+
+    def _stamps(self) -> tuple[IntArray, IntArray]:
+        return self.force.stamp_ns, self.pulses.onset_ns
+
+    def _repr_html_(self) -> str:
+        facts = self.info().items()
+        return as_html(
+            '', ((name, str(fact)) for name, fact in facts if fact not in (None, [], {}))
+        )
 
     def verify(self, key: bytes | None = None) -> list[Finding]:
         """Return what every check of the recording found: ``check``, ``state`` and ``text`` each.
@@ -257,6 +296,12 @@ class Session:
             options = replace(options, preset=preset)
         estimates = identified(self.recording, options, progress, most_estimates)
         return Identification(self, estimates, result_of(self.recording, estimates))
+
+
+def as_html(above: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Return a line and a table of names and texts, as a notebook shows them."""
+    cells = (f'<tr><th>{html.escape(name)}</th><td>{html.escape(text)}' for name, text in rows)
+    return f'<p>{html.escape(above)}</p>' * bool(above) + f'<table>{"".join(cells)}</table>'
 
 
 def _moment(first_ns: int, at: float) -> int:

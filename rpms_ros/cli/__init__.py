@@ -109,6 +109,13 @@ def _unknown(arguments: argparse.Namespace, unknown: Sequence[str]) -> str:
     return f'expected one recording, got {len(unknown) + 1}{hint}'
 
 
+def _lacking(error: ModuleNotFoundError, root: str, command: str) -> str:
+    """Return what an installation without a module lacks."""
+    if root in _EXTRAS:
+        return f'{error}; pip install "rpms_ros[{_EXTRAS[root]}]"'
+    return f'rpms {command} finds no {root}; {_NO_ROS}' if command in _NEED_ROS else str(error)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
     texts = list(sys.argv[1:] if argv is None else argv)
@@ -133,12 +140,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         root = (error.name or '').partition('.')[0]
         if root == 'rpms_ros':
             raise
-        text = str(error)
-        if root in _EXTRAS:
-            text += f'; pip install "rpms_ros[{_EXTRAS[root]}]"'
-        elif (name := arguments.run.__module__.rpartition('.')[2]) in _NEED_ROS:
-            text = f'rpms {name} finds no {root}; {_NO_ROS}'
-        print(f'rpms: error: {text}', file=sys.stderr)
+        command = arguments.run.__module__.rpartition('.')[2]
+        print(f'rpms: error: {_lacking(error, root, command)}', file=sys.stderr)
         return FAILURE
     except BrokenPipeError:
         # The reader has closed our output: nothing may be flushed into it any more.

@@ -185,17 +185,19 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def as_text(document: dict[str, Any]) -> str:
-    """Return the result as a short table, the verdict last."""
+    """Return the result as a short table, the verdict first."""
     from rpms_ros.report.identified import FOLLOWED
 
-    duration = document['duration_s']
+    verdict, duration = document['verdict'], document['duration_s']
+    first, *others = verdict['reasons']
     rows = [
+        ('verdict', f'{verdict["grade"]}: {first}'),
+        *(('', reason) for reason in others),
         ('estimator', FOLLOWED if FOLLOWED in document['notes'] else document['estimator']),
         ('data', f'{_counts(document)}, {duration:.3f} s'),
         ('session hash', document['session_hash']),
         *(('schedule', f'{one["name"]}, sha256 {one["sha256"]}') for one in document['schedules']),
     ]
-    verdict = document['verdict']
     # What must not be used is not there to be copied.
     if verdict['grade'] != 'no':
         rows += _found(document)
@@ -205,9 +207,6 @@ def as_text(document: dict[str, Any]) -> str:
         rows.append(('prediction error', _output_error(document)))
     faults = (f'{name} {count}' for name, count in document['faults'].items())
     rows.append(('faults', ', '.join(faults) or 'none'))
-    first, *others = verdict['reasons']
-    rows.append(('verdict', f'{verdict["grade"]}: {first}'))
-    rows += [('', reason) for reason in others]
     return labelled(rows)
 
 

@@ -36,7 +36,12 @@ exit code: 0 after Ctrl-C, 2 if the page could not be served.
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
     """Add the command to the command line."""
     parser = add_command(
-        subparsers, 'live', run, 'a running session in the browser (needs ROS 2)', _DESCRIPTION, _EXAMPLES
+        subparsers,
+        'live',
+        run,
+        'a running session in the browser (needs ROS 2)',
+        _DESCRIPTION,
+        _EXAMPLES,
     )
     text = 'namespace of the nodes; the one in which somebody publishes if not given'
     add_option(parser, '--namespace NAME', None, text)

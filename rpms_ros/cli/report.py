@@ -89,6 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(document, allow_nan=False))
     else:
+        print(f'verdict {analysis.result.verdict.line}')
         print(f'{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB')
     warn(('warning', text) for text in document['remarks'])
     return verdict_code(analysis.result.verdict.grade, bool(analysis.recording.facts.faults))

@@ -89,13 +89,25 @@ def test_the_text_names_every_parameter_and_fault(found: Identification) -> None
     assert text.startswith('simulated, uniform_random: batch')
     assert '(nan' not in text
     assert f'force at intensity 0.5: {found.force_at(0.5).value:.1f}' in text
-    assert text.endswith(found.verdict.line)
+    assert text.splitlines()[1].strip() == found.verdict.line
+
+
+def test_a_notebook_shows_verdict_and_numbers(found: Identification) -> None:
+    shown = replace(found, session=replace(found.session, name='<b>leg</b>'))._repr_html_()
+    assert shown.startswith('<p>verdict good: the identified muscle explains')
+    assert all(f'<th>{name}</th>' in shown for name in found.parameters)
+    assert '&lt;b&gt;leg&lt;/b&gt;: batch' in shown
+    assert '<b>' not in shown
+    assert repr(found) == (
+        f"Identification('simulated, uniform_random', 'batch', {found.verdict.line!r})"
+    )
 
 
 def test_the_text_of_a_result_that_must_not_be_used_has_no_numbers(simulated: Session) -> None:
     force = replace(simulated.force, force=-simulated.force.force)
     wrong = replace(simulated, recording=replace(simulated.recording, forces=force)).identify()
     assert str(wrong) == f'{wrong.session.name}: batch\n  {wrong.verdict.line}'
+    assert 'u_thr' not in wrong._repr_html_()
 
 
 def test_one_intensity_has_no_curve_but_a_response() -> None:

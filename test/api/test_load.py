@@ -43,7 +43,9 @@ def test_axis_and_sign_are_those_of_the_sensor() -> None:
 
 
 def test_info_says_what_the_session_holds() -> None:
-    info = rpms_ros.load(str(SAMPLE)).info()
+    session = rpms_ros.load(str(SAMPLE))
+    assert '<tr><th>samples</th><td>30000' in session._repr_html_()
+    info = session.info()
     assert info['path'] == str(SAMPLE)
     numbers = ('samples', 'pulses', 'force_rate_hz', 'pulse_rate_hz')
     assert [info[name] for name in numbers] == [30_000, 600, 1000.0, 20.0]

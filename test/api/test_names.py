@@ -26,7 +26,7 @@ METHODS = [
 
 def test_the_package_offers_what_the_module_offers() -> None:
     assert sorted(rpms_ros.__all__) == sorted(api.__all__)
-    assert set(api.__all__) <= set(dir(rpms_ros))
+    assert set(dir(rpms_ros)) == {*api.__all__, '__version__'}
     for name in api.__all__:
         assert getattr(rpms_ros, name) is getattr(api, name)
 

@@ -2,15 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated sessions are those of the command, and reproducible."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import rpms_ros
 from rpms_ros import RpmsError
 from rpms_ros.cli import main
 from rpms_ros.muscle import Subject
+from rpms_ros.pulses import ForceTrace
 from rpms_ros.recording import session_hash
 from rpms_ros.stimulation import paper_sinusoid
 
@@ -75,3 +78,24 @@ def test_a_muscle_and_a_schedule_of_ones_own() -> None:
 def test_what_is_not_possible_is_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(RpmsError, match=message):
         rpms_ros.simulate(**options)  # type: ignore[arg-type]
+
+
+def test_a_session_is_drawn_as_it_was_recorded() -> None:
+    session = rpms_ros.simulate(duration=3.0)
+    figure = session.plot(Figure())
+    above, below = figure.axes
+    time, force = above.lines[0].get_data()
+    assert time[0] == 0.0
+    np.testing.assert_array_equal(force, session.force.force)
+    assert above.get_ylabel() == 'force [N]'
+    assert len(below.collections[0].get_segments()) == len(session.pulses) == 60  # type: ignore[attr-defined]
+
+
+def test_a_session_without_force_is_drawn_too() -> None:
+    session = rpms_ros.simulate(duration=1.0)
+    silent = replace(
+        session.recording, forces=ForceTrace(session.force.stamp_ns[:0], session.force.force[:0])
+    )
+    above, below = replace(session, recording=silent).plot(Figure()).axes
+    assert len(above.lines[0].get_xdata()) == 0
+    assert below.get_xlabel() == 'time [s]'

@@ -275,7 +275,7 @@ def test_the_json_is_what_the_schema_says(
     ],
     ids=['right', 'grams', 'wrong sign', 'wrong axis'],
 )
-def test_the_verdict_ends_the_text_and_decides_the_exit_code(
+def test_the_verdict_begins_the_text_and_decides_the_exit_code(
     rpms: Rpms,
     short_session: Path,
     tmp_path: Path,
@@ -288,7 +288,8 @@ def test_the_verdict_ends_the_text_and_decides_the_exit_code(
     write_recording(tmp_path / 'session', recording.pulses, forces)
     found, out, _ = rpms('identify', tmp_path / 'session')
     assert found == code
-    assert '  verdict ' in out
+    _, first, *_ = out.splitlines()
+    assert first.startswith('  verdict ')
     assert word in ' '.join(out[out.index('  verdict ') :].split())
     # what must not be used is not printed
     assert ('u_thr' in out) is (code != 3)

@@ -41,7 +41,8 @@ def test_what_is_stated_goes_into_the_page(
     device = ('--device', 'rapid2-240v', '--held-out', '0.5')
     code, out, err = rpms('report', short_session, '--out', page, *stated, *device)
     assert (code, err) == (0, '')
-    assert out.startswith(f'{page}: ')
+    assert out.startswith('verdict good: the identified muscle explains')
+    assert f'\n{page}: ' in out
     document = embedded(page.read_text(), 'report')
     items = {item['key']: item['value'] for item in document['checklist']['items']}
     assert (items['age'], items['coil_specifics']) == ('34', '2 T = peak')
