@@ -58,14 +58,15 @@ class Topic:
         self._endpoints: tuple[Endpoint, ...] = ()
         self._looked = False
         self._heard = 0.0
-        self._recent: deque[tuple[float, int]] = deque()
+        # when it came, how many there were then, and the stamp of the newest
+        self._recent: deque[tuple[float, int, int]] = deque()
 
-    def heard(self, count: int, now: float) -> None:
-        """Note messages that have come at `now` [s]."""
+    def heard(self, count: int, now: float, stamp_ns: int = 0) -> None:
+        """Note messages that have come at `now` [s], the newest of them stamped `stamp_ns`."""
         if count:
             self.count += count
             self._heard = now
-            self._recent.append((now, count))
+            self._recent.append((now, self.count, stamp_ns))
         while self._recent and self._recent[0][0] < now - _SPAN:
             self._recent.popleft()
 
@@ -75,19 +76,24 @@ class Topic:
         self._looked = True
 
     def rate(self, now: float) -> float:
-        """Return messages a second [Hz]."""
-        if not self._recent:
+        """Return messages a second [Hz] by their stamps, by their arrival if those stand still."""
+        if len(self._recent) < 2 or self.state(now) != OK:
             return 0.0
-        span = min(_SPAN, max(now - self._recent[0][0], 0.5))
-        return sum(count for _, count in self._recent) / span
+        (came, before, stamp_ns), (newest, count, newest_ns) = self._recent[0], self._recent[-1]
+        span = (newest_ns - stamp_ns) * 1e-9 if newest_ns > stamp_ns else newest - came
+        return (count - before) / span if span > 0.0 else 0.0
+
+    def age(self, now: float) -> float:
+        """Return how long nothing has come [s]."""
+        return now - self._heard
 
     def state(self, now: float) -> str:
         """Return `OK`, `QUIET`, `SILENT` or `NEVER`."""
         if not self.count:
             return NEVER
-        if now - self._heard <= min(self._longest_silence, _SPAN):
+        if self.age(now) <= min(self._longest_silence, _SPAN):
             return OK
-        return SILENT if now - self._heard > self._longest_silence else QUIET
+        return SILENT if self.age(now) > self._longest_silence else QUIET
 
     def view(self, now: float) -> dict[str, Any]:
         """Return what the page shows."""
@@ -107,29 +113,30 @@ class Topic:
         if state == NEVER:
             words.append(self._why_never())
         elif state == SILENT:
-            words.append(f'silent for {now - self._heard:.0f} s')
+            words.append(f'silent for {self.age(now):.0f} s')
         elif state == QUIET:
-            words.append(f'nothing for {now - self._heard:.0f} s')
-        if state in (SILENT, QUIET) and self._looked and not self._publishers:
+            words.append(f'nothing for {self.age(now):.0f} s')
+        if state in (SILENT, QUIET) and self._looked and not self.publishers:
             words.append('nobody publishes it any more')
         if self.refused:
             words.append(f'not shown: {self.refused}')
-        if len(self._publishers) > 1:
-            names = ', '.join(sorted(one.node for one in self._publishers))
-            words.append(f'{len(self._publishers)} publishers: {names}')
+        if len(self.publishers) > 1:
+            names = ', '.join(sorted(one.node for one in self.publishers))
+            words.append(f'{len(self.publishers)} publishers: {names}')
         return words + mismatches(self._endpoints)
 
     @property
-    def _publishers(self) -> list[Endpoint]:
+    def publishers(self) -> list[Endpoint]:
+        """Who publishes it, as far as the graph was looked at."""
         return [one for one in self._endpoints if one.publishes]
 
     def _why_never(self) -> str:
-        others = {one.type_name for one in self._publishers} - {self.type_name}
+        others = {one.type_name for one in self.publishers} - {self.type_name}
         if others:
             return f'expected type {self.type_name}, got {", ".join(sorted(others))}'
-        if not self._publishers:
+        if not self.publishers:
             return f'nobody publishes it; expected type {self.type_name}'
-        count = len(self._publishers)
+        count = len(self.publishers)
         return f'{count} publisher{"s" * (count > 1)}, but nothing has come yet'
 
 

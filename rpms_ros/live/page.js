@@ -11,7 +11,7 @@
     HIDDEN_PERIOD = 1000, PATIENCE = 2000;
   const SENDING = 'stop pressed, sending', UNANSWERED = 'NOT STOPPED by this page: its program does '
     + 'not answer; use the switch of the stimulator';
-  const known = { unit: 'N', estimate: null, driver: null, topics: [], stop: { pressed: false, text: '' } };
+  const known = { unit: 'N', estimate: null, driver: null, topics: [], top: null, stop: { pressed: false, text: '' } };
   let token = '', held = false, canStop = false, socket = null, changed = true;
   let written = 0, drawn = 0, lastFrame = 0, pressedHere = '', drawnEstimate = null;
 
@@ -66,7 +66,8 @@
   function writeEstimate(one) {
     const level = one.confidence ? `${Math.round(100 * one.confidence)} %` : '';
     write('estimate-text', `${one.estimator}: ${one.samples} samples, ${one.pulses} pulses, `
-      + `error of the last second ${shown(100 * (one.output_error || 0), '%')}`);
+      + (one.output_error === null ? 'no error is stated at rest'
+        : `error of the last second ${shown(100 * one.output_error, '%')}`));
     rows('parameter-rows', [...one.parameters, ...one.physiology].map(
       ([name, value, low, high, flag]) => [name, value === null ? '–' : within(value, low, high),
         band(low, high, '') || 'none', flag || '']));
@@ -89,7 +90,8 @@
     write('change-text', one.changes ? `${one.changes} sudden change${one.changes > 1 ? 's' : ''} since the start`
       : 'no sudden change found');
     list('change-list', one.marks.map(([kind, time]) => `${kind} at ${shown(time, 's')}`));
-    write('doubt-text', one.doubts.length
+    write('doubt-text', known.top && known.top.old ? 'not known: these are of the last estimate, which is old'
+      : one.doubts.length
       ? 'The numbers may be wrong by more than their bands say:' : 'no doubts');
     element('doubt-text').classList.toggle('alarm', one.doubts.length > 0);
     list('doubt-list', one.doubts.map(explained));
@@ -124,6 +126,23 @@
       ['faults', one.faults.map(([name, count]) => `${name} ${count}`).join(', ') || 'none'],
     ]);
   }
+  function writeTop(top, heard) {
+    write('title', top.title);
+    document.title = `${top.title}, live`;
+    write('alarms', top.alarms.join('; '));
+    write('next', top.next);
+    document.body.classList.toggle('old', top.old);
+    if (document.body.classList.toggle('waiting', Boolean(top.waiting))) {
+      write('curve-text', top.waiting);
+    } else { plots.resize(); }
+    const one = known.driver;
+    if (!one) { return; }
+    write('glance', `${heard ? '' : 'old: '}${one.schedule
+      ? `${one.time_left === null ? 'not known' : Math.ceil(one.time_left)} s left of ${one.schedule}` : 'no schedule runs'}; `
+      + `dose ${one.dose_pulses} pulses, ${shown(one.dose_energy, 'J')}; `);
+    write('lost', `${one.dropped} dropped, ${one.unverified} not confirmed`);
+    element('lost').classList.toggle('some', one.dropped + one.unverified > 0);
+  }
   function writeTopics(topics) {
     rows('topic-rows', topics.map((one) => [one.name,
       one.count ? shown(one.rate, 'Hz') : '–',
@@ -151,6 +170,7 @@
   }
   function writeTexts() {
     const heard = writeTopics(known.topics);
+    if (known.top) { writeTop(known.top, heard); }
     if (known.driver && heard) { writeDriver(known.driver); }
     if (!held && known.estimate) { writeEstimate(known.estimate); }
     if (!held) {
@@ -174,13 +194,11 @@
       canStop = frame.session.can_stop;
       known.unit = frame.session.unit;
       plots.unit(known.unit);
-      write('title', frame.session.title);
-      document.title = `Live: ${frame.session.title}`;
     }
     if (frame.force) { plots.addForce(frame.force); }
     if (frame.pulses) { plots.addPulses(frame.pulses); }
     if (frame.disturbance) { plots.addEffort(frame.disturbance); }
-    for (const name of ['estimate', 'driver', 'topics', 'stop']) {
+    for (const name of ['estimate', 'driver', 'topics', 'top', 'stop']) {
       if (frame[name]) { known[name] = frame[name]; }
     }
     // that a stop has failed is shown until one is pressed, also over a new connection

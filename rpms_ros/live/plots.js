@@ -68,19 +68,27 @@ const plots = (function () {
       stick(u, pulses.time[i], bottom, u.valToPos(pulses.intensity[i], 'y', true), '--ink', 2);
     }
   }
+  // the noise of a muscle at rest does not fill the plot; with a curve its force is the measure
+  let least = 1;
+  const roomy = { range: (u, low, high) => {
+    if (low === null) { return [0, least]; }
+    const more = Math.max(0, least - (high - low)) / 2;
+    return uPlot.rangeNum(low - more, high + more, 0.1, true);
+  } };
   const x = { time: false, range: () => inView() };
   const banded = [{ series: [2, 1], fill: colour('--band') }];
   const made = {
-    force: make('force-plot', FORCE, '', 'force / N', { x }, [{}, line('low', '--measured', 3),
-      line('high', '--measured', 3), line('modelled', '--modelled', 1.25)],
-    [{ series: [2, 1], fill: colour('--measured') }], { draw: [drawMarks] }),
+    force: make('force-plot', FORCE, '', 'force / N', { x, y: roomy },
+    // the measured force is drawn over the modelled, which is wider
+    [{}, line('modelled', '--wide', 5), line('low', '--measured', 1.25),
+      line('high', '--measured', 1.25)], [{ series: [3, 2], fill: colour('--spread') }], { draw: [drawMarks] }),
     pulses: make('pulse-plot', PULSES, 'time / s', 'intensity', { x, y: { range: [0, 1] } },
       [{}, { show: true, points: { show: false }, stroke: 'transparent' }], [], { draw: [drawPulses] }),
-    effort: make('effort-plot', EFFORT, 'time / s', 'force / N', { x },
+    effort: make('effort-plot', EFFORT, 'time / s', 'force / N', { x, y: roomy },
       [{}, line('lower', '--change', 0.5), line('upper', '--change', 0.5),
         line('value', '--change', 2)], [{ series: [2, 1], fill: colour('--changeband') }], { draw: [drawMarks] }),
     curve: make('curve-plot', CURVE, 'intensity', 'force / N',
-      { x: { time: false, range: [0, 1] } }, [{}, line('lower', '--modelled', 0.5),
+      { x: { time: false, range: [0, 1] }, y: roomy }, [{}, line('lower', '--modelled', 0.5),
         line('upper', '--modelled', 0.5), line('curve', '--modelled', 2)], banded, {}),
     response: make('response-plot', CURVE, 'time after the pulse / s', 'force / N',
       { x: { time: false } }, [{}, line('lower', '--modelled', 0.5),
@@ -143,13 +151,14 @@ const plots = (function () {
   function drawForce(now) {
     if (!moveTo(now) && !fresh) { return; }
     fresh = false;
-    made.force.setData(['time', 'low', 'high', 'modelled'].map(visible));
+    made.force.setData(['time', 'modelled', 'low', 'high'].map(visible));
     made.pulses.setData([[inView()[0], inView()[1]], [0, 0]]);
     const from = Math.max(0, effort.time.findIndex((time) => time >= inView()[0]) - 1);
     made.effort.setData(['time', 'lower', 'upper', 'value'].map((name) => effort[name].slice(from)));
   }
   const none = (part) => part.along.map(() => null);
   function drawCurve(name, part) {
+    if (name === 'curve') { least = part ? 0.2 * Math.max(...part.force) || 1 : 1; }
     made[name].setData(part
       ? [part.along, part.lower || none(part), part.upper || none(part), part.force]
       : [[], [], [], []]);

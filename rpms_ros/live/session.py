@@ -7,6 +7,7 @@ gets larger frames and fewer of them, and nothing is kept for it.
 """
 
 import math
+import re
 from collections import deque
 from collections.abc import Mapping
 from itertools import takewhile
@@ -22,11 +23,14 @@ from rpms_ros.live.driver_view import driver_view
 from rpms_ros.live.estimate_view import estimate_view
 from rpms_ros.live.force_bins import BIN_NS
 from rpms_ros.live.force_bins import ForceBins
+from rpms_ros.live.heard import NEVER
 from rpms_ros.live.heard import OK
+from rpms_ros.live.heard import SILENT
 from rpms_ros.live.heard import Topic
 from rpms_ros.live.modelled import ModelledForce
 from rpms_ros.live.numbers import number
 from rpms_ros.live.numbers import numbers
+from rpms_ros.live.numbers import text
 from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
@@ -41,6 +45,22 @@ _HOLD = 20
 _TOPICS_PERIOD = 0.5
 # The force begins anew after a jump of the clock or a pause: pulses farther away are not with it.
 _NEAR_NS = 10_000_000_000
+# Without a pulse in so long there is no force that an error could be a share of [ns].
+_REST_NS = 1_500_000_000
+_UNNAMED = 'stimulated muscle'
+# What a frame of the estimates is called that nobody has named.
+_ANY_MUSCLE = 'muscle'
+# Identity of a publisher, by which a driver calls a button whose node it does not know yet.
+_IDENTITY = re.compile(r'\b[0-9a-f]{32,48}\b')
+_NEXT = {
+    'unconfigured': 'Configure the driver.',
+    'disarmed': 'Arm the driver, by the operator where one is required.',
+    'armed': 'Start a schedule, or deactivate the driver.',
+    'running': 'Watch the patient, and keep a stop in reach.',
+    STOPPED: 'Find the cause and release every stop, then reset the stop at the driver.',
+    'fault': 'Read the reason, clean the driver up, then configure it again.',
+}
+_UNHEARD = 'Use the switch of the stimulator, then look at the driver: it is not heard.'
 
 
 class Cursor(NamedTuple):
@@ -61,24 +81,39 @@ class LiveSession:
 
     Parameters
     ----------
-    title : str
-        What is shown: the namespace.
+    namespace : str
+        Of the nodes; it names the muscle until the frame of an estimate does.
     topics : mapping of str to Topic
         By `FORCE`, `PULSES`, `ESTIMATE` and `DRIVER`.
     can_stop : bool
         Whether the page offers a stop.
     unit : str
         Of what the sensor measures.
+    own : str
+        Name of the page's node, with its namespace.
+    first_curve_s : float
+        How long an identifier takes from its start to its first curve [s].
+
+    Attributes
+    ----------
+    button_nodes : mapping of str to str
+        Node of each publisher of a stop button, by the identity of the publisher.
     """
 
     def __init__(
         self,
-        title: str,
+        namespace: str,
         topics: Mapping[str, Topic],
         can_stop: bool = False,
         unit: str = 'N',
+        own: str = '/live_page',
+        first_curve_s: float = 60.0,
     ) -> None:
-        self.title = title
+        self.title = namespace.strip('/').replace('_', ' ') or _UNNAMED
+        self.button_nodes: Mapping[str, str] = {}
+        self._own = re.compile(rf'(?<!\w){re.escape(own)}(?![\w/])')
+        self._first_curve_s = first_curve_s
+        self._began = math.nan
         self.unit = unit
         self.topics = topics
         self.can_stop = can_stop
@@ -96,6 +131,7 @@ class LiveSession:
         self._driver: dict[str, Any] | None = None
         self._driver_count = 0
         self._topic_views: list[dict[str, Any]] = []
+        self._top: dict[str, Any] = {}
         self._topic_count = 0
         self._next_topics = -math.inf
         self._stop: dict[str, Any] = {'pressed': False, 'text': ''}
@@ -140,13 +176,27 @@ class LiveSession:
         self._model.estimate(estimate)
         self._disturbance.add(estimate)
 
+    def call(self, frame_id: str) -> None:
+        """Take the frame of an estimate: the name of the muscle, if somebody has given it one."""
+        if frame_id and frame_id != _ANY_MUSCLE:
+            self.title = text(frame_id)
+
     def driver(self, message: Any) -> None:
         """Take an rpms_msgs/DriverStatus."""
         view = driver_view(message)
+        view['reason'] = self._with_nodes(view['reason'])
+        view['buttons'] = [[self._with_nodes(name), state] for name, state in view['buttons']]
         self.state = view['state']
         if view != self._driver:
             self._driver = view
             self._driver_count += 1
+
+    def _with_nodes(self, words: str) -> str:
+        """Return a text of the driver with the nodes of buttons in place of identities."""
+        named = _IDENTITY.sub(
+            lambda found: self.button_nodes.get(found[0], 'a button not named yet'), words
+        )
+        return self._own.sub('this page', named).replace('(this page)', 'by this page')
 
     def stop(self, pressed: bool, text: str) -> None:
         """Take the state of the page's stop."""
@@ -172,7 +222,44 @@ class LiveSession:
             self._next_topics = now + _TOPICS_PERIOD
             self._topic_views = [topic.view(now) for topic in self.topics.values()]
             self._note_bad_data()
+            self._top = self._head(now)
             self._topic_count += 1
+
+    def _head(self, now: float) -> dict[str, Any]:
+        """Return what stands above everything else."""
+        if math.isnan(self._began):
+            self._began = now
+        force, estimate, driver = (self.topics[name] for name in (FORCE, ESTIMATE, DRIVER))
+        old = self._estimate is not None and (
+            bool(estimate.refused) or estimate.state(now) == SILENT
+        )
+        alarms = []
+        if old:
+            why = 'cannot be read' if estimate.refused else f'silent for {estimate.age(now):.0f} s'
+            alarms.append(f'identifier {why}: curve, parameters and doubts are old')
+        if force.state(now) == SILENT:
+            alarms.append(f'no force for {force.age(now):.0f} s: look at the sensor')
+        lost = driver.state(now) == SILENT or bool(driver.refused)
+        return {
+            'title': self.title,
+            'alarms': alarms,
+            'old': old,
+            'waiting': self._waiting(now) if self._estimate is None else '',
+            'next': _UNHEARD if lost else _NEXT.get(self.state, ''),
+        }
+
+    def _waiting(self, now: float) -> str:
+        """Return why there is no estimate yet, and when there will be one."""
+        if self.topics[ESTIMATE].publishers:
+            asleep = self.topics[FORCE].state(now) == NEVER
+            return f'the identifier waits for {"force" if asleep else "pulses"}'
+        left = self._first_curve_s - (now - self._began)
+        if left > 0.0:
+            return f'compiling, first curve in about {5 * math.ceil(left / 5.0)} s'
+        return (
+            f'no identifier for {now - self._began:.0f} s: is it running? One that compiles takes '
+            'longer on a busy machine'
+        )
 
     def _forget_pulses(self) -> None:
         """Forget pulses of another clock than that of the force, which has begun anew."""
@@ -187,7 +274,6 @@ class LiveSession:
         parts: dict[str, Any] = {}
         if cursor == Cursor():
             parts['session'] = {
-                'title': self.title,
                 'can_stop': self.can_stop,
                 'unit': self.unit,
             }
@@ -202,16 +288,24 @@ class LiveSession:
             have = cursor.disturbance if cursor.epoch == self._epoch else 0
             parts['disturbance'] = self._disturbance.since(have, self._origin_ns)
         if self._estimate is not None and self._estimate_count > cursor.estimate:
-            parts['estimate'] = estimate_view(self._estimate, self._origin_ns)
+            parts['estimate'] = self._estimate_part(self._estimate)
         if self._driver_count > cursor.driver:
             parts['driver'] = self._driver
         if self._topic_count > cursor.topics:
-            parts['topics'] = self._topic_views
+            parts['topics'], parts['top'] = self._topic_views, self._top
         if self._stop_count > cursor.stop:
             parts['stop'] = self._stop
         if not parts:
             return cursor, None
         return self._whole(cursor), parts
+
+    def _estimate_part(self, estimate: Estimate) -> dict[str, Any]:
+        view = estimate_view(estimate, self._origin_ns)
+        ago = (estimate.stamp_ns - onset_ns for _, onset_ns, _ in self._pulses)
+        if not any(0 <= one <= _REST_NS for one in ago):
+            # a share of the noise says nothing
+            view['output_error'] = None
+        return view
 
     @property
     def _begun(self) -> bool:

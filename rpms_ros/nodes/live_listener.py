@@ -9,6 +9,7 @@ ever waits for them.
 """
 
 import math
+import struct
 from collections.abc import Callable
 from typing import Any
 from typing import TypeVar
@@ -40,6 +41,7 @@ from rpms_ros.nodes.overridable import second_node
 from rpms_ros.nodes.overridable import subscribe
 from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.taking import Taker
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 
 _Data = TypeVar('_Data', bytes, list[bytes])
 
@@ -136,7 +138,7 @@ class LiveListener:
 
     def _heard(self, key: str, now: float) -> list[bytes]:
         found = self._takers[key].take_data(_MOST)
-        self._session.topics[key].heard(len(found), now)
+        self._session.topics[key].heard(len(found), now, _stamp_of(found[-1]) if found else 0)
         return found
 
     def _read(self, key: str, read: Callable[[_Data], None], data: _Data) -> None:
@@ -153,7 +155,9 @@ class LiveListener:
         self._session.pulse(pulse_in(data))
 
     def _estimate(self, data: bytes) -> None:
-        self._session.estimate(messages.estimate_of(_message(data, MuscleEstimate)))
+        message = _message(data, MuscleEstimate)
+        self._session.estimate(messages.estimate_of(message))
+        self._session.call(message.header.frame_id)
 
     def _driver(self, data: bytes) -> None:
         self._session.driver(_message(data, DriverStatus))
@@ -179,6 +183,16 @@ class LiveListener:
             for publishes, one in found
             if publishes or one.node_name != own
         ]
+
+
+def _stamp_of(data: bytes) -> int:
+    """Return the stamp of a serialised message [ns], with which each of them begins; 0 if none."""
+    order = '<' if data[1:2] and data[1] & 1 else '>'
+    head = data[4:12]
+    if len(head) < 8:
+        return 0
+    seconds, rest = struct.unpack(f'{order}iI', head)
+    return int(seconds * NANOSECONDS_PER_SECOND + rest)
 
 
 def _message(data: bytes, kind: Any) -> Any:

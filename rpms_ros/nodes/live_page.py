@@ -5,6 +5,8 @@
 The thread of the server hears the topics and draws; the executor serves the rest.
 """
 
+import os
+import platform
 import time
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -26,10 +28,12 @@ from rpms_ros.live.access import token_of
 from rpms_ros.live.modelled import warm_up
 from rpms_ros.live.server import LiveServer
 from rpms_ros.live.session import LiveSession
+from rpms_ros.nodes import topics
 from rpms_ros.nodes.construction import complete_or_gone
 from rpms_ros.nodes.diagnostics import PERIOD_S
 from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.diagnostics import Health
+from rpms_ros.nodes.driver_graph import publishers_of
 from rpms_ros.nodes.live_diagnostics import live_health
 from rpms_ros.nodes.live_listener import LiveListener
 from rpms_ros.nodes.live_listener import expected_topics
@@ -108,9 +112,14 @@ class LivePage(Node):
         if settings.token_file and not token:
             token = token_of(Path(settings.token_file).expanduser())
         access = Access(token, settings.names)
-        title = self.get_namespace()
-        unit = UNITS[settings.quantity]
-        self.session = LiveSession(title, expected_topics(self), bool(token), unit)
+        self.session = LiveSession(
+            self.get_namespace(),
+            expected_topics(self),
+            bool(token),
+            UNITS[settings.quantity],
+            self.get_fully_qualified_name(),
+            _first_curve_s(),
+        )
         self.stop = LiveStop(self, self._is_stopped, self._tell) if token else None
         self._health: Health | None = None
         self.listener = LiveListener(self, self.session, axis, settings.quantity)
@@ -126,7 +135,7 @@ class LivePage(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PERIOD_S, self._look, clock=steady)
         logger_of(self).info(
-            f'{self.server.url} shows {title}; '
+            f'{self.server.url} shows {self.get_namespace()}; '
             + ('its stop needs the token' if token else 'it only shows')
         )
 
@@ -140,10 +149,13 @@ class LivePage(Node):
         if self.server.failure is not None:
             raise NodeError(f'expected the page to be served, got {self.server.failure!r}')
         found = self.listener.endpoints()
+        buttons = publishers_of(self, self.resolve_topic_name(topics.EMERGENCY_STOP))
+        nodes = {identity.hex(): name for identity, name in buttons.items()}
 
         def take_over() -> None:
             for key, endpoints in found.items():
                 self.session.topics[key].endpoints(endpoints)
+            self.session.button_nodes = nodes
             # the session belongs to the thread of the server
             self._health = live_health(self.session, len(self.server.browsers), time.monotonic())
 
@@ -156,6 +168,13 @@ class LivePage(Node):
 
     def _tell(self, pressed: bool, text: str) -> None:
         self.server.call(lambda: self.session.stop(pressed, text))
+
+
+def _first_curve_s() -> float:
+    """Return how long it takes to the first curve [s]: as `bench/first_curve.py` measured it."""
+    folder = os.environ.get('NUMBA_CACHE_DIR', '')
+    compiled = any(Path(folder).glob(f'compiled-*-{platform.node()}')) if folder else False
+    return 10.0 if compiled else 60.0
 
 
 def serve(

@@ -74,3 +74,21 @@ def test_who_does_not_hear_whom_because_of_the_quality_of_service():
     assert mismatches([Endpoint('/sensor', 'W', True), kept]) == [
         '/late does not hear /sensor: it asks for transient local, volatile is offered'
     ]
+
+
+def test_a_rate_is_counted_by_the_stamps(topic):
+    """Looks at a topic are not evenly apart, its samples are: 1000 Hz is not shown as 1131."""
+    sent = 0
+    for step in range(1, 60):
+        now = 0.1 * step + 0.03 * (step % 3)
+        count = round(1000 * now) - sent
+        sent += count
+        topic.heard(count, now, 1_000_000 * sent)
+        if step > 1:
+            # exact, but for the arithmetic
+            assert topic.rate(now) == pytest.approx(1000.0, rel=1e-9)
+    # stamps that stand still say nothing: the looks are counted
+    constant = Topic('/pulses', PULSE, 0.5)
+    for step in range(20):
+        constant.heard(10, 0.1 * step, 7)
+    assert constant.rate(1.9) == pytest.approx(100.0)

@@ -195,7 +195,7 @@ async def ended(socket):
 def test_a_browser_gets_the_course_and_then_what_is_new(server, feed, wait_for):
     wait_for(lambda: feed.samples > 500)
     found = asyncio.run(frames(server, 10))
-    assert found[0]['session'] == {'title': '/', 'can_stop': False, 'unit': 'N'}
+    assert found[0]['session'] == {'can_stop': False, 'unit': 'N'}
     parts = [frame['force'] for frame in found if 'force' in frame]
     assert len(parts[0]['low']) > 50
     # each begins where the one before ended: how long it is, is up to the machine

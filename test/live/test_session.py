@@ -12,10 +12,12 @@ from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.plausibility import meaning_of_doubt
 from rpms_ros.identification.tracking.report import RATE_NAMES
 from rpms_ros.live.force_bins import BIN_NS
+from rpms_ros.live.heard import Endpoint
 from rpms_ros.live.modelled import ModelledForce
 from rpms_ros.live.numbers import LONGEST_TEXT
 from rpms_ros.live.numbers import MOST_NAMES
 from rpms_ros.live.session import Cursor
+from rpms_ros.live.session import LiveSession
 from rpms_ros.live.words import PARAMETERS
 from rpms_ros.live.words import RATES
 from rpms_ros.muscle.identified_form import PARAMETER_NAMES
@@ -349,3 +351,76 @@ def test_the_driver_is_sent_when_it_changes(session, make_status):
     session.driver(make_status(state=9, button_states=[77]))
     view = session.frame(cursor)[1]['driver']
     assert (view['state'], view['buttons'][0][1]) == ('state 9', 'state 77')
+
+
+def top_at(session, now):
+    """What stands on top of the page at a time [s], for a browser that comes then."""
+    session.advance(now)
+    return valid(session.frame(Cursor())[1])['top']
+
+
+def test_a_dead_identifier_is_an_alarm_on_top(session, make_estimate):
+    session.estimate(make_estimate())
+    session.topics['estimate'].heard(1, 0.0)
+    assert (top_at(session, 1.0)['old'], top_at(session, 1.0)['alarms']) == (False, [])
+    top = top_at(session, 12.0)
+    assert top['old']
+    assert top['alarms'] == ['identifier silent for 12 s: curve, parameters and doubts are old']
+    session.topics['estimate'].heard(1, 20.0)
+    session.topics['estimate'].refused = 'of another version'
+    assert top_at(session, 20.5)['old']
+
+
+def test_the_next_step_of_the_operator_is_on_top(session, make_status):
+    assert top_at(session, 0.0)['next'] == ''
+    words = 'Configure', 'Arm', 'Start', 'Watch', 'reset the stop', 'clean'
+    for state, word in enumerate(words):
+        session.driver(make_status(state=state))
+        session.topics['driver_status'].heard(1, 1.0 + state)
+        assert word in top_at(session, 1.0 + state)['next']
+    assert 'switch of the stimulator' in top_at(session, 60.0)['next']
+
+
+def test_before_the_first_curve_the_page_says_how_long_it_takes(session, make_estimate):
+    assert top_at(session, 100.0)['waiting'] == 'compiling, first curve in about 60 s'
+    assert top_at(session, 143.0)['waiting'] == 'compiling, first curve in about 20 s'
+    assert top_at(session, 190.0)['waiting'].startswith('no identifier for 90 s')
+    session.topics['estimate'].endpoints([Endpoint('/identifier', '', publishes=True)])
+    assert top_at(session, 191.0)['waiting'] == 'the identifier waits for force'
+    session.estimate(make_estimate())
+    assert top_at(session, 192.0)['waiting'] == ''
+
+
+def test_the_title_is_the_name_of_the_muscle(session):
+    topics = session.topics
+    assert top_at(session, 0.0)['title'] == 'stimulated muscle'
+    assert LiveSession('/left_leg', topics).title == 'left leg'
+    session.call('muscle')
+    assert top_at(session, 1.0)['title'] == 'stimulated muscle'
+    session.call('tibialis anterior')
+    assert top_at(session, 2.0)['title'] == 'tibialis anterior'
+
+
+def test_a_button_is_called_by_its_node_and_the_page_by_itself(session, make_status):
+    own, other, new = '010f78fd' * 4, '020f78fd' * 4, '030f78fd' * 4
+    session.button_nodes = {own: '/live_page', other: '/live_page_2'}
+    told = []
+    for identity in (own, other, new):
+        reason = f'emergency stop is pressed ({identity})'
+        session.driver(make_status(state=4, reason=reason, button_names=[identity]))
+        view = session.frame(Cursor())[1]['driver']
+        told.append((view['reason'], view['buttons'][0][0]))
+    assert told == [
+        ('emergency stop is pressed by this page', 'this page'),
+        ('emergency stop is pressed (/live_page_2)', '/live_page_2'),
+        ('emergency stop is pressed (a button not named yet)', 'a button not named yet'),
+    ]
+
+
+def test_at_rest_no_error_is_stated(session, make_estimate, start_ns):
+    session.estimate(make_estimate())
+    assert valid(session.frame(Cursor())[1])['estimate']['output_error'] is None
+    session.pulse(Pulse(start_ns + 500 * MILLISECOND, 0.5, 1))
+    assert valid(session.frame(Cursor())[1])['estimate']['output_error'] == 0.01
+    session.estimate(make_estimate(stamp_ns=start_ns + 3000 * MILLISECOND))
+    assert valid(session.frame(Cursor())[1])['estimate']['output_error'] is None

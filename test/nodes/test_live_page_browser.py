@@ -337,7 +337,7 @@ def test_hostile_names_are_text(graph, page, browser):
     browser.wait_for("document.querySelectorAll('#fault-rows tr').length === 1")
     browser.wait_for("!document.getElementById('doubtful').hidden")
     browser.wait_for("document.getElementById('state').textContent.includes('onerror')")
-    assert browser.evaluate('document.title') == 'Live: /'
+    assert browser.evaluate('document.title') == 'stimulated muscle, live'
     assert browser.evaluate("document.querySelectorAll('img, td script, li script').length") == 0
     assert '<img src=x' in browser.text('#doubt-list')
     assert '\u202e' not in browser.text('#doubt-list')
@@ -425,6 +425,47 @@ def test_a_page_that_was_killed_says_so_and_comes_back(page_process, browser, un
         assert browser.accessibility_faults() == [], dark
     again, _ = page_process(*place)
     browser.wait_for("document.getElementById('connection').textContent === 'connected'")
-    browser.wait_for("document.getElementById('title').textContent === '/left'")
+    browser.wait_for("document.getElementById('title').textContent === 'left'")
     again.terminate()
     assert (again.communicate()[1].count('Traceback'), again.returncode) == (0, 0)
+
+
+def test_what_the_operator_needs_stands_on_top(graph, page, browser):
+    """First why there is no curve yet, then the driver, and that the identifier has died."""
+    browser.screen(390)
+    browser.open(page.server.url)
+    browser.wait_for("document.getElementById('curve-text').textContent.startsWith('compiling, ')")
+    shown = "document.getElementById('%s').checkVisibility()"
+    assert not browser.evaluate(shown % 'curve-plot')
+    other = graph.add(lambda **options: Node('other', **options))
+    estimates = other.create_publisher(MuscleEstimate, topics.ESTIMATE, qos.ESTIMATE)
+    states = other.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
+    status = DriverStatus(
+        state=DriverStatus.RUNNING, schedule='ramp', time_left=11.2, dose_pulses=7,
+        dose_energy=2.0, pulses_dropped=3,
+    )  # fmt: skip
+    other.create_timer(0.05, lambda: states.publish(status))
+    alive = other.create_timer(
+        0.05, lambda: estimates.publish(MuscleEstimate(estimator='tracking', unit='N'))
+    )
+    graph.wait_for(lambda: browser.text('#doubt-text') == 'no doubts')
+    assert browser.evaluate(shown % 'curve-plot')
+    # without a pulse there is no error in per cent
+    assert 'no error is stated at rest' in browser.text('#estimate-text')
+    graph.wait_for(lambda: browser.text('#glance').startswith('12 s left of ramp; dose 7 pulses'))
+    assert browser.text('#lost') == '3 dropped, 0 not confirmed'
+    assert browser.text('#next').startswith('Watch the patient')
+    above = "document.getElementById('%s').getBoundingClientRect().bottom < 400"
+    assert all(browser.evaluate(above % name) for name in ('glance', 'lost', 'next'))
+    alive.cancel()
+    graph.wait_for(lambda: browser.text('#alarms').startswith('identifier silent for '))
+    assert browser.evaluate(above % 'alarms')
+    assert browser.text('#doubt-text').startswith('not known')
+    grey = "getComputedStyle(document.getElementById('curve-plot')).filter"
+    assert browser.evaluate(grey) == 'grayscale(1)'
+    assert browser.accessibility_faults() == []
+    # the measured force is drawn over the modelled; at rest the axis is as high as 1 N
+    order = browser.evaluate('plots.made.force.series.map((one) => one.label)')
+    assert order.index('modelled') < order.index('low')
+    low, high = browser.evaluate('plots.made.force.scales.y.range(null, 0.01, 0.02)')
+    assert high - low >= 1.0
