@@ -19,13 +19,12 @@ TOPICS = ('force', 'pulses')
 PARAMETERS = (
     ('estimator', 'estimator', 'Algorithm.'),
     ('axis', 'axis', 'Axis of the wrench along which the muscle pulls.'),
-    ('sign', 'sign', '1 or -1: the pull of the muscle is positive.'),
     ('quantity', 'quantity', 'What the sensor measures: force or torque.'),
     ('best_effort', 'best_effort_force', 'Hear a best-effort sensor from the start.'),
     ('use_sim_time', 'use_sim_time', 'Follow /clock, as of a recording that is played.'),
 )
 OF_THE_RECORDER = ('best_effort_force', 'use_sim_time')
-OF_THE_LIVE_PAGE = ('axis', 'sign', 'quantity', 'use_sim_time')
+OF_THE_LIVE_PAGE = ('axis', 'quantity', 'use_sim_time')
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -66,8 +66,8 @@ _RATES = tuple(name for name in _ARRAYS if name.startswith('rate'))
 _YOUNGER = (*_RATES, 'change_ago')
 
 
-def axis_of(text: str, sign: int = 1) -> Axis:
-    """Return the unit vector of ``x``, ``-z`` or ``0.6,0,0.8``, times the sign.
+def axis_of(text: str) -> Axis:
+    """Return the unit vector of ``x``, ``-z`` or ``0.6,0,0.8``.
 
     Raises
     ------
@@ -75,10 +75,9 @@ def axis_of(text: str, sign: int = 1) -> Axis:
         If it is no direction.
     """
     try:
-        x, y, z = unit_vector(text)
+        return unit_vector(text)
     except ValueError as error:
         raise MessageError(str(error)) from error
-    return (sign * x, sign * y, sign * z)
 
 
 def nanoseconds(stamp: Any) -> int:

@@ -68,7 +68,8 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         'random',
         choices=('simulation', 'rpms', 'fes', 'random'),
     )
-    add_option(parser, '--noise N', 0.0, 'standard deviation of the noise of the sensor [N]')
+    text = 'standard deviation of the noise of the sensor [N]; negative: 0.5 %% of the force'
+    add_option(parser, '--noise N', -1.0, text)
     add_option(parser, '--seed K', 1, 'of pulses, noise and random subject')
     add_option(
         parser,
@@ -141,8 +142,6 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
             'seed': arguments.seed,
             'noise': arguments.noise,
             'scenario': scenario,
-            # the identified model has no repetition rate: simulate Eq. (11) at the nominal one
-            'fixed_rate': RATE,
             # on a busy machine pulses arrive late, but still before their force
             'publication_delay': 0.05,
         },
@@ -292,11 +291,15 @@ def _report(
 
 
 def _title(settings: 'SimulationSettings') -> str:
+    from rpms_ros.nodes.plant_parameters import PlantParameters
+    from rpms_ros.nodes.plant_parameters import scenario_of
+
     plant, driver = settings.plant, settings.driver
+    noise = scenario_of(PlantParameters(**plant)).disturbances.noise
     schedule = driver['schedule'].replace('_', ' ')
     happens = f'scenario {plant["scenario"]}, ' if plant['scenario'] else ''
     return (
         f'Live session: {happens}subject {plant["subject"]}, {schedule} intensities at '
-        f'{driver["rate"]:g} Hz, noise {plant["noise"]:g} N, '
+        f'{driver["rate"]:g} Hz, noise {noise:g} N, '
         f'estimator {settings.identifier["estimator"]}'
     )

@@ -113,20 +113,21 @@ def _add_state_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--temporal-summation', type=Path, metavar='FILE', help=text)
 
 
-def add_estimator_options(parser: argparse.ArgumentParser, default: str = 'batch') -> None:
+def add_estimator_options(parser: argparse.ArgumentParser, on_line: bool = False) -> None:
     """Add the options of the estimator."""
     group = parser.add_argument_group('estimator')
     add_option(
         group,
         '--estimator NAME',
-        default,
+        'recursive' if on_line else 'batch',
         'algorithm: batch (everything at once), or as on line horizon (the last 20 s), tracking '
         '(a muscle that changes) or recursive (one pass, as the node by default)',
     )
     add_preset_option(group)
     text = 'repetition rate for which the recruitment curve is stated [Hz]'
     add_option(group, '--rate-hz HZ', 20.0, text)
-    add_option(group, '--seed', 0, "of the estimator's random start")
+    if not on_line:
+        add_option(group, '--seed', 0, "of the estimator's random start")
 
 
 def add_preset_option(parser: 'argparse._ActionsContainer') -> None:

@@ -62,7 +62,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_reading_options(parser)
     add_quantity_option(parser)
     # a node has to be one that works on line
-    add_estimator_options(parser, default='recursive')
+    add_estimator_options(parser, on_line=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -106,7 +106,6 @@ def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
     parameters = {
         'estimator': arguments.estimator,
         'preset': arguments.preset,
-        'seed': arguments.seed,
         'repetition_rate': arguments.rate_hz,
         'quantity': arguments.quantity,
     }

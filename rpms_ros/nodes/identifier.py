@@ -53,6 +53,8 @@ from rpms_ros.pulses import nanoseconds
 
 # Silence of the force after which somebody should look at the sensor [s].
 _SILENCE = 5.0
+# Between two looks at what has arrived; has no influence on the estimates [s].
+_LOOK_PERIOD = 0.02
 
 
 class Identifier(Node):
@@ -72,7 +74,7 @@ class Identifier(Node):
         with told_if_slow(self, COMPILING):
             warm_up(lambda: build_stream(self.settings).estimator)
         self.stream = build_stream(self.settings)
-        self._axis = messages.axis_of(self.settings.axis, self.settings.sign)
+        self._axis = messages.axis_of(self.settings.axis)
         self._unit = UNITS[self.settings.quantity]
         self._reported: dict[str, int] = {}
         self._doubted = ''
@@ -100,7 +102,7 @@ class Identifier(Node):
         StateServices(self, self.settings.state_folder, self._save, self._load)
         follow_parameters(self, self.settings, self._change)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(self.settings.processing_period, self._process, clock=steady)
+        self.create_timer(_LOOK_PERIOD, self._process, clock=steady)
         self.create_timer(PERIOD_S, self._report, clock=steady)
         self._say_what_is_done()
 
@@ -109,7 +111,7 @@ class Identifier(Node):
         settings = self.settings
         logger_of(self).info(
             f'identifying with {self.stream.estimator.name}: {settings.quantity} [{self._unit}] '
-            f'on {force} along {settings.axis}, sign {settings.sign}; pulses on {pulses}'
+            f'on {force} along {settings.axis}; pulses on {pulses}'
         )
 
     def destroy_node(self) -> None:

@@ -27,7 +27,6 @@ from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.warm_start import warm_start
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
-from rpms_ros.seeds import LARGEST_SEED
 
 _STREAM = StreamSettings()
 
@@ -48,9 +47,6 @@ class IdentifierParameters(NodeParameters):
         'people. tracking takes none.',
         choices=PRESET_NAMES,
     )
-    seed: int = parameter(
-        0, 'Seed of the random start of the Hessian.', minimum=0, maximum=LARGEST_SEED
-    )
     repetition_rate: float = parameter(
         DEFAULT_RATE,
         'Rate for which the recruitment curve is stated.',
@@ -60,7 +56,7 @@ class IdentifierParameters(NodeParameters):
     )
     axis: str = parameter(
         'z',
-        'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.',
+        'Axis of the wrench along which the muscle pulls: x, y, z, -x, -y, -z or 0.6,0,0.8.',
         true_is='y',
     )
     quantity: str = parameter(
@@ -68,7 +64,6 @@ class IdentifierParameters(NodeParameters):
         'What the sensor measures: a force, or a torque as an isometric dynamometer does.',
         choices=tuple(UNITS),
     )
-    sign: int = parameter(1, '1 or -1: the pull of the muscle is positive.', minimum=-1, maximum=1)
     best_effort_force: bool = parameter(
         False,
         'Hear a force sensor that publishes best effort from the start; without it, from a second '
@@ -76,17 +71,10 @@ class IdentifierParameters(NodeParameters):
     )
     reorder_delay: float = parameter(
         _STREAM.reorder_delay,
-        'How long a sample waits for pulses.',
+        'How long a sample waits for pulses; one may be late by this less '
+        f'{_STREAM.pulse_look_ahead:g} s.',
         unit='s',
-        minimum=0.0,
-        maximum=10.0,
-    )
-    pulse_look_ahead: float = parameter(
-        _STREAM.pulse_look_ahead,
-        'How far beyond a sample pulses are looked at; the rest of reorder_delay is what a pulse '
-        'may be late.',
-        unit='s',
-        minimum=0.0,
+        minimum=_STREAM.pulse_look_ahead,
         maximum=10.0,
     )
     estimate_period: float = parameter(
@@ -113,13 +101,6 @@ class IdentifierParameters(NodeParameters):
     )
     monitors: tuple[str, ...] = parameter(
         _STREAM.monitors, 'Monitors of the stream, of this package or registered by others.'
-    )
-    processing_period: float = parameter(
-        0.02,
-        'Time between two looks at what has arrived; has no influence on the estimates.',
-        unit='s',
-        minimum=0.001,
-        maximum=1.0,
     )
     state_folder: str = parameter(
         '', 'Folder in which save_state and load_state keep their files; empty refuses both.'
@@ -149,11 +130,9 @@ class IdentifierParameters(NodeParameters):
         except IdentificationError as error:
             raise NodeError(f'parameter preset: {error}') from error
         super().__post_init__()
-        if self.sign == 0:
-            raise NodeError('expected a sign of 1 or -1, got 0')
         try:
             monitors_by_name(stream_settings(self).monitors)
-            messages.axis_of(self.axis, self.sign)
+            messages.axis_of(self.axis)
             if self.temporal_summation or self.start_from:
                 build_estimator(self)
         except (IdentificationError, MessageError) as error:
@@ -164,7 +143,6 @@ def stream_settings(settings: IdentifierParameters) -> StreamSettings:
     """Return how samples and pulses are brought together."""
     return StreamSettings(
         reorder_delay=settings.reorder_delay,
-        pulse_look_ahead=settings.pulse_look_ahead,
         estimate_period=settings.estimate_period,
         longest_gap=settings.longest_gap,
         largest_force=settings.largest_force,
@@ -178,7 +156,7 @@ def build_estimator(settings: IdentifierParameters) -> Estimator:
     estimator = estimator_by_name(
         settings.estimator,
         settings.preset,
-        settings.seed,
+        0,
         settings.repetition_rate,
         TemporalSummation.of_file(Path(path).expanduser()) if path else None,
     )

@@ -65,18 +65,12 @@ class LivePageParameters(NodeParameters):
     )
     axis: str = parameter(
         'z',
-        'Axis of the wrench along which the muscle pulls: x, y, z or 0.6,0,0.8.',
+        'Axis of the wrench along which the muscle pulls: x, y, z, -x, -y, -z or 0.6,0,0.8.',
         true_is='y',
     )
     quantity: str = parameter(
         FORCE, 'What the sensor measures: a force, or a torque.', choices=tuple(UNITS)
     )
-    sign: int = parameter(1, '1 or -1: the pull of the muscle is positive.', minimum=-1, maximum=1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.sign:
-            raise NodeError('parameter sign: expected 1 or -1, got 0')
 
 
 class LivePage(Node):
@@ -108,7 +102,7 @@ class LivePage(Node):
     def _build(self, token: str) -> None:
         """Make the parts of the node, each after those that it depends on."""
         self.settings = settings = declare_parameters(self, LivePageParameters)
-        axis = messages.axis_of(settings.axis, settings.sign)
+        axis = messages.axis_of(settings.axis)
         if settings.token_file and not token:
             token = token_of(Path(settings.token_file).expanduser())
         access = Access(token, settings.names)

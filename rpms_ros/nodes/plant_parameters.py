@@ -30,6 +30,8 @@ RANDOM = 'random'
 _LARGEST_FORCE = 1e6
 _EITHER_SIGN = {'minimum': -_LARGEST_FORCE, 'maximum': _LARGEST_FORCE}
 _KEEP = 'negative keeps the preset'
+# Noise of an ordinary sensor, as a share of the maximum force.
+_NOISE_SHARE = 0.005
 
 
 @dataclass(frozen=True)
@@ -62,21 +64,13 @@ class PlantParameters(NodeParameters):
     saturation: float = parameter(
         -1.0, f'Saturation of recruitment; {_KEEP}.', minimum=-1.0, maximum=2.0
     )
-    threshold_slope: float = parameter(
-        -1.0, f'Sharpness of the bend at the threshold; {_KEEP}.', minimum=-1.0, maximum=1e4
-    )
-    saturation_slope: float = parameter(
-        -1.0, f'Sharpness of the bend at the saturation; {_KEEP}.', minimum=-1.0, maximum=1e4
-    )
-    fixed_rate: float = parameter(
-        0.0,
-        'Repetition rate that gives every pulse its weight; 0: by the interval to the one before.',
-        unit='Hz',
-        minimum=0.0,
-        maximum=1000.0,
-    )
     noise: float = parameter(
-        0.0, 'Standard deviation of the noise.', unit='N', minimum=0.0, maximum=_LARGEST_FORCE
+        -1.0,
+        'Standard deviation of the noise; negative: that of the scenario, or half a percent of '
+        'the maximum force.',
+        unit='N',
+        minimum=-1.0,
+        maximum=_LARGEST_FORCE,
     )
     offset: float = parameter(0.0, 'Constant baseline.', unit='N', **_EITHER_SIGN)
     drift: float = parameter(
@@ -151,9 +145,8 @@ def subject_of(settings: PlantParameters) -> Subject:
         preset = random_subject(np.random.default_rng(settings.seed))
     else:
         preset = subject_by_name(settings.subject)
-    shape = ('threshold', 'saturation', 'threshold_slope', 'saturation_slope')
     curve = preset.recruitment
-    if changes := _given(settings, shape):
+    if changes := _given(settings, ('threshold', 'saturation')):
         curve = dataclasses.replace(curve, **changes).normalised()
     changes = _given(settings, ('maximum_force', 'time_constant', 'latency'))
     return dataclasses.replace(preset, recruitment=curve, **changes)
@@ -166,8 +159,11 @@ def scenario_of(settings: PlantParameters) -> Scenario:
     for name in ('noise', 'offset', 'drift', 'drift_period', 'artifact', 'artifact_decay'):
         given[name] = getattr(settings, name)
     if settings.scenario:
-        default = dataclasses.asdict(Disturbances(saturation=_LARGEST_FORCE))
+        default = {**dataclasses.asdict(Disturbances(saturation=_LARGEST_FORCE)), 'noise': -1.0}
         given = {name: value for name, value in given.items() if value != default[name]}
+    elif settings.noise < 0.0:
+        # without any a resting force would be that of a sensor that is stuck
+        given['noise'] = _NOISE_SHARE * subject_of(settings).maximum_force
     disturbances = dataclasses.replace(scenario.disturbances, **given)
     return dataclasses.replace(scenario, disturbances=disturbances)
 
@@ -176,7 +172,7 @@ def build_plant(settings: PlantParameters) -> SampledPlant:
     """Return the plant that the parameters describe."""
     scenario = scenario_of(settings)
     return SampledPlant(
-        muscle_of(subject_of(settings), scenario.living, settings.fixed_rate or None),
+        muscle_of(subject_of(settings), scenario.living),
         Surroundings(scenario, settings.seed),
         settings.rate,
     )

@@ -37,8 +37,8 @@ PULSES = _profile(5000)
 ESTIMATE = _profile(1000)
 """For subscribers of new estimates."""
 
-# A late subscriber that asks for it gets the newest estimate at once.
-ESTIMATE_KEPT = _profile(1000, DurabilityPolicy.TRANSIENT_LOCAL)
+# A late subscriber that asks for it gets the newest estimate at once, and no older one.
+ESTIMATE_KEPT = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
 DISTURBANCE = _profile(1000)
 

@@ -80,7 +80,7 @@ def replay(
     recording : Recording
         The recording.
     parameters : dict, optional
-        Parameters of the identifier by name; axis, sign and quantity are ignored.
+        Parameters of the identifier by name; axis and quantity are ignored.
     settings : ReplaySettings, optional
         Speed.
     progress : callable
@@ -91,7 +91,7 @@ def replay(
     NodeError
         If a parameter is not valid or the nodes do not find each other.
     """
-    chosen = {**(parameters or {}), 'axis': 'z', 'sign': 1, 'quantity': recording.quantity}
+    chosen = {**(parameters or {}), 'axis': 'z', 'quantity': recording.quantity}
     expected = _expected(recording, _parameters(chosen))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     use_fast_discovery()

@@ -124,8 +124,7 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
         force='/cell/wrench',
         pulses='triggers',
         estimator='horizon',
-        axis='0.6,0,0.8',
-        sign='-1',
+        axis='-0.6,0,-0.8',
         quantity='torque',
         best_effort='true',
         use_sim_time='true',
@@ -138,14 +137,14 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
     identifier, recorder, page = (nodes[name] for name in ('identifier', 'recorder', 'live_page'))
     settings = identifier.settings
     assert identifier.get_fully_qualified_name() == '/left_leg/identifier'
-    assert (settings.estimator, settings.axis, settings.sign) == ('horizon', '0.6,0,0.8', -1)
+    assert (settings.estimator, settings.axis) == ('horizon', '-0.6,0,-0.8')
     assert (settings.quantity, settings.best_effort_force) == ('torque', True)
     # the file of the user comes after that of config/, an argument after both
     assert settings.repetition_rate == 30.0
     assert recorder.settings.best_effort_force
     assert recorder.path == tmp_path / 'session'
     shown = page.settings
-    assert (shown.axis, shown.sign, shown.quantity, shown.port) == ('0.6,0,0.8', -1, 'torque', 0)
+    assert (shown.axis, shown.quantity, shown.port) == ('-0.6,0,-0.8', 'torque', 0)
     for node in nodes.values():
         assert node.get_parameter('use_sim_time').value
         assert node.resolve_topic_name('force') == '/cell/wrench'

@@ -22,7 +22,6 @@ from rpms_msgs.msg import MuscleEstimate
 from rpms_ros import messages
 from rpms_ros.cli import live
 from rpms_ros.errors import LiveError
-from rpms_ros.errors import NodeError
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
@@ -211,8 +210,6 @@ def test_a_taken_port_and_a_bad_token_are_refused(graph, page):
         graph.add(LivePage, port=page.server.port)
     with pytest.raises(LiveError, match='expected a token of 16 to 200 characters, got 5'):
         graph.add(lambda **options: LivePage('short', **options), port=0)
-    with pytest.raises(NodeError, match='parameter sign: expected 1 or -1, got 0'):
-        graph.add(LivePage, port=0, sign=0)
 
 
 @pytest.mark.usefixtures('driven')

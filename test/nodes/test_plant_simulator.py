@@ -57,7 +57,7 @@ class Laboratory:
 
 @pytest.fixture
 def laboratory(graph) -> Iterator[Laboratory]:
-    return Laboratory(graph)
+    return Laboratory(graph, noise=0.0)
 
 
 def test_stamps_lie_on_an_exact_grid_without_a_gap(laboratory: Laboratory) -> None:
@@ -215,6 +215,15 @@ def test_the_truth_of_a_scenario_is_published(graph, tmp_path) -> None:
 def test_a_scenario_that_cannot_be_read_is_refused(graph) -> None:
     with pytest.raises(NodeError, match=r'expected a scenario of bad-sensor, .* got .nowhere.'):
         graph.add(PlantSimulator, scenario='nowhere')
+
+
+def test_a_simulated_sensor_has_the_noise_of_an_ordinary_one_at_rest_too(graph) -> None:
+    laboratory = Laboratory(graph)
+    laboratory.wait_for_samples(300)
+    # 0.5 % of 10 N, five standard errors
+    assert np.std(laboratory.forces) == pytest.approx(0.05, rel=0.2)
+    assert scenario_of(PlantParameters(noise=0.0)).disturbances.noise == 0.0
+    assert scenario_of(PlantParameters(maximum_force=40.0)).disturbances.noise == 0.2
 
 
 def test_parameters_replace_the_disturbances_of_a_scenario() -> None:

@@ -115,7 +115,7 @@ def test_without_recorded_estimates_the_nodes_are_held_against_the_library(
     rpms: Replayed, plain: Path, tmp_path: Path
 ) -> None:
     parameters = tmp_path / 'identifier.yaml'
-    content = {'identifier': {'ros__parameters': {'estimate_period': 0.5, 'seed': 3}}}
+    content = {'identifier': {'ros__parameters': {'estimate_period': 0.5}}}
     parameters.write_text(yaml.safe_dump(content))
     document = json.loads(rpms('replay', plain, '--parameters', parameters, '--json')[1])
     assert document['recorded'] is None
