@@ -64,6 +64,12 @@ def test_links_lead_somewhere(path: Path) -> None:
         assert made or place.exists(), target
 
 
+def test_the_list_of_decisions_names_every_page_once() -> None:
+    folder = DOCS / 'decisions'
+    listed = [target for _, target in links(folder / 'README.md')]
+    assert sorted(listed) == sorted({path.name for path in folder.glob('*.md')} - {'README.md'})
+
+
 def test_every_figure_is_on_a_page() -> None:
     shown = {Path(target).name for path in PAGES for image, target in links(path) if image}
     assert drawn() <= shown
