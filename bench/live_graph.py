@@ -20,6 +20,7 @@ from rpms_ros.nodes.recorder import LOST_KEY
 from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 from rpms_ros.nodes.simulation_launcher import SimulationSettings
 from rpms_ros.recording import read_facts
+from rpms_ros.stimulation import paper_random
 
 LARGEST_LOAD = 1.5
 TAIL = 1.5
@@ -54,7 +55,8 @@ def main(argv: list[str] | None = None) -> int:
     rate = arguments.rate
     settings = SimulationSettings(
         plant={'rate': rate, 'noise': 0.02, 'publication_delay': 0.05},
-        driver={'duration': arguments.duration},
+        driver={},
+        schedule=paper_random(arguments.duration),
         identifier={},
     )
     with tempfile.TemporaryDirectory() as folder:

@@ -28,6 +28,7 @@ from tornado.websocket import websocket_connect
 from rpms_ros.nodes.simulation_launcher import LIVE_PAGE
 from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 from rpms_ros.nodes.simulation_launcher import SimulationSettings
+from rpms_ros.stimulation import paper_random
 
 FORCE_RATE = 1000.0
 LARGEST_LOAD = 0.05
@@ -140,7 +141,8 @@ def main(argv: list[str] | None = None) -> int:
     port = free_port()
     settings = SimulationSettings(
         plant={'rate': FORCE_RATE, 'noise': 0.02, 'publication_delay': 0.05},
-        driver={'duration': 4.0 * span + 30.0},
+        driver={},
+        schedule=paper_random(4.0 * span + 30.0),
         identifier={'estimator': 'horizon'},
         live_page={'port': port},
     )

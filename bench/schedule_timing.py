@@ -10,12 +10,17 @@ exit code 1 if a pulse is later than the limit, or missing and not counted as dr
 import argparse
 import os
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 from driver_graph import graph
 from driver_graph import load
 from driver_graph import spin_until
 from driver_graph import spread
+
+from rpms_ros.stimulation import constant
+from rpms_ros.stimulation import schedule_to_text
 
 LATENESS_LIMIT_S = 10e-3
 # bytes of ten bits: setting and its answer 8, status 6, trigger 3 before the pulse, 3 after it
@@ -37,6 +42,9 @@ def main(argv=None):
     parser.add_argument('--baud', type=float, default=9600.0, help='of the line')
     parser.add_argument('--priority', type=int, default=0, help='real-time priority to ask for')
     arguments = parser.parse_args(argv)
+    schedule = str(Path(tempfile.mkdtemp()) / 'train.yaml')
+    train = constant(0.3, arguments.duration, arguments.rate)
+    Path(schedule).write_text(schedule_to_text(train))
     driver = {
         'require_operator': 'false',
         'require_stop_button': 'false',
@@ -44,12 +52,9 @@ def main(argv=None):
         'lateness_limit': LATENESS_LIMIT_S,
         'autostart': 'true',
         'realtime_priority': arguments.priority,
-        'schedule': 'constant',
-        'high': 0.3,
+        'schedule_file': schedule,
         # twice the rate: the lateness is measured, not the rate limit
         'maximum_rate': 2 * arguments.rate,
-        'rate': arguments.rate,
-        'duration': arguments.duration,
     }
     asked, given, status = [], [], []
     start = START.format(baud=arguments.baud)

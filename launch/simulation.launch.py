@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated muscle, stimulator driver, identifier; a recorder, a live page if asked.
 
-ros2 launch rpms_ros simulation.launch.py namespace:=left_leg schedule:=uniform_random record:=true
+ros2 launch rpms_ros simulation.launch.py namespace:=left_leg schedule:=random.yaml record:=true
 """
-
-from pathlib import Path
 
 from launch_ros.actions import Node
 
@@ -24,7 +22,7 @@ ARGUMENTS = (
     (
         'schedule',
         '',
-        'YAML file or name of a kind, run once everybody listens. Empty: a goal is waited for.',
+        'YAML file, run once everybody listens. Empty: a goal is waited for.',
     ),
 )
 
@@ -45,8 +43,8 @@ def nodes(given: Given) -> list[Node]:
             'minimum_subscribers': listeners,
         },
         'stimulator_driver': {
-            **some(given, quantity='quantity'),
-            **schedule(given('schedule')),
+            **some(given, quantity='quantity', schedule_file='schedule'),
+            **({'autostart': True} if given('schedule') else {}),
             'minimum_subscribers': listeners + 1,
         },
         'identifier': some(given, estimator='estimator', quantity='quantity'),
@@ -62,11 +60,3 @@ def nodes(given: Given) -> list[Node]:
 def some(given: Given, **names: str) -> dict[str, object]:
     """Return parameters of the arguments that are not empty."""
     return {key: given(name) for key, name in names.items() if given(name)}
-
-
-def schedule(asked: str) -> dict[str, object]:
-    """Return the parameters of the driver that make it run a schedule by itself."""
-    if not asked:
-        return {}
-    is_file = Path(asked).suffix in ('.yaml', '.yml')
-    return {'autostart': True, 'schedule_file' if is_file else 'schedule': asked}

@@ -128,6 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
     """Return the parameters of the three nodes."""
+    from rpms_ros.api.simulating import named_schedule
     from rpms_ros.nodes.simulation_launcher import SimulationSettings
 
     scenario = arguments.scenario
@@ -146,15 +147,12 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
             'publication_delay': 0.05,
         },
         driver={
-            'schedule': arguments.schedule,
-            'rate': RATE,
-            'duration': arguments.duration,
-            'seed': arguments.seed,
             # nobody is stimulated, and a busy machine lets a thread wait for longer than a tenth
             'watch_timeout': _WATCH_TIMEOUT,
         },
         identifier={'estimator': estimator, 'preset': arguments.preset},
         live_page=None if arguments.live is None else {'port': arguments.live},
+        schedule=named_schedule(arguments.schedule, arguments.duration, RATE, arguments.seed),
     )
 
 
@@ -294,12 +292,12 @@ def _title(settings: 'SimulationSettings') -> str:
     from rpms_ros.nodes.plant_parameters import PlantParameters
     from rpms_ros.nodes.plant_parameters import scenario_of
 
-    plant, driver = settings.plant, settings.driver
+    plant = settings.plant
     noise = scenario_of(PlantParameters(**plant)).disturbances.noise
-    schedule = driver['schedule'].replace('_', ' ')
+    schedule = settings.schedule.name.replace('_', ' ')
     happens = f'scenario {plant["scenario"]}, ' if plant['scenario'] else ''
     return (
         f'Live session: {happens}subject {plant["subject"]}, {schedule} intensities at '
-        f'{driver["rate"]:g} Hz, noise {noise:g} N, '
+        f'{RATE:g} Hz, noise {noise:g} N, '
         f'estimator {settings.identifier["estimator"]}'
     )

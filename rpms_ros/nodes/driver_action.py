@@ -149,9 +149,7 @@ class ScheduleAction:
             raise GoalRefused(CODES.WRONG_STATE, 'expected no schedule running, got a second goal')
         self._allowed(request)
         schedule = _schedule_of(request)
-        self._controller.check_start(schedule)
-        self._started(request, schedule)
-        return self._controller.start(schedule)
+        return self._controller.start(schedule, lambda: self._started(request, schedule))
 
     def _refuse(self, goal: ServerGoalHandle, code: int, reason: str) -> None:
         said = plain_text(reason)

@@ -13,10 +13,6 @@ from rpms_ros.errors import NodeError
 from rpms_ros.errors import StimulationError
 from rpms_ros.nodes.parameters import NodeParameters
 from rpms_ros.nodes.parameters import parameter
-from rpms_ros.seeds import LARGEST_SEED
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import Segment
-from rpms_ros.stimulation import load_schedule
 from rpms_ros.stimulation.device_specification import DeviceSpecification
 from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import Device
@@ -28,14 +24,9 @@ from rpms_ros.stimulation.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.patient import Patient
 from rpms_ros.stimulation.patient import for_session
 from rpms_ros.stimulation.patient import load_patient
-from rpms_ros.stimulation.repetitive import Constant
-from rpms_ros.stimulation.repetitive import Sinusoid
-from rpms_ros.stimulation.repetitive import Staircase
-from rpms_ros.stimulation.repetitive import UniformRandom
 from rpms_ros.stimulation.settings import DriverSettings
 
 _NODE_NAME = re.compile(r'(/\w+)+|\w+', re.ASCII)
-_SCHEDULES = ('constant', 'uniform_random', 'sinusoid', 'staircase')
 
 
 @dataclass(frozen=True)
@@ -142,7 +133,7 @@ class DriverParameters(NodeParameters):
         maximum=99,
     )
     autostart: bool = parameter(
-        False, 'Configure, activate and run the schedule below; simulated device only.'
+        False, 'Configure, activate and run schedule_file; simulated device only.'
     )
     minimum_subscribers: int = parameter(
         1,
@@ -150,19 +141,7 @@ class DriverParameters(NodeParameters):
         minimum=0,
         maximum=100,
     )
-    schedule_file: str = parameter('', 'YAML file of the schedule; empty takes the one below.')
-    schedule: str = parameter('uniform_random', 'Kind of schedule.', choices=_SCHEDULES)
-    rate: float = parameter(20.0, 'Repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0)
-    duration: float = parameter(90.0, 'Length.', unit='s', minimum=0.01, maximum=86400.0)
-    low: float = parameter(0.0, 'Lowest intensity.', minimum=0.0, maximum=1.0)
-    high: float = parameter(
-        1.0, 'Highest intensity; the one of a constant schedule.', minimum=0.0, maximum=1.0
-    )
-    period: float = parameter(
-        9.0, 'Period of a sinusoid.', unit='s', minimum=0.01, maximum=86400.0
-    )
-    steps: int = parameter(6, 'Steps of a staircase.', minimum=1, maximum=1000)
-    seed: int = parameter(1, 'Seed of a random schedule.', minimum=0, maximum=LARGEST_SEED)
+    schedule_file: str = parameter('', 'YAML file of the schedule of an automatic start.')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -179,8 +158,8 @@ class DriverParameters(NodeParameters):
                     "expected stop_buttons with a node's full name or its last part, such as "
                     f'/left/foot_switch or foot_switch, got {name!r}'
                 )
-        if self.low > self.high:
-            raise NodeError(f'expected low <= high, got {self.low} and {self.high}')
+        if self.autostart and not self.schedule_file:
+            raise NodeError('expected schedule_file with autostart, got none')
 
     def _require_safeguards(self) -> None:
         """Raise NodeError if something that a real device needs is switched off."""
@@ -288,25 +267,3 @@ def driver_settings_of(settings: DriverParameters) -> DriverSettings:
         force_timeout_s=settings.force_timeout,
         temperature_limit=settings.temperature_limit,
     )
-
-
-def schedule_of(settings: DriverParameters) -> Schedule:
-    """Return the schedule that the parameters name.
-
-    Raises
-    ------
-    StimulationError
-        If its file cannot be read or does not describe one.
-    """
-    if settings.schedule_file:
-        return load_schedule(Path(settings.schedule_file).expanduser())
-    rate, duration, low, high = settings.rate, settings.duration, settings.low, settings.high
-    rise = (high - low) / max(1, settings.steps - 1)
-    levels = tuple(min(1.0, low + step * rise) for step in range(settings.steps))
-    segments: dict[str, Segment] = {
-        'constant': Constant(rate, duration, intensity=high),
-        'uniform_random': UniformRandom(rate, duration, low=low, high=high),
-        'sinusoid': Sinusoid(rate, duration, low=low, high=high, period_s=settings.period),
-        'staircase': Staircase(rate, duration, levels=levels),
-    }
-    return Schedule((segments[settings.schedule],), name=settings.schedule, seed=settings.seed)

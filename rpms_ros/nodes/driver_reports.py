@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a stimulator driver tells: lines in its log, refusals, its status and its diagnostics."""
+"""What a stimulator driver tells: lines in its log, refusals, schedules, status, diagnostics."""
 
 import time
 from typing import Any
@@ -8,15 +8,21 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from rpms_msgs.msg import AcceptedSchedule
 from rpms_msgs.msg import DriverStatus
+from rpms_ros import messages
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.driver_audit import DriverAudit
 from rpms_ros.nodes.driver_diagnostics import DriverDiagnostics
 from rpms_ros.nodes.driver_status import DriverView
+from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.plain_text import plain_text
+from rpms_ros.printable import counted
 from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation.description import text_hash
 from rpms_ros.stimulation.states import State
 
 _DIAGNOSTICS_PERIOD_S = 1.0
@@ -40,10 +46,18 @@ class DriverReports:
         What a status is made of.
     device : str
         Kind of device, and its port.
+    frame_id : str
+        Frame of the pulses.
     """
 
-    def __init__(self, node: Node, audit: DriverAudit, view: DriverView, device: str) -> None:
+    def __init__(
+        self, node: Node, audit: DriverAudit, view: DriverView, device: str, frame_id: str
+    ) -> None:
         self._node = node
+        self._frame_id = frame_id
+        self._accepted = node.create_publisher(
+            AcceptedSchedule, topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE
+        )
         self._audit = audit
         self._view = view
         self._status = node.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
@@ -71,6 +85,36 @@ class DriverReports:
             logger_of(self._node).warning(self._note)
             self._audit.note('refusal', reason=said)
 
+    def announce(self, schedule: Schedule, text: str, operator: str) -> None:
+        """Log and publish a schedule before its first pulse; `text` is what it came as.
+
+        Raises
+        ------
+        StimulationError
+            If the audit log cannot be written.
+        """
+        name, operator_id = plain_text(schedule.name), plain_text(operator)
+        pulses, sha256 = int(schedule.pulse_count), text_hash(text)
+        self._audit.require(
+            'schedule',
+            operator=operator_id,
+            name=name,
+            pulses=pulses,
+            text=plain_text(text),
+            text_sha256=sha256,
+        )
+        message = AcceptedSchedule(
+            header=messages.header_message(time.time_ns(), self._frame_id, MESSAGE_TYPES),
+            name=name,
+            schedule=text,
+            sha256=sha256,
+            operator_id=operator_id,
+            pulses=pulses,
+            duration=float(schedule.length_s),
+        )
+        self._accepted.publish(message)
+        self.say(f'running {name}, {counted(pulses, "pulse")}')
+
     def forget_refusal(self) -> None:
         """Show no refusal any more."""
         self._note = ''
@@ -94,8 +138,12 @@ class DriverReports:
         changed = said != before
         if said[0] is State.FAULT and before[:1] != said[:1]:
             logger_of(self._node).error(f'fault: {plain_text(said[2])}')
-        if changed or now_ns >= self._next_status_ns:
-            self._next_status_ns = now_ns + nanoseconds(1.0 / status_rate)
+        due = now_ns >= self._next_status_ns
+        if due:
+            # from when it was due: a tick that comes a little early or late moves none after it
+            following_ns = self._next_status_ns + nanoseconds(1.0 / status_rate)
+            self._next_status_ns = max(following_ns, now_ns)
+        if changed or due:
             self._status.publish(self._view.status(stamp, now_ns, self._note))
         if changed or now_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = now_ns + nanoseconds(_DIAGNOSTICS_PERIOD_S)

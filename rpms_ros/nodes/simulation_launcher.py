@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from dataclasses import field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -42,10 +43,13 @@ from rpms_ros.nodes.discovery import use_fast_discovery
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.runner import PARENT_VARIABLE
 from rpms_ros.nodes.stop_request import StopRequest
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import paper_random
+from rpms_ros.stimulation import schedule_to_text
 
 PLANT, IDENTIFIER, DRIVER = 'plant_simulator', 'identifier', 'stimulator_driver'
 LIVE_PAGE = 'live_page'
-RECORDING = 'recording'
+RECORDING, SCHEDULE = 'recording', 'schedule.yaml'
 
 # Compilation for the first time takes most of it, minutes on a busy machine.
 STARTUP_LIMIT = 300.0
@@ -65,19 +69,22 @@ class SimulationSettings:
         Parameters of the three nodes.
     live_page : dict or None
         Parameters of the live page; None: no live page.
+    schedule : Schedule
+        What the driver runs.
     """
 
     plant: dict[str, Any]
     driver: dict[str, Any]
     identifier: dict[str, Any]
     live_page: dict[str, Any] | None = None
+    schedule: Schedule = field(default_factory=paper_random)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the nodes that run as processes."""
         return (PLANT, IDENTIFIER, DRIVER) + ((LIVE_PAGE,) if self.live_page is not None else ())
 
-    def of(self, name: str) -> dict[str, Any]:
+    def of(self, name: str, folder: Path) -> dict[str, Any]:
         """Return the parameters of a node with those that make the nodes wait for each other."""
         # Subscribers of the force are identifier and recorder, of the pulses the plant too; a live
         # page subscribes to both.
@@ -88,6 +95,7 @@ class SimulationSettings:
             IDENTIFIER: self.identifier,
             DRIVER: {
                 'autostart': True,
+                'schedule_file': str(folder / SCHEDULE),
                 'minimum_subscribers': 3 + page,
                 'require_operator': False,
                 'require_stop_button': False,
@@ -161,6 +169,7 @@ class SimulationLauncher:
             self.folder.mkdir(parents=True)
         except OSError as error:
             raise NodeError(f'expected a new folder {self.folder}, got {error}') from error
+        (self.folder / SCHEDULE).write_text(schedule_to_text(self._settings.schedule))
         with contextlib.ExitStack() as stack:
             self._stop_request = StopRequest()
             stack.callback(self._stop_request.restore)
@@ -185,7 +194,7 @@ class SimulationLauncher:
     def _start(self, name: str, domain: int) -> None:
         """Start a node as a process in its own session, which does not receive Ctrl-C."""
         file = self.folder / f'{name}.yaml'
-        parameters = {name: {'ros__parameters': self._settings.of(name)}}
+        parameters = {name: {'ros__parameters': self._settings.of(name, self.folder)}}
         file.write_text(yaml.safe_dump(parameters, sort_keys=False))
         environment = {
             **os.environ,

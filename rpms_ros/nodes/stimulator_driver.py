@@ -9,6 +9,7 @@ Life cycle: configure opens the device, activate arms it, deactivate disarms, cl
 import os
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
@@ -37,25 +38,21 @@ from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.driver_parameters import ledger_of
-from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.driver_pulses import PulsePublisher
 from rpms_ros.nodes.driver_refusal import AUDIT
 from rpms_ros.nodes.driver_reports import DriverReports
-from rpms_ros.nodes.driver_schedule import SchedulePublisher
 from rpms_ros.nodes.driver_status import DriverView
 from rpms_ros.nodes.driver_watch import DriverWatch
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.logger import logger_of
 from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.nodes.runner import run
-from rpms_ros.printable import counted
 from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import load_schedule
 from rpms_ros.stimulation.authority import Authority
 from rpms_ros.stimulation.controller import StimulationController
 from rpms_ros.stimulation.description import schedule_to_text
-from rpms_ros.stimulation.description import text_hash
 from rpms_ros.stimulation.device_lock import DeviceLock
 from rpms_ros.stimulation.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.safety_monitor import POSSIBLE
@@ -101,7 +98,9 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._lock_of_device = None if settings.simulated else DeviceLock(settings.port)
         self._active = False
         self._autostart = settings.autostart
-        self._schedule = schedule_of(settings) if self._autostart else None
+        self._schedule: Schedule | None = None
+        if self._autostart:
+            self._schedule = load_schedule(Path(settings.schedule_file).expanduser())
         self._audit = DriverAudit(settings.audit_log, self._on_audit_failed)
         self._parts.callback(self._audit.close)
         self._parts.callback(self._audit.note, 'end')
@@ -111,9 +110,8 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._audit.require('session', driver=name, device=device, process=os.getpid())
         self._pulses = PulsePublisher(self, settings.frame_id)
         self.controller.on_fired = self._pulses.publish
-        self._accepted = SchedulePublisher(self, settings.frame_id)
         view = DriverView(self.controller, self.buttons, self.authority, self._ledger, device)
-        self._reports = DriverReports(self, self._audit, view, device)
+        self._reports = DriverReports(self, self._audit, view, device, settings.frame_id)
         refuse = self._reports.refuse
         self._operator = OperatorServices(
             self, self.authority, settings.require_operator, self._arm, refuse
@@ -265,21 +263,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _on_start(self, goal: RunSchedule.Goal, schedule: Schedule) -> None:
-        self._announce(schedule, text_of(goal, schedule), goal.operator_id)
-
-    def _announce(self, schedule: Schedule, text: str, operator: str) -> None:
-        """Log and publish the operator and the schedule before the first pulse."""
-        self._audit.require(
-            'schedule',
-            operator=plain_text(operator),
-            name=plain_text(schedule.name),
-            pulses=int(schedule.pulse_count),
-            text=plain_text(text),
-            text_sha256=text_hash(text),
-        )
-        self._accepted.publish(schedule, text, operator)
-        pulses = counted(schedule.pulse_count, 'pulse')
-        self._reports.say(f'running {plain_text(schedule.name)}, {pulses}')
+        self._reports.announce(schedule, text_of(goal, schedule), goal.operator_id)
 
     def _on_reset(self) -> None:
         self._reports.say('stop was reset')
@@ -329,9 +313,10 @@ class StimulatorDriver(GuardedLifecycleNode):
                 self.change(Transition.TRANSITION_CONFIGURE)
             if self.controller.state is State.DISARMED:
                 self.change(Transition.TRANSITION_ACTIVATE)
-            if self.controller.state is State.ARMED and self._schedule is not None:
-                self._announce(self._schedule, schedule_to_text(self._schedule), '')
-                self.controller.start(self._schedule)
+            schedule = self._schedule
+            if self.controller.state is State.ARMED and schedule is not None:
+                text = schedule_to_text(schedule)
+                self.controller.start(schedule, lambda: self._reports.announce(schedule, text, ''))
         except RpmsError as error:
             self._reports.refuse(str(error))
 

@@ -106,12 +106,16 @@ class StimulationController(PulseOwner):
                 f'got {maximum_intensity:g}'
             )
 
-    def check_start(self, schedule: Schedule) -> None:
-        """Raise what `start` would raise."""
-        self._deliverable_plan(schedule, self._first_onset_ns())
-
-    def start(self, schedule: Schedule) -> Run:
+    def start(self, schedule: Schedule, accepted: Callable[[], object] = bool) -> Run:
         """Begin a schedule; its first pulse is due after the lead time.
+
+        Parameters
+        ----------
+        schedule : Schedule
+            What is run.
+        accepted : callable
+            Called once nothing stands against it any more, before the first pulse; what it
+            raises prevents that pulse.
 
         Raises
         ------
@@ -137,6 +141,14 @@ class StimulationController(PulseOwner):
             if isinstance(error, DoseExceeded):
                 raise Refused(error.limit, str(error)) from error
             raise
+        try:
+            accepted()
+        except Exception as error:
+            self.cancel(str(error))
+            raise
+        run.start_ns = max(run.start_ns, self._first_onset_ns())
+        run.announced = True
+        self.wake.set()
         return run
 
     def due_ns(self) -> int | None:

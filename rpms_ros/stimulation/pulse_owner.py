@@ -78,7 +78,7 @@ class PulseOwner(DeviceOwner):
 
     def _advance(self) -> int:
         run, now = self.run, self._clock()
-        if run is None or self.state is not State.RUNNING:
+        if run is None or self.state is not State.RUNNING or not run.announced:
             return now + LOOK_NS
         trigger_ns = max(run.due_ns - self._trigger_ns, self._hold_ns)
         ahead_ns = nanoseconds(max(self.settings.prepare_s, self.device.prepare_s))

@@ -31,6 +31,8 @@ class Run:
         Why it is over; empty while it runs.
     cause : str
         The same in one word of `CAUSES`; empty while it runs.
+    announced : bool
+        Whether its first pulse may come: whoever has to know of it was told.
     """
 
     schedule: Schedule
@@ -42,6 +44,7 @@ class Run:
     energy_j: float = 0.0
     ended: str = ''
     cause: str = ''
+    announced: bool = False
 
     def __post_init__(self) -> None:
         # plain lists: an element of an array costs ten times as much, once a pulse

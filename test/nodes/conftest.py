@@ -18,6 +18,9 @@ from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.recording import read_recording
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import UniformRandom
+from rpms_ros.stimulation import schedule_to_text
 
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 TOKEN = 'correct-horse-battery'
@@ -52,7 +55,19 @@ def page(graph):
 
 
 @pytest.fixture
-def driven(graph):
+def schedule_file(tmp_path):
+    """Write a schedule; return its path."""
+
+    def write(schedule):
+        path = tmp_path / 'schedule.yaml'
+        path.write_text(schedule_to_text(schedule))
+        return str(path)
+
+    return write
+
+
+@pytest.fixture
+def driven(graph, schedule_file):
     """A simulated muscle that is stimulated for a minute, and its identifier."""
     identifier = graph.add(Identifier, estimator='horizon')
     graph.add(PlantSimulator, minimum_subscribers=2, publication_delay=0.05, noise=0.02)
@@ -62,8 +77,7 @@ def driven(graph):
         require_operator=False,
         require_stop_button=False,
         minimum_subscribers=3,
-        duration=60.0,
-        low=0.2,
+        schedule_file=schedule_file(Schedule((UniformRandom(20.0, 60.0, low=0.2),), seed=1)),
         **PATIENT,
     )
     return identifier, driver

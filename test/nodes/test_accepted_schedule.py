@@ -25,6 +25,7 @@ from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
 from rpms_ros.recording.scan import Scan
 from rpms_ros.recording.verifying import verify as verify_recording
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.audit_log import verify
 
 TEXT = """name: wärm-up
@@ -170,7 +171,7 @@ def test_a_schedule_that_is_refused_is_told_to_nobody(graph, running) -> None:
     assert heard[0].name == 'second'
 
 
-def test_a_schedule_that_starts_by_itself_is_told_with_its_text(graph) -> None:
+def test_a_schedule_that_starts_by_itself_is_told_with_its_text(graph, schedule_file) -> None:
     heard = heard_by(graph, 'other')
     graph.add(
         StimulatorDriver,
@@ -181,8 +182,7 @@ def test_a_schedule_that_starts_by_itself_is_told_with_its_text(graph) -> None:
         lateness_limit=0.1,
         autostart=True,
         minimum_subscribers=0,
-        duration=0.2,
-        rate=50.0,
+        schedule_file=schedule_file(constant(0.5, 0.2, 50.0)),
     )
     graph.wait_for(lambda: len(heard) == 1)
     assert heard[0].sha256 == hashlib.sha256(heard[0].schedule.encode()).hexdigest()

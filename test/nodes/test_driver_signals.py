@@ -16,6 +16,7 @@ from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.stop_request import ENDING
 from rpms_ros.nodes.stop_request import name_of
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.audit_log import verify
 
 # a machine under load may hold up the driver for seconds; what these limits do is tested elsewhere
@@ -33,9 +34,6 @@ ARGUMENTS = (
     'autostart:=true',
     'require_operator:=false',
     'require_stop_button:=false',
-    'schedule:=constant',
-    'rate:=50.0',
-    'high:=0.5',
     'executor_timeout:=5.0',
     'watch_timeout:=5.0',
     'lateness_limit:=0.1',
@@ -45,7 +43,7 @@ ARGUMENTS = (
 class DriverProcess:
     """A driver in a process of its own that runs a train, and a node that listens."""
 
-    def __init__(self, graph, domain, folder):
+    def __init__(self, graph, domain, folder, schedule):
         self.graph = graph
         self.pulses, self.statuses = [], []
         listener = graph.add(lambda **options: Node('listener', **options))
@@ -53,7 +51,7 @@ class DriverProcess:
         listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
         listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
         self.audit = folder / 'audit.jsonl'
-        arguments = [*ARGUMENTS, f'audit_log:={self.audit}']
+        arguments = [*ARGUMENTS, f'audit_log:={self.audit}', f'schedule_file:={schedule}']
         self.process = subprocess.Popen(
             [sys.executable, '-c', START, '--ros-args']
             + [part for argument in arguments for part in ('-p', argument)],
@@ -71,8 +69,9 @@ class DriverProcess:
 
 
 @pytest.fixture
-def driver(graph, domain, tmp_path):
-    started = DriverProcess(graph, domain, tmp_path)
+def driver(graph, domain, tmp_path, schedule_file):
+    train = schedule_file(constant(0.5, 90.0, 50.0))
+    started = DriverProcess(graph, domain, tmp_path, train)
     yield started
     started.process.kill()
     started.process.communicate()

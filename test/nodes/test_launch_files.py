@@ -25,6 +25,7 @@ from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.stimulation import paper_random
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS: dict[str, Callable[..., Node]] = {
@@ -207,12 +208,12 @@ def test_without_a_schedule_the_driver_waits_for_a_goal(load) -> None:
     assert driver['parameters'][1] == {'minimum_subscribers': 2}
     (driver,) = (
         n
-        for name, n in load('simulation', schedule='sinusoid').nodes.items()
+        for name, n in load('simulation', schedule='slow.yaml').nodes.items()
         if name == 'stimulator_driver'
     )
     assert driver['parameters'][1] == {
         'autostart': True,
-        'schedule': 'sinusoid',
+        'schedule_file': 'slow.yaml',
         'minimum_subscribers': 2,
     }
 
@@ -245,11 +246,12 @@ if shutil.which('ros2'):
         for argument in load(name).declared:
             assert f"'{argument}':" in said
 
-    def test_ros2_launch_runs_the_simulation(graph, ros2) -> None:
+    def test_ros2_launch_runs_the_simulation(graph, ros2, schedule_file) -> None:
         estimates: list[MuscleEstimate] = []
         probe = graph.add(lambda **options: Node('probe', namespace='left_leg', **options))
         probe.create_subscription(MuscleEstimate, 'estimate', estimates.append, qos.ESTIMATE)
-        arguments = ('namespace:=left_leg', 'schedule:=uniform_random', 'estimator:=horizon')
+        schedule = schedule_file(paper_random())
+        arguments = ('namespace:=left_leg', f'schedule:={schedule}', 'estimator:=horizon')
         ros2('launch', 'rpms_ros', 'simulation.launch.py', *arguments)
         graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20, 120.0)
         assert estimates[-1].estimator == 'horizon'

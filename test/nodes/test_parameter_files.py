@@ -12,8 +12,6 @@ from rclpy.node import Node
 from rpms_ros.errors import NodeError
 from rpms_ros.errors import StimulationError
 from rpms_ros.muscle.scenario import load_scenario
-from rpms_ros.nodes.driver_parameters import DriverParameters
-from rpms_ros.nodes.driver_parameters import schedule_of
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
 from rpms_ros.nodes.live_page import LivePageParameters
 from rpms_ros.nodes.parameters import NodeParameters
@@ -82,7 +80,6 @@ def test_files_that_parameters_name_may_be_in_the_home(
     with pytest.raises(NodeError, match='expected a session with a recruitment curve'):
         IdentifierParameters(estimator='horizon', start_from='~/law.json')
     assert load_scenario('~/mine.yaml').name == 'mine'
-    assert len(schedule_of(DriverParameters(schedule_file='~/train.yaml')).segments) == 1
     with pytest.raises(StimulationError, match=r'train\.yaml'):
         load_device_specification('~/train.yaml')
 

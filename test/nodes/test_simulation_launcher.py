@@ -26,6 +26,8 @@ from rpms_ros.nodes.simulation_launcher import SimulationSettings
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.recording import read_recording
 from rpms_ros.report.recorded import true_muscle
+from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import UniformRandom
 
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 
@@ -65,7 +67,7 @@ def demo(folder: Path, *options: str) -> str:
     return done.stdout
 
 
-def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
+def test_a_lab_can_compose_the_nodes_in_one_process(graph, schedule_file) -> None:
     estimates: list[Estimate] = []
     probe = graph.add(lambda **options: Node('probe', **options))
     probe.create_subscription(
@@ -83,8 +85,7 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph) -> None:
         require_operator=False,
         require_stop_button=False,
         minimum_subscribers=2,
-        duration=2.0,
-        low=0.4,
+        schedule_file=schedule_file(Schedule((UniformRandom(20.0, 2.0, low=0.4),), seed=1)),
         executor_timeout=5.0,
         watch_timeout=5.0,
     )

@@ -4,6 +4,7 @@
 
 import asyncio
 import os
+import random
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ from rclpy.node import Node
 
 import rpms_ros
 from rpms_msgs.action import RunSchedule
+from rpms_msgs.msg import AcceptedSchedule
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import Pulse
 from rpms_ros.errors import RpmsError
@@ -26,7 +28,9 @@ from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.schedule_messages import schedule_message
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation import schedule_from_text
+from rpms_ros.stimulation.audit_log import verify
 
 SPECIFICATIONS = Path(rpms_ros.__file__).parent / 'stimulation' / 'device_specifications'
 SHORT = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]'
@@ -267,7 +271,7 @@ def test_shutdown_of_the_context_stops_the_pulses(graph):
     assert not lab.driver.controller.device.armed
 
 
-def test_autostart_waits_for_its_listeners(graph):
+def test_autostart_waits_for_its_listeners(graph, schedule_file):
     driver = graph.add(
         StimulatorDriver,
         require_operator=False,
@@ -276,8 +280,7 @@ def test_autostart_waits_for_its_listeners(graph):
         watch_timeout=5.0,
         lateness_limit=0.1,
         autostart=True,
-        duration=0.2,
-        rate=50.0,
+        schedule_file=schedule_file(constant(0.5, 0.2, 50.0)),
     )
     graph.wait_for(lambda: driver.count_publishers(topics.PULSES) == 1)
     assert driver.controller.state.name == 'UNCONFIGURED'
@@ -288,9 +291,41 @@ def test_autostart_waits_for_its_listeners(graph):
     graph.wait_for(lambda: driver.controller.reason == 'completed')
 
 
+def test_an_automatic_start_that_is_refused_is_announced_nowhere(graph, schedule_file, tmp_path):
+    log = tmp_path / 'audit'
+    heard = []
+    other = graph.add(lambda **options: Node('other', **options))
+    other.create_subscription(
+        AcceptedSchedule, topics.ACCEPTED_SCHEDULE, heard.append, qos.ACCEPTED_SCHEDULE
+    )
+    lab = Laboratory(
+        graph,
+        autostart=True,
+        schedule_file=schedule_file(constant(0.5, 0.2, 90.0)),
+        audit_log=str(log),
+    )
+    graph.wait_for(lambda: 'maximum_rate_hz: expected' in lab.reason)
+    lab.driver._audit.close()
+    kinds = [record.content['kind'] for record in verify(log).records]
+    assert 'refusal' in kinds
+    assert 'schedule' not in kinds
+    assert heard == []
+
+
+def test_the_status_comes_at_its_rate_however_the_ticks_jitter(graph):
+    driver = graph.add(StimulatorDriver)
+    reports, sent, chance = driver._reports, [], random.Random(1)
+    reports._status = SimpleNamespace(publish=sent.append)
+    stamp = driver.get_clock().now().to_msg()
+    for tick in range(400):
+        reports.publish(stamp, 10**18 + tick * 50_000_000 + chance.randrange(2_000_000), 10.0)
+    assert 198 <= len(sent) <= 203
+
+
 @pytest.mark.parametrize('reached', ['configured', 'armed'])
-def test_autostart_goes_on_where_somebody_has_begun_by_hand(graph, reached):
-    lab = Laboratory(graph, autostart=True, duration=0.2, rate=50.0, minimum_subscribers=2)
+def test_autostart_goes_on_where_somebody_has_begun_by_hand(graph, reached, schedule_file):
+    train = schedule_file(constant(0.5, 0.2, 50.0))
+    lab = Laboratory(graph, autostart=True, schedule_file=train, minimum_subscribers=2)
     if reached == 'configured':
         assert lab.change(Transition.TRANSITION_CONFIGURE)
     else:
@@ -304,7 +339,7 @@ def test_autostart_goes_on_where_somebody_has_begun_by_hand(graph, reached):
 @pytest.mark.parametrize(
     ('parameters', 'reason'),
     [
-        ({'low': 0.5, 'high': 0.2}, 'expected low <= high, got 0.5 and 0.2'),
+        ({'autostart': True}, 'expected schedule_file with autostart, got none'),
         ({'device': 'oracle'}, 'device: expected one of'),
         (
             {'device': 'serial', 'require_operator': False},

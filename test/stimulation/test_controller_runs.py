@@ -358,3 +358,30 @@ def test_stop_keeps_its_first_cause(driver_in):
     driver.controller.stop('one', 'first')
     driver.controller.stop('two', 'second')
     assert driver.controller.interlocks.latched_reason == 'first'
+
+
+def test_a_run_is_told_once_nothing_stands_against_it_and_before_its_first_pulse(virtual):
+    driver = virtual().armed()
+    told = []
+    with pytest.raises(Refused, match='maximum_rate_hz: expected'):
+        driver.controller.start(constant(0.5, 1.0, 200.0), lambda: told.append('too fast'))
+    assert told == []
+
+    def slowly():
+        # as a disk that takes its time
+        driver.advance(0.3)
+        told.append((driver.controller.state, len(driver.device.commands)))
+
+    run = driver.controller.start(constant(0.5, 1.0, 20.0), slowly)
+    driver.advance(2.0)
+    assert told == [(State.RUNNING, 0)]
+    assert (run.delivered, run.dropped) == (20, 0)
+
+
+def test_a_run_that_cannot_be_told_gives_no_pulse(virtual):
+    driver = virtual().armed()
+    with pytest.raises(ZeroDivisionError, match='division'):
+        driver.controller.start(constant(0.5, 1.0, 20.0), lambda: 1 // 0)
+    driver.advance(2.0)
+    assert driver.device.commands == []
+    assert driver.controller.state is State.DISARMED
