@@ -27,7 +27,7 @@ from rpms_ros.identification.analysis.twitch_fits import CONSTANT
 from rpms_ros.identification.analysis.twitch_fits import ONSET
 from rpms_ros.muscle import random_subject
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_csv
+from rpms_ros.recording.importing import read_csv
 from rpms_ros.stimulation.analysis_protocols import recruitment
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / 'shared/data'))

@@ -16,7 +16,7 @@ import numpy as np
 
 from rpms_ros.identification.analysis import analyze_trains
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.recording import read_csv
+from rpms_ros.recording.importing import read_csv
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / 'shared/data'))
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings in, recordings out, arrays in between; needs no ROS."""
 
-from rpms_ros.recording.csv_import import GateSettings
-from rpms_ros.recording.csv_import import read_csv
 from rpms_ros.recording.reading import Recording
 from rpms_ros.recording.reading import RecordingFacts
 from rpms_ros.recording.reading import Topics
@@ -16,12 +14,10 @@ from rpms_ros.recording.writing import write_recording
 
 __all__ = [
     'FurtherTopic',
-    'GateSettings',
     'Recording',
     'RecordingFacts',
     'RecordingWriter',
     'Topics',
-    'read_csv',
     'read_facts',
     'read_recording',
     'session_hash',

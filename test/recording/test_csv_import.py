@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording import GateSettings
-from rpms_ros.recording import read_csv
-from rpms_ros.recording.csv_import import gate_pulses
+from rpms_ros.recording.importing import GateSettings
+from rpms_ros.recording.importing import read_csv
+from rpms_ros.recording.importing.gates import gate_pulses
 
 HEADER = 'Time [s],STIM [ ],"fGM [N]"\n'
 COLUMNS = ('Time [s]', 'fGM [N]', 'STIM [ ]')
@@ -118,7 +118,7 @@ def test_missing_column_names_those_that_are_there(tmp_path: Path) -> None:
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'expected a file at .*trial.csv, got .*No such'):
+    with pytest.raises(RecordingError, match=r'expected a file at .*trial.csv, got no such file'):
         read_csv(tmp_path / 'trial.csv', *COLUMNS)
 
 

@@ -9,12 +9,12 @@ import pytest
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
-from rpms_ros.recording import GateSettings
-from rpms_ros.recording.csv_import import gate_pulses
 from rpms_ros.recording.importing import Ambiguous
+from rpms_ros.recording.importing import GateSettings
 from rpms_ros.recording.importing import Imported
 from rpms_ros.recording.importing import ImportOptions
 from rpms_ros.recording.importing import import_file
+from rpms_ros.recording.importing.gates import gate_pulses
 
 COUNT = 4000
 TIME = np.arange(COUNT) / 1000.0

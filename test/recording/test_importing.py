@@ -14,8 +14,8 @@ from scipy.io import savemat
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import GateSettings
 from rpms_ros.recording.importing import Ambiguous
+from rpms_ros.recording.importing import GateSettings
 from rpms_ros.recording.importing import ImportChoices
 from rpms_ros.recording.importing import ImportOptions
 from rpms_ros.recording.importing import converted

@@ -17,7 +17,7 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording.importing import Imported
 from rpms_ros.recording.importing import ImportOptions
 from rpms_ros.recording.importing import import_file
-from rpms_ros.recording.importing.late_start import begins_amid
+from rpms_ros.recording.importing.whole_file import begins_amid
 
 RATE = 20.0
 # pulses come with samples, 500 ms after the beginning

@@ -13,15 +13,15 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.csv_import import GateSettings
-from rpms_ros.recording.csv_import import gate_pulses
 from rpms_ros.recording.importing.event_lists import SAMPLES
 from rpms_ros.recording.importing.event_lists import stamps_of_numbers
+from rpms_ros.recording.importing.gates import GateSettings
+from rpms_ros.recording.importing.gates import gate_pulses
 from rpms_ros.recording.importing.guess import Guess
+from rpms_ros.recording.importing.signals import SENSOR_UNITS
+from rpms_ros.recording.importing.signals import TIME_UNITS
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
-from rpms_ros.recording.importing.units import SENSOR_UNITS
-from rpms_ros.recording.importing.units import TIME_UNITS
 
 
 @dataclass(frozen=True)

@@ -3,24 +3,122 @@
 """Whether a sampled signal is a gate, and what is told of its pulses."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.csv_import import FALLING
-from rpms_ros.recording.csv_import import GateSettings
-from rpms_ros.recording.csv_import import edge_and_high
-from rpms_ros.recording.importing.ambiguous import Ambiguous
+from rpms_ros.recording.importing.signals import Ambiguous
 from rpms_ros.recording.importing.signals import Signal
 
+BoolArray = npt.NDArray[np.bool_]
+
+# 5 % of the threshold's distance to the rest, either way: far above the noise of a converter.
+HYSTERESIS = 0.05
+RISING, FALLING = 'rising', 'falling'
+# Pulses last a few milliseconds: a gate that is high for longer than this share rests there.
+_RESTS_HIGH = 0.9
 _TWO_LEVELS = 0.9
 # Shares of the range on either side of its middle, and of the samples that may be on both.
 _HALF_WAY = 0.1
 _FEW = 0.025
 # Stimulators give no pulses at 250 Hz; contacts bounce for a few milliseconds [s].
 _BOUNCE = 4e-3
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """How a sampled gate becomes pulses.
+
+    Attributes
+    ----------
+    threshold : float or None
+        Level of the gate between rest and pulse, in its own unit; None for half of its range.
+    intensity : float
+        Share of the stimulator's maximum that every pulse gets, 0..1: a gate does not tell it.
+    edge : str or None
+        ``rising`` or ``falling``, with which a pulse begins; None for falling if the gate is high
+        more than 90 % of the time, else rising.
+    """
+
+    threshold: float | None = None
+    intensity: float = 1.0
+    edge: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.intensity <= 1:
+            raise RecordingError(f'expected an intensity from 0 to 1, got {self.intensity}')
+        if self.threshold is not None and not np.isfinite(self.threshold):
+            raise RecordingError(f'expected a finite threshold, got {self.threshold}')
+        if self.edge not in (None, RISING, FALLING):
+            raise RecordingError(f'expected an edge rising or falling, got {self.edge!r}')
+
+
+def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) -> PulseTrain:
+    """Return the pulses of a sampled gate.
+
+    Parameters
+    ----------
+    stamp_ns : ndarray of int64, shape (samples,)
+        Ascending times [ns].
+    gate : ndarray, shape (samples,)
+        Level of the gate.
+    settings : GateSettings
+        Threshold, intensity and edge.
+
+    Raises
+    ------
+    RecordingError
+        If the gate never rises through the threshold, or falls if it rests high.
+    """
+    low, top = float(gate.min()), float(gate.max())
+    threshold = _threshold(gate, settings)
+    band = HYSTERESIS * (top - low)
+    above, below = gate > threshold + band, gate < threshold - band
+    falling = edge_and_high(gate, settings)[0] == FALLING
+    rises, falls = _edges(below, above) if falling else _edges(above, below)
+    if not len(rises):
+        raise RecordingError(
+            f'expected a gate that {"falls" if falling else "rises"} through {threshold:g}, '
+            f'got levels {low:g} to {top:g}'
+        )
+    onset = stamp_ns[rises]
+    # A gate that is still up at the end is as wide as it was seen.
+    end = np.append(stamp_ns[falls], stamp_ns[-1])[: len(onset)]
+    width = (end - onset) / NANOSECONDS_PER_SECOND
+    intensity = np.full(len(onset), settings.intensity, dtype=np.float64)
+    return PulseTrain(onset, intensity, np.arange(len(onset), dtype=np.int64), width)
+
+
+def edge_and_high(gate: FloatArray, settings: GateSettings) -> tuple[str, float]:
+    """Return the edge with which pulses of a gate begin, and the share of time it is high."""
+    high = float(np.mean(gate > _threshold(gate, settings))) if len(gate) else 0.0
+    return settings.edge or (FALLING if high > _RESTS_HIGH else RISING), high
+
+
+def _threshold(gate: FloatArray, settings: GateSettings) -> float:
+    if settings.threshold is not None:
+        return settings.threshold
+    return (float(gate.min()) + float(gate.max())) / 2
+
+
+def _edges(high: BoolArray, low: BoolArray) -> tuple[IntArray, IntArray]:
+    """Return the samples at which the gate rises, and those at which it falls after a rise.
+
+    A gate that is up from the beginning has no onset: it is no pulse.
+    """
+    marks = np.flatnonzero(high | low)
+    states = high[marks]
+    changes = np.flatnonzero(states[1:] != states[:-1]) + 1
+    rises = marks[changes[states[changes]]]
+    falls = marks[changes[~states[changes]]]
+    return rises, falls[falls > rises[0]] if len(rises) else falls
 
 
 def has_two_levels(signal: Signal) -> bool:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """MATLAB files: vectors and columns of matrices, in structures too; version 5 and 7.3 (HDF5)."""
 
+import zlib
 from collections.abc import Iterator
 from collections.abc import Mapping
 from importlib import import_module
@@ -12,15 +13,15 @@ import numpy as np
 from scipy.io import loadmat
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing.extra import needed
-from rpms_ros.recording.importing.packed_size import largest_content
-from rpms_ros.recording.importing.packed_size import refuse_packed_bomb
-from rpms_ros.recording.importing.packed_size import too_large
+from rpms_ros.recording.budget import LEAST
+from rpms_ros.recording.budget import PER_BYTE
+from rpms_ros.recording.importing.signals import Events
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.signals import as_samples
+from rpms_ros.recording.importing.signals import needed
 from rpms_ros.recording.importing.signals import unit_of
 from rpms_ros.recording.importing.signals import unlike
-from rpms_ros.recording.importing.spike2_matlab import spike2_channels
 
 _HDF5 = b'\x89HDF'
 _RATES = ('fs', 'samplerate', 'samplingrate', 'sampling_rate', 'sample_rate', 'rate', 'srate')
@@ -109,3 +110,120 @@ def _from_hdf5(path: Path) -> Iterator[tuple[str, Any]]:
     with h5py.File(path, 'r') as file:
         file.visititems(visit)
     yield from found
+
+
+_HEAD = 128
+_TAG = 8
+# Types of variables: plain, and packed.  Nothing else is in a file beside them.
+_MATRIX, _PACKED = 14, 15
+# Unpacking eight bytes needs no more of a variable than this.
+_BEGINNING = 4096
+
+
+def largest_content(path: Path) -> int:
+    """Return what a file may unpack into [bytes]: as much as a recording may take."""
+    return LEAST + PER_BYTE * path.stat().st_size
+
+
+def too_large(path: Path) -> RecordingError:
+    """Return the error for a file that unpacks into more."""
+    return RecordingError(
+        f'expected a file that unpacks into {largest_content(path) / 1e9:.3g} GB at most, '
+        f'got more in {path}'
+    )
+
+
+def refuse_packed_bomb(path: Path) -> None:
+    """Raise `RecordingError` if the variables of a file of version 5 are larger than they may be.
+
+    What is no such file is left to its reader, which refuses it at the first element of another
+    type: to step on through hundreds of megabytes of zeros by eight bytes takes a minute.
+    """
+    left = largest_content(path)
+    with path.open('rb') as file:
+        head = file.read(_HEAD)
+        order = 'little' if head[126:128] == b'IM' else 'big'
+        while len(tag := file.read(_TAG)) == _TAG:
+            kind, size = (int.from_bytes(part, order) for part in (tag[:4], tag[4:]))  # type: ignore[arg-type]
+            if kind not in (_MATRIX, _PACKED):
+                return
+            begin = file.tell()
+            if kind == _PACKED:
+                left -= _stated(file.read(min(size, _BEGINNING)), order)
+            if left < 0:
+                raise too_large(path)
+            file.seek(begin + size)
+
+
+def _stated(packed: bytes, order: str) -> int:
+    """Return the size that the first element in packed bytes states; 0 if they are damaged."""
+    try:
+        beginning = zlib.decompressobj().decompress(packed, _TAG)
+    except zlib.error:
+        return 0
+    return int.from_bytes(beginning[4:_TAG], order)  # type: ignore[arg-type]
+
+
+_WAVEFORM = {'interval', 'start', 'values'}
+_EVENTS = {'title', 'length', 'times'}
+
+
+def spike2_channels(path: Path, content: Mapping[str, Any]) -> SignalFile | None:
+    """Return the channels of a MATLAB file that Spike2 has written; None if it is another one.
+
+    Channels that are neither waveforms nor events, such as wavemarks, are left out.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : mapping
+        Its variables, structures as objects with ``_fieldnames``.
+
+    Raises
+    ------
+    RecordingError
+        If the interval of a waveform is not above zero.
+    """
+    channels = {name: set(getattr(value, '_fieldnames', ())) for name, value in content.items()}
+    if not any(found >= _WAVEFORM for found in channels.values()):
+        return None
+    signals: list[Signal] = []
+    events: list[Events] = []
+    for name, found in channels.items():
+        channel = content[name]
+        title = _text(channel, 'title') or name
+        if found >= _WAVEFORM:
+            if (values := as_samples(channel.values)) is not None:
+                signals.append(_waveform(path, title, channel, values))
+        elif found >= _EVENTS and 'values' not in found:
+            times = np.atleast_1d(np.asarray(channel.times, dtype=np.float64)).ravel()
+            events.append(Events(title, times))
+    names = unlike([one.name for one in signals] + [one.name for one in events])
+    count = len(signals)
+    return SignalFile(
+        path,
+        'Spike2 MATLAB',
+        tuple(
+            Signal(name, one.values, one.unit, one.time)
+            for name, one in zip(names[:count], signals, strict=True)
+        ),
+        tuple(Events(name, one.time) for name, one in zip(names[count:], events, strict=True)),
+    )
+
+
+def _waveform(path: Path, title: str, channel: Any, values: Any) -> Signal:
+    start, interval = float(channel.start), float(channel.interval)
+    if not (np.isfinite(start) and 0.0 < interval < np.inf):
+        raise RecordingError(
+            f'expected a waveform with an interval above 0 s in {path}, got {interval} of '
+            f'{title!r}'
+        )
+    time = start + interval * np.arange(len(values), dtype=np.float64)
+    return Signal(title, values, _text(channel, 'units'), time)
+
+
+def _text(channel: Any, name: str) -> str:
+    """Return a text of a channel; MATLAB's empty one is an empty array."""
+    value = getattr(channel, name, '')
+    return value if isinstance(value, str) else ''

@@ -3,12 +3,16 @@
 """What a file of a laboratory holds: signals with names and units, and times of events."""
 
 import re
+from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
 
 _BRACKETS = re.compile(r'^.*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
@@ -103,3 +107,66 @@ def as_samples(values: object) -> FloatArray | None:
         return None
     array = np.squeeze(array)
     return np.ascontiguousarray(array) if array.ndim == 1 and len(array) > 1 else None
+
+
+TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0}
+FORCE_UNITS = {
+    'N': 1.0,
+    'mN': 1e-3,
+    'kN': 1e3,
+    'g': 9.80665e-3,
+    'kg': 9.80665,
+    'lbf': 4.4482216152605,
+}
+"""Newtons of each unit; grams are the weight of so much mass."""
+TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'kNm': 1e3, 'kgm': 9.80665, 'ft-lbf': 1.3558179483314004}
+"""Newton metres of each unit of a dynamometer's torque."""
+SENSOR_UNITS = FORCE_UNITS | TORQUE_UNITS
+_SYNONYMS = {
+    'sec': 's', 'seconds': 's', 'second': 's', 'µs': 'us', 'μs': 'us', 'gf': 'g', 'kgf': 'kg',
+    'N m': 'Nm', 'N·m': 'Nm', 'N*m': 'Nm', 'N.m': 'Nm', 'N-m': 'Nm', 'mN m': 'mNm', 'kg m': 'kgm',
+    'ft lbf': 'ft-lbf', 'ft-lb': 'ft-lbf', 'ft-lbs': 'ft-lbf', 'ft lb': 'ft-lbf',
+    'lbf-ft': 'ft-lbf',
+}  # fmt: skip
+
+
+def usual_unit(unit: str) -> str:
+    """Return the name that a unit has here: ``s`` for ``sec``; an unknown one as it is."""
+    return _SYNONYMS.get(unit, unit)
+
+
+class Ambiguous(RecordingError):
+    """More than one signal, or none, could be what is looked for.
+
+    Attributes
+    ----------
+    option : str
+        The option that decides.
+    candidates : tuple of str
+        Names to choose from.
+    decided : tuple of (str, str)
+        What was guessed before it came to this, and why.
+    """
+
+    def __init__(self, message: str, option: str, candidates: Sequence[str]) -> None:
+        super().__init__(message)
+        self.option = option
+        self.candidates = tuple(candidates)
+        self.decided: tuple[tuple[str, str], ...] = ()
+
+
+def needed(load: Callable[[str], Any], package: str, what: str) -> Any:
+    """Return a package that reading `what` needs.
+
+    Raises
+    ------
+    RecordingError
+        If it is not installed.
+    """
+    try:
+        return load(package)
+    except ModuleNotFoundError as error:
+        raise RecordingError(
+            f'expected {package} for {what}, got {error}: '
+            "python3 -m pip install 'rpms_ros[formats]' installs it"
+        ) from error

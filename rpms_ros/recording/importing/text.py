@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of text, whatever the separators, the decimal sign and the encoding."""
+"""Tables of text, and exports of LabChart and Spike2, whatever separators and encoding."""
 
 import re
 from collections import Counter
@@ -13,6 +13,7 @@ import numpy as np
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing.signals import TIME_OF_DAY
+from rpms_ros.recording.importing.signals import Events
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.signals import unit_of
@@ -36,6 +37,7 @@ _THOUSANDS = re.compile(
 )
 _OLD_OFFICE = b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1'
 _LOOKED_AT = 200
+_LABCHART = ('Interval=', 'ChannelTitle=', 'ExcelDateTime=', 'TimeFormat=', 'DateFormat=')
 _MISSING = {'', 'nan', 'na', 'n/a', '-', 'null'}
 
 
@@ -82,8 +84,15 @@ def _text(raw: bytes) -> tuple[str, str]:
         return raw.decode('latin-1'), 'Latin-1'
 
 
-def read_table(path: Path) -> SignalFile:
-    """Return the columns of a table of text.
+def read_text(path: Path, block: int | None = None) -> SignalFile:
+    """Return the columns of a table of text, or the channels of LabChart's and Spike2's exports.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    block : int, optional
+        Block of a LabChart file, from 1; needed if there are several.
 
     Raises
     ------
@@ -91,6 +100,21 @@ def read_table(path: Path) -> SignalFile:
         If the file is no such table; the message says what was found and what was expected.
     """
     text, encoding = decoded(path)
+    if sum(line.startswith(_LABCHART) for line in text[:2000].splitlines()[:12]) >= 2:
+        return _labchart(path, text, encoding, block)
+    unused(path, 'a LabChart file with --block', block)
+    if text[:200].lstrip().startswith('"INFORMATION"') and '"CHANNEL"' in text:
+        return _spike2(path, text, encoding)
+    return _table(path, text, encoding)
+
+
+def unused(path: Path, expected: str, given: object) -> None:
+    """Refuse an option that has no meaning for a file."""
+    if given is not None:
+        raise RecordingError(f'expected {expected}, got {path}')
+
+
+def _table(path: Path, text: str, encoding: str) -> SignalFile:
     lines = [line for line in text.splitlines() if line.strip()]
     if not lines:
         raise RecordingError(f'expected a table in {path}, got an empty file')
@@ -259,3 +283,109 @@ def _columns(
             f'expected the times of one day in {path}, got those of {len(days)} dates'
         )
     return [np.ascontiguousarray(column) for column in table.T]
+
+
+def _labchart(path: Path, text: str, encoding: str, block: int | None) -> SignalFile:
+    """Return the channels of one block: lines of ``Name=``, then time and channels."""
+    blocks = _blocks(text.splitlines())
+    if block is None and len(blocks) > 1:
+        raise RecordingError(
+            f'expected one block in {path}, got {len(blocks)}: --block 1 to {len(blocks)} decides'
+        )
+    chosen = 1 if block is None else block
+    if not 1 <= chosen <= len(blocks):
+        raise RecordingError(f'expected a block from 1 to {len(blocks)} of {path}, got {chosen}')
+    head, rows = blocks[chosen - 1]
+    comma = any(',' in cell for row in rows[:50] for cell in row)
+    width = min((len(row) for row in rows), default=0)
+    if width < 2:
+        raise RecordingError(f'expected time and channels in {path}, got no such rows')
+    titles = head.get('ChannelTitle', [])
+    units = head.get('UnitName', [])
+    names = unlike([*titles, *[''] * width][: width - 1])
+    table = np.array([[_value(path, cell, comma) for cell in row[:width]] for row in rows])
+    time = table[:, 0]
+    signals = tuple(
+        Signal(name, np.ascontiguousarray(table[:, index + 1]), _at(units, index), time)
+        for index, name in enumerate(names)
+    )
+    return SignalFile(path, 'LabChart text', signals, facts=(encoding, f'block {chosen}'))
+
+
+def _blocks(lines: list[str]) -> list[tuple[dict[str, list[str]], list[list[str]]]]:
+    """Return header and rows of each block."""
+    blocks: list[tuple[dict[str, list[str]], list[list[str]]]] = []
+    for line in lines:
+        name, equals, rest = line.partition('=')
+        if equals and name.isalpha():
+            if not blocks or blocks[-1][1]:
+                blocks.append(({}, []))
+            blocks[-1][0][name] = [cell.strip() for cell in rest.strip('\t').split('\t')]
+        elif line.strip() and blocks:
+            # a comment follows the numbers of a row, behind #
+            cells = [cell.strip() for cell in line.split('#')[0].rstrip('\t ').split('\t')]
+            blocks[-1][1].append(cells)
+    return blocks
+
+
+def _value(path: Path, cell: str, comma: bool) -> float:
+    value = number(cell, comma)
+    if value is None:
+        raise RecordingError(f'expected numbers in {path}, got {cell[:40]!r}')
+    return value
+
+
+def _at(texts: list[str], index: int) -> str:
+    return texts[index].strip('*') if index < len(texts) else ''
+
+
+def _spike2(path: Path, text: str, encoding: str) -> SignalFile:
+    """Return waveforms, by start and period, and events of a section for each channel."""
+    signals: list[Signal] = []
+    events: list[Events] = []
+    for section in text.split('"CHANNEL"')[1:]:
+        lines = [line.strip() for line in section.splitlines()]
+        kind, title = (_quoted(lines, place) for place in (1, 3))
+        start = next((line for line in lines if line.startswith('"START"')), None)
+        values = [line.split('\t')[0] for line in lines[4:] if line and not line.startswith('"')]
+        try:
+            numbers = np.array([float(value) for value in values])
+            begin, period = (float(cell) for cell in start.split()[1:3]) if start else (0.0, 0.0)
+        except ValueError as error:
+            raise RecordingError(
+                f'expected numbers in channel {title!r} of {path}, got {error}'
+            ) from error
+        if start:
+            time = begin + period * np.arange(len(numbers), dtype=np.float64)
+            signals.append(Signal(title, numbers, _unit(lines), time))
+        elif len(numbers) and kind.lower().startswith(('evt', 'event', 'level', 'marker')):
+            events.append(Events(title, numbers))
+    if not signals:
+        raise RecordingError(f'expected a waveform with "START" in {path}, got none')
+    names = unlike([signal.name for signal in signals] + [one.name for one in events])
+    return SignalFile(
+        path,
+        'Spike2 text',
+        tuple(
+            Signal(name, one.values, one.unit, one.time)
+            for name, one in zip(names, signals, strict=False)
+        ),
+        tuple(
+            Events(name, one.time) for name, one in zip(names[len(signals) :], events, strict=True)
+        ),
+        facts=(encoding,),
+    )
+
+
+def _quoted(lines: list[str], place: int) -> str:
+    return lines[place].strip('"') if place < len(lines) else ''
+
+
+def _unit(lines: list[str]) -> str:
+    """Return the unit: the first quoted text of the line of scales, before ``START``."""
+    for line in lines[4:]:
+        if line.startswith('"START"'):
+            break
+        if line.startswith('"') and '\t' in line:
+            return line.split('\t')[0].strip('"')
+    return ''

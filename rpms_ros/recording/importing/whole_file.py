@@ -6,6 +6,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +16,21 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.csv_import import GateSettings
 from rpms_ros.recording.exporting import is_export
 from rpms_ros.recording.exporting import read_export
 from rpms_ros.recording.files import READERS
 from rpms_ros.recording.importing.conversion import ImportChoices
 from rpms_ros.recording.importing.conversion import converted
+from rpms_ros.recording.importing.excel import read_excel
+from rpms_ros.recording.importing.gates import GateSettings
 from rpms_ros.recording.importing.gates import bounces
 from rpms_ros.recording.importing.guess import Guess
 from rpms_ros.recording.importing.guess import guessed
-from rpms_ros.recording.importing.late_start import WARNING as AMID
-from rpms_ros.recording.importing.late_start import begins_amid
-from rpms_ros.recording.importing.late_start import numbered_on
-from rpms_ros.recording.importing.reader import read_signals
+from rpms_ros.recording.importing.matlab import read_matlab
 from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.text import read_text
+from rpms_ros.recording.importing.text import unused
+from rpms_ros.recording.importing.xdf import read_xdf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +179,7 @@ def import_file(
     pulses, forces = converted(file, guess, choices)
     if amid := begins_amid(pulses, forces):
         pulses = numbered_on(pulses)
-    remarks = (*_remarks(pulses, forces), *([('warning', AMID)] if amid else []))
+    remarks = (*_remarks(pulses, forces), *([('warning', _AMID)] if amid else []))
     read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
     named = None not in (options.time, options.force, options.pulse)
     told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
@@ -189,3 +191,120 @@ def _remarks(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]
         yield 'missing', f'{missing} samples of the force are no finite number'
     if warning := bounces(pulses):
         yield 'warning', warning
+
+
+_AMID = (
+    'pulses come from the beginning, and the force is not at rest there: those before it are not '
+    'in the file, and nothing is learnt while they may act; better begin at rest'
+)
+# The first pulse comes within so many intervals of the pulses after it.
+_INTERVALS = 1.5
+_FEWEST_PULSES = 5
+# Share of the range of the force by which rest is left, at either end: a pull may be negative.
+_SHARE = 0.15
+# The same in standard deviations of the noise.
+_NOISE = 6.0
+
+
+def begins_amid(pulses: PulseTrain, forces: ForceTrace) -> bool:
+    """Return whether stimulation was going on before the first sample, as far as a file shows.
+
+    Parameters
+    ----------
+    pulses : PulseTrain
+        Ascending.
+    forces : ForceTrace
+        Ascending.
+    """
+    known = np.isfinite(forces.force)
+    force = forces.force[known]
+    if len(pulses) < _FEWEST_PULSES or len(force) < 3:
+        return False
+    first_ns = int(forces.stamp_ns[0])
+    interval = float(np.median(np.diff(pulses.onset_ns[: 10 * _FEWEST_PULSES])))
+    if not 0.0 <= pulses.onset_ns[0] - first_ns < _INTERVALS * interval:
+        return False
+    # no pulse of the file acts on these
+    before = force[forces.stamp_ns[known] <= pulses.onset_ns[0]]
+    if not len(before):
+        return False
+    low, high = np.percentile(force, [1.0, 99.0])
+    noise = float(np.median(np.abs(np.diff(force, 2)))) / (0.6745 * np.sqrt(6.0))
+    least = max(_SHARE * (high - low), _NOISE * noise)
+    level = float(np.median(before))
+    return bool(low + least < level < high - least)
+
+
+def numbered_on(pulses: PulseTrain) -> PulseTrain:
+    """Return the pulses with sequence numbers that say that there were pulses before them."""
+    return replace(pulses, sequence=pulses.sequence + 1)
+
+
+_ZIP, _XDF, _HDF5, _MATLAB = b'PK\x03\x04', b'XDF:', b'\x89HDF', b'MATLAB'
+
+
+def read_signals(path: Path, block: int | None = None, sheet: str | None = None) -> SignalFile:
+    """Return what a file holds.
+
+    Parameters
+    ----------
+    path : Path
+        Table of text, LabChart or Spike2 text, MATLAB, Excel or XDF file.
+    block : int, optional
+        Block of a LabChart file, from 1.
+    sheet : str, optional
+        Sheet of a workbook.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read; the message says what was expected and which option decides.
+    """
+    # A pipe would be waited for without end.
+    if not path.exists():
+        raise RecordingError(f'expected a file at {path}, got no such file')
+    if not path.is_file():
+        raise RecordingError(f'expected a file at {path}, got no regular file')
+    try:
+        with path.open('rb') as file:
+            head = file.read(1024)
+    except OSError as error:
+        raise RecordingError(f'expected a file at {path}, got {error}') from error
+    if head.startswith(_ZIP):
+        unused(path, 'a LabChart file with --block', block)
+        return read_excel(path, sheet)
+    unused(path, 'a workbook with --sheet', sheet)
+    known = read_xdf if head.startswith(_XDF) else None
+    if head.startswith((_HDF5, _MATLAB)) or path.suffix.lower() == '.mat':
+        known = read_matlab
+    if known is not None:
+        unused(path, 'a LabChart file with --block', block)
+        return known(path)
+    return read_text(path, block)
+
+
+def read_csv(
+    path: Path | str, time: str, force: str, pulse: str, settings: GateSettings | None = None
+) -> tuple[PulseTrain, ForceTrace]:
+    """Return pulses and forces of a table with columns of time [s], force [N] and gate.
+
+    Raises
+    ------
+    RecordingError
+        As `import_file`.
+    """
+    gate = settings or GateSettings()
+    found = import_file(
+        Path(path),
+        ImportOptions(
+            time=time,
+            force=force,
+            pulse=pulse,
+            time_unit='s',
+            force_unit='N',
+            threshold=gate.threshold,
+            intensity=gate.intensity,
+            edge=gate.edge,
+        ),
+    )
+    return found.pulses, found.forces

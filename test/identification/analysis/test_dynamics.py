@@ -17,7 +17,7 @@ from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_csv
+from rpms_ros.recording.importing import read_csv
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / '../shared/data'))
 TRIALS = sorted((FOLDER / 'rat_gastrocnemius').glob('*.csv'))
