@@ -263,6 +263,17 @@ def test_a_damaged_matlab_file_is_refused(tmp_path: Path) -> None:
         read_signals(path)
 
 
+def test_a_file_on_which_scipy_crashes_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / 'session.mat'
+    savemat(path, {'s': {'a': np.arange(5), 't': 'text'}})
+    damaged = bytearray(path.read_bytes())
+    # size of the name of a variable: SciPy reads a place that is not there
+    damaged[240] = 0
+    path.write_bytes(damaged)
+    with pytest.raises(RecordingError, match=r'expected a MATLAB file at .* SciPy crashes \(SIG'):
+        import_file(path, ImportOptions())
+
+
 def test_excel(tmp_path: Path) -> None:
     book = openpyxl.Workbook()
     sheet = book.active

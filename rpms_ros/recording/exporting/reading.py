@@ -5,6 +5,10 @@
 import csv
 import gzip
 import json
+import pickle
+import signal
+import subprocess
+import sys
 from collections.abc import Mapping
 from collections.abc import Sequence
 from decimal import Decimal
@@ -14,8 +18,6 @@ from typing import Any
 from typing import TextIO
 
 import numpy as np
-from scipy.io import loadmat
-from scipy.io import whosmat
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace
@@ -46,6 +48,39 @@ _NO_NUMBERS = (
     TypeError, ValueError, csv.Error,
 )  # fmt: skip
 
+# SciPy ends with a fault of memory on some damaged files.
+_SCIPY = """\
+import pickle, sys
+import scipy.io
+function, path, *flags = sys.argv[1:]
+try:
+    options = dict(flag.split('=') for flag in flags)
+    options = {name: text == 'True' for name, text in options.items()}
+    found = getattr(scipy.io, function)(path, **options)
+except Exception as error:
+    sys.exit(str(error) or repr(error))
+pickle.dump(found, sys.stdout.buffer, protocol=5)
+"""
+
+
+def by_scipy(function: str, path: Path, **flags: bool) -> Any:
+    """Return what ``loadmat`` or ``whosmat`` tells of a file, read in a process of its own.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged.
+    """
+    options = [f'{name}={flag}' for name, flag in flags.items()]
+    command = [sys.executable, '-P', '-W', 'ignore', '-c', _SCIPY, function, str(path), *options]
+    done = subprocess.run(command, capture_output=True, check=False)
+    if done.returncode < 0:
+        name = signal.Signals(-done.returncode).name
+        raise ValueError(f'damage on which SciPy crashes ({name})')
+    if done.returncode:
+        raise ValueError(done.stderr.decode(errors='replace').strip().splitlines()[-1])
+    return pickle.loads(done.stdout)
+
 
 def is_export(path: Path) -> bool:
     """Return whether a folder or file looks like an export of this package."""
@@ -54,7 +89,7 @@ def is_export(path: Path) -> bool:
     if path.suffix.lower() != '.mat' or not path.is_file():
         return False
     try:
-        return MARK in {name for name, _, _ in whosmat(str(path))}
+        return MARK in {name for name, _, _ in by_scipy('whosmat', path)}
     # scipy raises whatever the damage leads to; reading it will say so
     except Exception:  # noqa: BLE001
         return False
@@ -162,7 +197,7 @@ def _checked(pulses: PulseTrain, path: Path) -> PulseTrain:
 
 def _of_matlab(path: Path) -> tuple[PulseTrain, ForceTrace, str]:
     try:
-        content = loadmat(str(path), simplify_cells=True)
+        content = by_scipy('loadmat', path, simplify_cells=True)
     # scipy raises whatever the damage leads to
     except Exception as error:
         raise RecordingError(f'expected a MATLAB file at {path}, got {error}') from error

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.recording.budget import LEAST
 from rpms_ros.recording.budget import PER_BYTE
+from rpms_ros.recording.exporting.reading import by_scipy
 from rpms_ros.recording.importing.signals import Events
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
@@ -42,7 +42,7 @@ def read_matlab(path: Path) -> SignalFile:
     try:
         if not hdf5:
             refuse_packed_bomb(path)
-            content = loadmat(str(path), squeeze_me=True, struct_as_record=False)
+            content = by_scipy('loadmat', path, squeeze_me=True, struct_as_record=False)
             if (channels := spike2_channels(path, content)) is not None:
                 return channels
         items = list(_from_hdf5(path) if hdf5 else _from_version_5(content))
