@@ -43,7 +43,7 @@ def load(
     sampling_rate: float | None = None,
     threshold: float | None = None,
     edge: str | None = None,
-    intensity: float = 1.0,
+    intensity: float | str = 1.0,
     block: int | None = None,
     sheet: str | None = None,
     pulses_topic: str = 'pulses',
@@ -80,9 +80,10 @@ def load(
     edge : str, optional
         Edge of the gate with which a pulse begins, ``rising`` or ``falling``; falling if the gate
         is high most of the time.  Files only.
-    intensity : float
-        Share of the stimulator's maximum of every pulse, 0 to 1: a gate does not tell it.  Files
-        only.
+    intensity : float or str
+        Share of the stimulator's maximum of every pulse, 0 to 1: a gate does not tell it; or the
+        column with it, ``COLUMN/FULL`` if that is FULL at the maximum, or a file with one a pulse.
+        Files only.
     block : int, optional
         Block of a LabChart file, from 1.
     sheet : str, optional

@@ -32,7 +32,7 @@ Makes a recording of a file with time, force and the stimulator's gate or trigge
 MATLAB .mat, Excel .xlsx and XDF of the Lab Streaming Layer.  What is what is guessed and shown; on
 a terminal it is asked for, and each option below decides it.  Every rising edge of a gate is a
 pulse, or every falling one if the gate rests high; its width is measured.  A gate does not tell
-the intensity: give it if it was below 1.
+the intensity: give it if it was below 1, or the column or file that has it.
 What `rpms export` has written is read again without options, with the same numbers.
 """
 _EXAMPLES = """\
@@ -78,11 +78,21 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--threshold LEVEL', None, text, type=float)
     text = 'edge of the gate with which a pulse begins; falling if it is high most of the time'
     add_option(group, '--edge', None, text, choices=('rising', 'falling'))
-    text = "share of the stimulator's maximum of every pulse, 0 to 1"
-    add_option(group, '--intensity SHARE', 1.0, text)
+    text = (
+        "share of the stimulator's maximum of every pulse, 0 to 1; or a column with it, "
+        'COLUMN/FULL if that is FULL at the maximum, or a file with one a pulse'
+    )
+    add_option(group, '--intensity SHARE|COLUMN|FILE', 1.0, text, type=_share_or_name)
     add_option(group, '--block N', None, 'block of a LabChart file, from 1', type=int)
     add_option(group, '--sheet NAME', None, 'sheet of a workbook')
     parser.add_argument('--yes', action='store_true', help='ask nothing on a terminal')
+
+
+def _share_or_name(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -55,9 +55,9 @@ def test_info_says_what_the_session_holds() -> None:
 def test_a_table_becomes_a_session(tmp_path: Path) -> None:
     session = rpms_ros.load(table(tmp_path), columns=COLUMNS, intensity=0.8, sign=-1)
     assert session.info()['storage'] == 'table'
-    # the gate is up from the first row on, which is no rising edge that was seen
+    # the gate is up from the first row on: the first pulse is not known, nor what it acts on
     assert session.pulses.intensity.tolist() == [0.8] * len(session.pulses)
-    assert session.force.force.tolist() == [-0.5 * i for i in range(200)]
+    assert session.force.force.tolist() == [-0.5 * i for i in range(50, 200)]
 
 
 def test_a_measured_session_has_no_truth(simulated: Session, tmp_path: Path) -> None:

@@ -105,3 +105,84 @@ def test_a_trigger_that_bounces_is_told(tmp_path: Path) -> None:
     assert set(found.remarks) <= set(found.facts)
     assert found.guessed
     assert not imported(tmp_path / 'a.csv', gate()).remarks
+
+
+def test_a_gate_that_is_up_in_the_first_row_is_a_pulse_that_is_not_known(tmp_path: Path) -> None:
+    values = gate()
+    values[:2] = 5.0
+    found = imported(tmp_path / 'a.csv', values)
+    assert places(found) == PLACES.tolist()
+    assert found.pulses.sequence[0] == 1
+    # what it acts on is left out
+    assert found.forces.stamp_ns[0] == found.pulses.onset_ns[0]
+    assert dict(found.remarks)['warning'].startswith('the gate is up in the first row: ')
+
+
+@pytest.mark.parametrize(('begin', 'end'), [(500, 3500), (0, 1500)])
+def test_a_gate_of_a_whole_train_is_refused(tmp_path: Path, begin: int, end: int) -> None:
+    values = gate()
+    values[begin:end] = 5.0
+    with pytest.raises(RecordingError, match=r'expected a gate that marks each pulse, for at mos'):
+        imported(tmp_path / 'a.csv', values)
+
+
+def test_a_gate_that_is_long_for_a_pulse_is_told(tmp_path: Path) -> None:
+    found = imported(tmp_path / 'a.csv', gate(35))
+    assert 'the gate is up for 35 ms at a pulse' in dict(found.remarks)['warning']
+
+
+SHARES = np.random.default_rng(2).uniform(0.1, 1.0, len(PLACES))
+SHARES[0] = 1.0
+
+
+def heights() -> FloatArray:
+    values = gate()
+    for place, share in zip(PLACES, SHARES, strict=True):
+        values[place : place + 3] = 5.0 * share
+    return values + 0.1 * NOISE
+
+
+def test_a_trigger_whose_height_is_the_intensity_loses_no_pulse(tmp_path: Path) -> None:
+    with pytest.raises(Ambiguous, match=r'expected pulses of one height in .* --threshold LEVEL'):
+        imported(tmp_path / 'a.csv', heights())
+    found = imported(tmp_path / 'a.csv', heights(), threshold=0.2)
+    assert places(found) == PLACES.tolist()
+    told = "is that the intensity? --intensity 'Trigger/5' decides"
+    assert dict(found.remarks)['warning'].endswith(told)
+    found = imported(tmp_path / 'a.csv', heights(), threshold=0.2, intensity='Trigger/5.01')
+    np.testing.assert_allclose(found.pulses.intensity, SHARES, atol=5e-3)
+    assert not found.remarks
+    with pytest.raises(RecordingError, match=r"intensities from 0 to 1 in 'Trigger', or in a col"):
+        imported(tmp_path / 'a.csv', heights(), threshold=0.2, intensity='Trigger')
+    with pytest.raises(RecordingError, match=r"COLUMN/FULL, got 'Trigger/x'"):
+        imported(tmp_path / 'a.csv', heights(), threshold=0.2, intensity='Trigger/x')
+
+
+@pytest.mark.parametrize('title', ['intensity', 'Intensity [%]'])
+def test_a_column_of_intensities_is_told_and_taken(tmp_path: Path, title: str) -> None:
+    held = np.repeat(SHARES, 50) * (100.0 if '%' in title else 1.0)
+    held = np.concatenate((np.zeros(PLACES[0]), held, np.zeros(COUNT)))[:COUNT]
+    path = tmp_path / 'a.csv'
+    columns = np.column_stack((TIME, np.sin(30.0 * TIME), gate(), held))
+    head = f'Time [s],Force [N],Trigger,{title}'
+    np.savetxt(path, columns, delimiter=',', header=head, comments='')
+    stated = {'time': 'Time [s]', 'force': 'Force [N]', 'pulse': 'Trigger'}
+    found = import_file(path, ImportOptions(**stated))  # type: ignore[arg-type]
+    assert set(found.pulses.intensity) == {1.0}
+    assert dict(found.remarks)['not used'] == repr(title)
+    assert f'--intensity {title!r} decides' in dict(found.remarks)['warning']
+    found = import_file(path, ImportOptions(intensity=title))
+    np.testing.assert_allclose(found.pulses.intensity, SHARES)
+    assert not found.remarks
+
+
+def test_intensities_from_a_file(tmp_path: Path) -> None:
+    shares = tmp_path / 'shares.txt'
+    np.savetxt(shares, SHARES)
+    found = imported(tmp_path / 'a.csv', gate(), intensity=str(shares))
+    np.testing.assert_array_equal(found.pulses.intensity, SHARES)
+    np.savetxt(shares, SHARES[1:])
+    with pytest.raises(RecordingError, match=r'the intensity of each of 60 pulses in .*, got 59'):
+        imported(tmp_path / 'a.csv', gate(), intensity=str(shares))
+    with pytest.raises(RecordingError, match=r"a column or a file with --intensity, got 'none'; "):
+        imported(tmp_path / 'a.csv', gate(), intensity='none')

@@ -23,6 +23,9 @@ from rpms_ros.recording.importing.signals import TIME_UNITS
 from rpms_ros.recording.importing.signals import Signal
 from rpms_ros.recording.importing.signals import SignalFile
 
+# No muscle shows a pulse for longer.
+_ACTS_NS = 3 * NANOSECONDS_PER_SECOND // 2
+
 
 @dataclass(frozen=True)
 class ImportChoices:
@@ -67,7 +70,7 @@ def converted(
     force = signals[guess.force]
     scale = choices.force_scale
     newton = SENSOR_UNITS[guess.force_unit] if scale is None else scale
-    stamp_ns = _stamps(file, force, guess, choices)
+    stamp_ns = stamps_of(file, force, guess, choices)
     if not np.isfinite(force.values).any():
         raise RecordingError(
             f'expected numbers in column {guess.force!r} of {file.path}, got none that is finite'
@@ -80,7 +83,13 @@ def converted(
         return _of_events(_of_list(file, guess, stamp_ns), choices.gate, file), trace
     gate = signals[guess.pulse]
     _finite(file, guess.pulse, gate.values)
-    return gate_pulses(_stamps(file, gate, guess, choices), gate.values, choices.gate), trace
+    pulses = gate_pulses(stamps_of(file, gate, guess, choices), gate.values, choices.gate)
+    if pulses.sequence[0]:
+        # what the pulse of unknown onset acts on, as far as no other one does
+        first_ns = min(int(pulses.onset_ns[0]), int(stamp_ns[0]) + _ACTS_NS)
+        kept = stamp_ns >= first_ns
+        trace = ForceTrace(trace.stamp_ns[kept], trace.force[kept])
+    return pulses, trace
 
 
 def _of_list(file: SignalFile, guess: Guess, stamp_ns: IntArray) -> IntArray:
@@ -96,7 +105,7 @@ def _rounded(seconds: FloatArray) -> IntArray:
     return np.rint(seconds * NANOSECONDS_PER_SECOND).astype(np.int64)
 
 
-def _stamps(file: SignalFile, signal: Signal, guess: Guess, choices: ImportChoices) -> IntArray:
+def stamps_of(file: SignalFile, signal: Signal, guess: Guess, choices: ImportChoices) -> IntArray:
     """Return the stamps of a signal [ns]."""
     name = guess.time
     if name is not None:

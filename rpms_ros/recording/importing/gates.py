@@ -24,12 +24,20 @@ HYSTERESIS = 0.05
 RISING, FALLING = 'rising', 'falling'
 # Pulses last a few milliseconds: a gate that is high for longer than this share rests there.
 _RESTS_HIGH = 0.9
+# A gate that is high for longer marks trains, not pulses [s].
+_LONGEST = 0.1
 _TWO_LEVELS = 0.9
 # Shares of the range on either side of its middle, and of the samples that may be on both.
 _HALF_WAY = 0.1
 _FEW = 0.025
 # Stimulators give no pulses at 250 Hz; contacts bounce for a few milliseconds [s].
 _BOUNCE = 4e-3
+# Triggers are shorter where they mark pulses [s].
+_USUAL = 20e-3
+# Of the range of a gate: what rises less is no pulse, and what differs less is one height.
+_LEAST_HEIGHT, _ALIKE = 0.02, 0.2
+# Share of the pulses.
+_FEW_LOST = 0.05
 
 
 @dataclass(frozen=True)
@@ -72,17 +80,25 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) ->
     settings : GateSettings
         Threshold, intensity and edge.
 
+    Returns
+    -------
+    PulseTrain
+        Numbered from 1 if the gate is up in the first sample: a pulse whose onset is not known.
+
     Raises
     ------
     RecordingError
-        If the gate never rises through the threshold, or falls if it rests high.
+        If the gate never rises through the threshold, or falls if it rests high; or it stays there
+        for longer than any pulse, unless the edge is stated.
     """
     low, top = float(gate.min()), float(gate.max())
     threshold = _threshold(gate, settings)
-    band = HYSTERESIS * (top - low)
+    band = HYSTERESIS * 2.0 * max(min(threshold - low, top - threshold), 0.0)
     above, below = gate > threshold + band, gate < threshold - band
     falling = edge_and_high(gate, settings)[0] == FALLING
-    rises, falls = _edges(below, above) if falling else _edges(above, below)
+    rises, falls, begun = _edges(below, above) if falling else _edges(above, below)
+    # the end of a pulse whose beginning is before the first sample
+    begun_for = (stamp_ns[min(begun, len(gate) - 1)] - stamp_ns[0]) / NANOSECONDS_PER_SECOND
     if not len(rises):
         raise RecordingError(
             f'expected a gate that {"falls" if falling else "rises"} through {threshold:g}, '
@@ -92,8 +108,17 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) ->
     # A gate that is still up at the end is as wide as it was seen.
     end = np.append(stamp_ns[falls], stamp_ns[-1])[: len(onset)]
     width = (end - onset) / NANOSECONDS_PER_SECOND
+    period = float(np.median(np.diff(stamp_ns))) / NANOSECONDS_PER_SECOND
+    longest = max(begun_for, float(width.max()))
+    if settings.edge is None and longest > max(_LONGEST, 1.5 * period):
+        raise RecordingError(
+            f'expected a gate that marks each pulse, for at most {_LONGEST:g} s, got one of '
+            f'{longest:.3g} s: does it mark whole trains? --pulse COL decides; --edge takes each '
+            'edge for a pulse all the same'
+        )
     intensity = np.full(len(onset), settings.intensity, dtype=np.float64)
-    return PulseTrain(onset, intensity, np.arange(len(onset), dtype=np.int64), width)
+    first = int(begun > 0 and begun_for <= _LONGEST)
+    return PulseTrain(onset, intensity, first + np.arange(len(onset), dtype=np.int64), width)
 
 
 def edge_and_high(gate: FloatArray, settings: GateSettings) -> tuple[str, float]:
@@ -108,17 +133,20 @@ def _threshold(gate: FloatArray, settings: GateSettings) -> float:
     return (float(gate.min()) + float(gate.max())) / 2
 
 
-def _edges(high: BoolArray, low: BoolArray) -> tuple[IntArray, IntArray]:
+def _edges(high: BoolArray, low: BoolArray) -> tuple[IntArray, IntArray, int]:
     """Return the samples at which the gate rises, and those at which it falls after a rise.
 
-    A gate that is up from the beginning has no onset: it is no pulse.
+    A gate that is up from the beginning has no onset: third is the sample until which it is.
     """
     marks = np.flatnonzero(high | low)
     states = high[marks]
     changes = np.flatnonzero(states[1:] != states[:-1]) + 1
     rises = marks[changes[states[changes]]]
     falls = marks[changes[~states[changes]]]
-    return rises, falls[falls > rises[0]] if len(rises) else falls
+    begun = 0
+    if len(states) and states[0]:
+        begun = int(falls[0]) if len(falls) else len(high)
+    return rises, falls[falls > rises[0]] if len(rises) else falls, begun
 
 
 def has_two_levels(signal: Signal) -> bool:
@@ -151,6 +179,13 @@ def gate_told(path: Path, signal: Signal, gate: GateSettings, names: Sequence[st
         that is not stated: noise there, or a rest between pulses to both sides, is no gate.
     """
     edge, high = edge_and_high(signal.values, gate)
+    if gate.threshold is None and (lost := _lower_pulses(signal.values, edge)):
+        raise Ambiguous(
+            f'expected pulses of one height in {path}, got {lost} in {signal.name!r} that stay '
+            'below half of the highest: --threshold LEVEL decides; --intensity COL takes heights',
+            '--threshold',
+            (),
+        )
     if gate.threshold is None and (half_way := _half_way(signal.values)):
         lowest, highest = float(signal.values.min()), float(signal.values.max())
         raise Ambiguous(
@@ -168,6 +203,45 @@ def gate_told(path: Path, signal: Signal, gate: GateSettings, names: Sequence[st
     return repr(signal.name)
 
 
+def _lower_pulses(values: FloatArray, edge: str) -> int:
+    """Return how many pulses are lost below half of the range; 0 if they are few.
+
+    What leaves the band of nine tenths of the samples at rest by more than its width is a pulse.
+    """
+    values = -values if edge == FALLING else values
+    top, middle = float(values.max()), float(values.min() + values.max()) / 2
+    low, high = np.percentile(values[values <= middle], [5.0, 95.0])
+    level = high + (high - low) + _LEAST_HEIGHT * (top - low)
+    out = np.diff(np.concatenate(([False], values > level, [False])).astype(int))
+    begins, ends = np.flatnonzero(out > 0), np.flatnonzero(out < 0)
+    peaks = [values[begin:end].max() for begin, end in zip(begins, ends, strict=True)]
+    lost = int(np.count_nonzero(np.array(peaks) <= middle))
+    return lost if lost > _FEW_LOST * len(peaks) else 0
+
+
+def heights_told(signal: Signal, stamp_ns: IntArray, pulses: PulseTrain) -> str | None:
+    """Return a warning if the pulses of a gate have different heights."""
+    height = values_at(signal.values, stamp_ns, pulses)
+    span = float(np.ptp(signal.values))
+    if not np.ptp(np.percentile(height, [5.0, 95.0])) > _ALIKE * span:
+        return None
+    return (
+        f'pulses of {signal.name!r} have heights from {height.min():.3g} to {height.max():.3g}: '
+        f"is that the intensity? --intensity '{signal.name}/{height.max():.3g}' decides"
+    )
+
+
+def values_at(values: FloatArray, stamp_ns: IntArray, pulses: PulseTrain) -> FloatArray:
+    """Return the median of a sampled signal while each pulse lasts (pulses,)."""
+    end_ns = pulses.onset_ns + np.rint(pulses.width * NANOSECONDS_PER_SECOND).astype(np.int64)
+    # events may come between samples
+    begins = np.maximum(np.searchsorted(stamp_ns, pulses.onset_ns, side='right') - 1, 0)
+    ends = np.maximum(np.searchsorted(stamp_ns, end_ns), begins + 1)
+    return np.array(
+        [np.median(values[begin:end]) for begin, end in zip(begins, ends, strict=True)]
+    )
+
+
 def _half_way(values: FloatArray) -> float:
     """Return the share of noise that is half-way between its ends; 0 if a side of that is empty.
 
@@ -181,8 +255,13 @@ def _half_way(values: FloatArray) -> float:
     return above + below if min(above, below) > _FEW else 0.0
 
 
-def bounces(pulses: PulseTrain) -> str | None:
-    """Return a warning if pulses follow others more closely than any stimulator gives them."""
+def odd_gate(pulses: PulseTrain, period: float) -> str | None:
+    """Return a warning if pulses, sampled with a period [s], are closer or longer than usual."""
+    if (longest := float(pulses.width.max())) > max(_USUAL, 1.5 * period):
+        return (
+            f'the gate is up for {1e3 * longest:.3g} ms at a pulse: does it mark trains? Each '
+            'edge was taken for one pulse'
+        )
     early = int(np.count_nonzero(np.diff(pulses.onset_ns) < 1e9 * _BOUNCE))
     if not early:
         return None

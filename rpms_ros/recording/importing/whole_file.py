@@ -14,6 +14,7 @@ import numpy as np
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording.exporting import is_export
@@ -21,9 +22,12 @@ from rpms_ros.recording.exporting import read_export
 from rpms_ros.recording.files import READERS
 from rpms_ros.recording.importing.conversion import ImportChoices
 from rpms_ros.recording.importing.conversion import converted
+from rpms_ros.recording.importing.conversion import stamps_of
 from rpms_ros.recording.importing.excel import read_excel
 from rpms_ros.recording.importing.gates import GateSettings
-from rpms_ros.recording.importing.gates import bounces
+from rpms_ros.recording.importing.gates import heights_told
+from rpms_ros.recording.importing.gates import odd_gate
+from rpms_ros.recording.importing.gates import values_at
 from rpms_ros.recording.importing.guess import Guess
 from rpms_ros.recording.importing.guess import guessed
 from rpms_ros.recording.importing.matlab import read_matlab
@@ -53,8 +57,9 @@ class ImportOptions:
         Level of a gate between rest and pulse.
     edge : str or None
         Edge of a gate with which a pulse begins, ``rising`` or ``falling``.
-    intensity : float
-        Share of the stimulator's maximum of every pulse, 0 to 1.
+    intensity : float or str
+        Share of the stimulator's maximum of every pulse, 0 to 1; or a column with it,
+        ``COLUMN/FULL`` if that is FULL at the maximum, or a file with one a pulse.
     block : int or None
         Block of a LabChart file, from 1.
     sheet : str or None
@@ -71,14 +76,15 @@ class ImportOptions:
     sampling_rate: float | None = None
     threshold: float | None = None
     edge: str | None = None
-    intensity: float = 1.0
+    intensity: float | str = 1.0
     block: int | None = None
     sheet: str | None = None
 
     @property
     def gate(self) -> GateSettings:
         """What is stated of a gate."""
-        return GateSettings(self.threshold, self.intensity, self.edge)
+        share = 1.0 if isinstance(self.intensity, str) else self.intensity
+        return GateSettings(self.threshold, share, self.edge)
 
     def given(self) -> list[str]:
         """Return the names of the options that are not left at their defaults."""
@@ -177,25 +183,95 @@ def import_file(
     file = read_signals(path, options.block, options.sheet)
     guess = decide(file, options)
     pulses, forces = converted(file, guess, choices)
-    if amid := begins_amid(pulses, forces):
+    remarks = list(_remarks(pulses, forces))
+    if pulses.sequence[0]:
+        remarks.append(('warning', _BEGUN))
+    elif begins_amid(pulses, forces):
         pulses = numbered_on(pulses)
-    remarks = (*_remarks(pulses, forces), *([('warning', _AMID)] if amid else []))
+        remarks.append(('warning', _AMID))
+    used = {guess.time, guess.force, guess.pulse}
+    signals = {one.name: one for one in file.signals}
+    if isinstance(options.intensity, str):
+        name, shares = _intensities(file, guess, choices, pulses, options.intensity)
+        pulses = replace(pulses, intensity=shares)
+        used.add(name)
+    elif guess.pulse in signals and guess.pulse_unit is None:
+        stamp_ns = stamps_of(file, signals[guess.pulse], guess, choices)
+        if warning := heights_told(signals[guess.pulse], stamp_ns, pulses):
+            remarks.append(('warning', warning))
+    names = [*signals, *(one.name for one in file.events)]
+    if left := [name for name in names if name not in used]:
+        remarks.append(('not used', ', '.join(map(repr, left))))
+    if options.intensity == 1.0:
+        remarks += [
+            ('warning', f'each pulse has the intensity 1; --intensity {name!r} decides otherwise')
+            for name in left
+            if 'intens' in name.lower()
+        ]
     read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
     named = None not in (options.time, options.force, options.pulse)
     told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
-    return Imported(pulses, forces, read, bool(told or not named), guess.quantity, remarks)
+    return Imported(pulses, forces, read, bool(told or not named), guess.quantity, tuple(remarks))
+
+
+def _intensities(
+    file: SignalFile, guess: Guess, choices: ImportChoices, pulses: PulseTrain, text: str
+) -> tuple[str, FloatArray]:
+    """Return the column or file that `text` names, and the shares in it (pulses,)."""
+    signals = {one.name: one for one in file.signals}
+    name, slash, full = text.rpartition('/')
+    if text in signals or not (slash and name in signals):
+        name, full = text, '1'
+    try:
+        scale = 1.0 / float(full)
+    except (ValueError, ZeroDivisionError) as error:
+        raise RecordingError(f'expected --intensity COLUMN/FULL, got {text!r}') from error
+    if name in signals:
+        found = signals[name]
+        shares = found.values
+        if len(shares) != len(pulses):
+            stamp_ns = stamps_of(file, found, guess, choices)
+            shares = values_at(shares, stamp_ns, pulses)
+    else:
+        if not Path(name).is_file():
+            columns = ', '.join(map(repr, signals))
+            raise RecordingError(
+                f'expected a share, a column or a file with --intensity, got {text!r}; the '
+                f'columns of {file.path} are {columns}'
+            )
+        table = read_signals(Path(name)).signals
+        found = next((one for one in table if 'intens' in one.name.lower()), table[0])
+        shares = found.values
+        if len(shares) != len(pulses):
+            raise RecordingError(
+                f'expected the intensity of each of {len(pulses)} pulses in {name}, got '
+                f'{len(shares)}'
+            )
+    shares = shares * (scale / 100.0 if found.unit == '%' else scale)
+    if (wrong := np.flatnonzero(~((shares >= 0.0) & (shares <= 1.0)))).size:
+        raise RecordingError(
+            f'expected intensities from 0 to 1 in {name!r}, or in a column with the unit %, got '
+            f'{shares[wrong[0]]:.4g} of pulse {wrong[0] + 1}: --intensity COLUMN/FULL divides by '
+            'the value of the maximum'
+        )
+    return name, shares
 
 
 def _remarks(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
     if missing := int(np.count_nonzero(~np.isfinite(forces.force))):
         yield 'missing', f'{missing} samples of the force are no finite number'
-    if warning := bounces(pulses):
+    period = float(np.median(np.diff(forces.stamp_ns))) / 1e9 if len(forces) > 1 else 0.0
+    if warning := odd_gate(pulses, period):
         yield 'warning', warning
 
 
 _AMID = (
     'pulses come from the beginning, and the force is not at rest there: those before it are not '
     'in the file, and nothing is learnt while they may act; better begin at rest'
+)
+_BEGUN = (
+    'the gate is up in the first row: when that pulse began is not in the file, and nothing is '
+    'learnt while it may act; better begin at rest'
 )
 # The first pulse comes within so many intervals of the pulses after it.
 _INTERVALS = 1.5
