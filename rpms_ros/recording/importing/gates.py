@@ -209,6 +209,8 @@ def _lower_pulses(values: FloatArray, edge: str) -> int:
     What leaves the band of nine tenths of the samples at rest by more than its width is a pulse.
     """
     values = -values if edge == FALLING else values
+    if not 0.0 < np.ptp(values) < np.inf:
+        return 0
     top, middle = float(values.max()), float(values.min() + values.max()) / 2
     low, high = np.percentile(values[values <= middle], [5.0, 95.0])
     level = high + (high - low) + _LEAST_HEIGHT * (top - low)
