@@ -317,6 +317,56 @@ def test_labchart_text(tmp_path: Path) -> None:
     expect_the_session(*imported(path, block=2))
 
 
+def test_labchart_text_whose_unit_is_that_of_the_range(tmp_path: Path) -> None:
+    path = tmp_path / 'session.txt'
+    head = LABCHART.replace('UnitName=\tN\tV\n', '').replace('10.000 V', '1.000 kg', 1)
+    path.write_text(head + '\n'.join(rows('\t')), encoding='latin-1')
+    expect_the_session(*imported(path), scale=9.80665)
+
+
+def counted(path: Path, name: str, above: str = '') -> Path:
+    lines = [f'{place}\t{line.partition(chr(9))[2]}' for place, line in enumerate(rows('\t'))]
+    path.write_text(f'{above}{name}\tForce\tStim\n' + '\n'.join(lines))
+    return path
+
+
+@pytest.mark.parametrize('name', ['Sample', 'index', '#', 'Sample No.', 'n'])
+def test_a_counter_of_samples_is_no_time(tmp_path: Path, name: str) -> None:
+    path = counted(tmp_path / 'trial.txt', name)
+    for options in ({}, {'time': name}):
+        with pytest.raises(RecordingError, match=r'got .*, which counts them: --sampling-rate HZ'):
+            import_file(path, ImportOptions(**options))
+    expect_the_session(*imported(path, sampling_rate_hz=1000.0))
+    expect_the_session(*imported(path, time=name, time_unit='ms'))
+    above = 'Stim Frequency (Hz): 100\nSample Frequency (Hz): 1000\n'
+    expect_the_session(*imported(counted(path, name, above)))
+    expect_the_session(*imported(counted(path, name, 'Sampling rate = 1 kHz\n')))
+
+
+def test_a_counter_without_a_name_is_no_time_either(tmp_path: Path) -> None:
+    path = counted(tmp_path / 'trial.txt', '')
+    path.write_text(path.read_text().partition('\n')[2])
+    with pytest.raises(RecordingError, match=r"got 'column 1', which counts them"):
+        import_file(path, ImportOptions())
+
+
+def test_volts_that_a_header_states_are_no_newtons(tmp_path: Path) -> None:
+    above = 'Sample Frequency (Hz): 1000\nTest Data in Volts:\n'
+    path = counted(tmp_path / 'trial.txt', 'Sample', above)
+    with pytest.raises(Ambiguous, match=r"got 'Force' in V: --force-scale N-PER-UNIT"):
+        import_file(path, ImportOptions())
+    expect_the_session(*imported(path, force_scale=2.0), scale=2.0)
+
+
+def test_another_force_is_no_gate(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    table = np.column_stack((TIME, FORCE, GATE))
+    for other in ('F32 (N)', 'F32'):
+        np.savetxt(path, table, delimiter=',', header=f'time,F31 (N),{other}', comments='')
+        with pytest.raises(Ambiguous, match=r'expected one gate, trigger or list of pulses in'):
+            import_file(path, ImportOptions(force='F31 (N)'))
+
+
 def test_spike2_text(tmp_path: Path) -> None:
     force = '\n'.join(f'{value:.4f}' for value in FORCE)
     triggers = '\n'.join(f'{TIME[place]:.6f}' for place in ONSETS)

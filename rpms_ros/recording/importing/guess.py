@@ -34,9 +34,14 @@ from rpms_ros.recording.importing.signals import usual_unit
 
 _TIME = re.compile(r'\b(t|time|zeit|temps|tiempo|timestamps?|seconds|sec)\b|time', re.IGNORECASE)
 _FORCE = re.compile(
-    r'force|kraft|fuerza|load|^f[xyzgm]|\bf\b|\bfz\b|strain|torque|moment', re.IGNORECASE
+    r'force|kraft|fuerza|load|^f[xyzgm\d]|\bf\b|\bfz\b|strain|torque|moment', re.IGNORECASE
 )
 _PULSE = re.compile(r'stim|gate|trig|pulse|puls|sync|ttl|marker|digital', re.IGNORECASE)
+_COUNTER = re.compile(
+    r'^\W*(?:(?:samples?|frames?|data|row)?[ _]*'
+    r'(?:index|idx|number|num|nr|no|count(?:er)?|points?)|samples?|frames?|rows?|n|)\W*$',
+    re.IGNORECASE,
+)
 # Sample periods of force in a recording, from 100 kHz to 100 Hz [s].
 _SHORTEST, _LONGEST = 1e-5, 1.0000001e-2
 _KNOWN_UNITS = (('time', TIME_UNITS), ('force', SENSOR_UNITS), ('pulses', LIST_UNITS))
@@ -223,6 +228,8 @@ def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:
     rising = [one for one in sampled if rises(one.values)]
     named = [one for one in rising if _TIME.search(one.name)]
     chosen = named or rising
+    if counters := [one.name for one in rising if _counts(one) and not named]:
+        raise _no_times(counters[0])
     if len(chosen) != 1:
         found = ', '.join(repr(one.name) for one in chosen) or _why_none(file)
         raise Ambiguous(
@@ -232,6 +239,22 @@ def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:
             [one.name for one in chosen or sampled or file.signals],
         )
     return chosen[0].name
+
+
+def _counts(signal: Signal) -> bool:
+    """Return whether a signal without a unit numbers the samples: by its name, or without one."""
+    if signal.unit:
+        return False
+    if signal.name.startswith('column '):
+        return bool(np.all(np.diff(signal.values) == 1.0))
+    return _COUNTER.match(signal.name) is not None
+
+
+def _no_times(name: str) -> RecordingError:
+    return RecordingError(
+        f'expected times or the rate of the samples, got {name!r}, which counts them: '
+        '--sampling-rate HZ decides, or --time COL with --time-unit'
+    )
 
 
 def _why_none(file: SignalFile) -> str:
@@ -268,6 +291,8 @@ def _time_unit(signal: Signal, given: str | None) -> tuple[str, str]:
     stated = usual_unit(signal.unit)
     if stated in TIME_UNITS:
         return stated, 'as the file says'
+    if _counts(signal):
+        raise _no_times(signal.name)
     period = float(np.median(np.diff(signal.values))) if len(signal.values) > 1 else 0.0
     for unit in ('s', 'ms', 'us'):
         if _SHORTEST <= period * TIME_UNITS[unit] <= _LONGEST:
@@ -319,7 +344,8 @@ def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) ->
     names = [*(one.name for one in sampled), *short, *events]
     named = [name for name in names if _PULSE.search(name)]
     gates = [one.name for one in sampled if has_two_levels(one)]
-    others = [name for name in gates if not _FORCE.search(name)] + short
+    forces = {one.name for one in sampled if _has_force_unit(one)}
+    others = [name for name in gates if name not in forces and not _FORCE.search(name)] + short
     for chosen in (named, events, others):
         if len(chosen) == 1:
             return chosen[0]

@@ -35,6 +35,9 @@ _THOUSANDS = re.compile(
     r'^[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?|'
     r"(?:['’\s]\d{3})+(?:[.,]\d*)?)$"
 )
+# Lines above the titles: the rate, with its unit before or behind it, and the unit of all.
+_RATE = re.compile(r'(?i)^(?=.*\bk?hz\b)\W*(sampl|acquisition|scan)[^\d]*(\d+(?:\.\d+)?)\D*$')
+_VOLTS = re.compile(r'(?i)\bdata in volts?\b|\bunits?\W+v(?:olts?)?\W*$')
 _OLD_OFFICE = b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1'
 _LOOKED_AT = 200
 _LABCHART = ('Interval=', 'ChannelTitle=', 'ExcelDateTime=', 'TimeFormat=', 'DateFormat=')
@@ -140,6 +143,14 @@ def _table(path: Path, text: str, encoding: str) -> SignalFile:
         TIME_OF_DAY if _CLOCK.match(cell) else unit
         for cell, unit in zip(begin, units, strict=True)
     ]
+    above = lines[:first]
+    rates = [found for line in above if (found := _RATE.match(line))]
+    if rates and not any('time' in name.lower() for name in names):
+        rate = float(rates[0][2]) * (1e3 if 'khz' in rates[0][0].lower() else 1.0)
+    else:
+        rate = None
+    if any(_VOLTS.search(line) for line in above):
+        units = [unit or unit_of(name) or 'V' for name, unit in zip(names, units, strict=True)]
     facts = [encoding, f'separated by {_SEPARATORS[separator]}']
     facts += ['decimal comma'] if comma else []
     facts += [] if first else ['no header']
@@ -150,6 +161,7 @@ def _table(path: Path, text: str, encoding: str) -> SignalFile:
             Signal(name, values, unit or unit_of(name))
             for name, unit, values in zip(names, units, columns, strict=True)
         ),
+        sampling_rate_hz=rate,
         facts=tuple(facts),
     )
 
@@ -301,12 +313,16 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
     if width < 2:
         raise RecordingError(f'expected time and channels in {path}, got no such rows')
     titles = head.get('ChannelTitle', [])
-    units = head.get('UnitName', [])
+    stated, ranges = head.get('UnitName', []), head.get('Range', [])
+    # the range has the unit of the numbers, too
+    units = [
+        _at(stated, index) or _at(ranges, index).rpartition(' ')[2] for index in range(width - 1)
+    ]
     names = unlike([*titles, *[''] * width][: width - 1])
     table = np.array([[_value(path, cell, comma) for cell in row[:width]] for row in rows])
     time = table[:, 0]
     signals = tuple(
-        Signal(name, np.ascontiguousarray(table[:, index + 1]), _at(units, index), time)
+        Signal(name, np.ascontiguousarray(table[:, index + 1]), units[index], time)
         for index, name in enumerate(names)
     )
     return SignalFile(path, 'LabChart text', signals, facts=(encoding, f'block {chosen}'))
