@@ -47,6 +47,7 @@ class FakeRapid2(threading.Thread):
     deaf : answers as if it took an intensity, and keeps the one it has
     obey_disarm : whether it obeys when it is told to disarm
     after : answers with the status after a command, not the published one before it
+    meddle : called with each command after it was answered
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class FakeRapid2(threading.Thread):
         self.temperatures = '253', '251'
         self.acknowledge_only = self.hang = self.flip = self.silent = False
         self.deaf = self.after = False
+        self.meddle = None
         self.obey_disarm = True
         self.refuse, self.cut = {}, None
         self.triggers, self.commands, self.disarmed = [], [], []
@@ -176,6 +178,8 @@ class FakeRapid2(threading.Thread):
         elif len(self._frame) == length:
             frame, self._frame = self._frame, b''
             self._send(self._obey(frame, now), now)
+            if self.meddle:
+                self.meddle(frame[:-1])
 
     def _send(self, answer, now):
         if self.silent or not answer:

@@ -115,6 +115,13 @@ class Books:
         self.session_energy_j += energy_j
         self.forget(time_ns)
 
+    def book_more(self, time_ns: int, energy_j: float) -> None:
+        """Count energy [J] that pulses turn out at ``time_ns`` [ns] to have had besides."""
+        self.train_energy_j += energy_j
+        self.window.append((time_ns, energy_j))
+        self.window_energy_j += energy_j
+        self.session_energy_j += energy_j
+
     def correct(self, time_ns: int) -> None:
         """Move the last pulse to when the device gave it [ns], if that was later than booked."""
         if self.last_ns is None or time_ns <= self.last_ns:

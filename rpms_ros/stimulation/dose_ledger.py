@@ -103,6 +103,16 @@ class MemoryLedger:
         """
         self.account.give_back(numbers)
 
+    def count(self, pulses: Sequence[PlannedPulse]) -> None:
+        """Count pulses that were given, whatever the patient may get.
+
+        Raises
+        ------
+        LedgerError
+            If they cannot be written.
+        """
+        self.account.add(pulses, reserved=False)
+
     def totals(self) -> DoseTotals:
         """Return what the patient got within the window of the dose, reserved pulses included."""
         return self.account.totals
@@ -211,6 +221,12 @@ class DoseLedger(MemoryLedger):
             numbers = self.account.add(pulses)
             self._places.update((number, (batch, i)) for i, number in enumerate(numbers))
             return numbers
+
+    def count(self, pulses: Sequence[PlannedPulse]) -> None:
+        """Put pulses that were given on the disk, whatever the patient may get."""
+        with self._lock:
+            self.account.add(pulses, reserved=False)
+            self._write(pulses)
 
     def take(self, number: int) -> None:
         """Note that a reserved pulse is triggered now; each can be taken once."""

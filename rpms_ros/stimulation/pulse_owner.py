@@ -3,6 +3,7 @@
 """Firing the pulses of a run, each after everything that can stand against it was asked."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 from rpms_ros.printable import counted
@@ -16,8 +17,10 @@ from rpms_ros.stimulation.device_owner import Equipment
 from rpms_ros.stimulation.devices.interface import UNVERIFIED
 from rpms_ros.stimulation.devices.interface import Delivery
 from rpms_ros.stimulation.devices.interface import DeviceError
+from rpms_ros.stimulation.devices.interface import DeviceStatus
 from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.dose import LedgerError
+from rpms_ros.stimulation.dose import PlannedPulse
 from rpms_ros.stimulation.fired import Fired
 from rpms_ros.stimulation.lateness import Lateness
 from rpms_ros.stimulation.limiter import PulseLimiter
@@ -29,8 +32,17 @@ from rpms_ros.stimulation.states import State
 _LATE = 'late'
 # Pulses that were given up for a reading of the coil's temperature are counted under this name.
 _READING = 'temperature_reading'
-# A device that measures its coil is asked for it in a train when the last reading is this old.
+# The same for a reading of the intensity.
+_INTENSITY = 'intensity_reading'
+# A device that measures its coil is asked for it in a train when the last reading is this old, and
+# one that tells its intensity for that.
 _READING_LIMIT_NS = 4 * NANOSECONDS_PER_SECOND
+# From this age on a reading of the temperature comes before one of the intensity.
+_WARM_NS = 2 * NANOSECONDS_PER_SECOND
+# Longer than a schedule can be.
+_NEVER_S = 1e6
+# A reading before a pulse ends so long before the trigger, which it must not delay.
+_MARGIN_NS = 10_000_000
 
 
 class PulseOwner(DeviceOwner):
@@ -63,6 +75,9 @@ class PulseOwner(DeviceOwner):
         self._trigger_ns = nanoseconds(equipment.device.trigger_s)
         # how long the last preparation took
         self._preparing_ns = 0
+        # pulses since the intensity was read, and whether it was read since it was set
+        self._unread: list[PlannedPulse] = []
+        self._read = False
         self._wait_for_nothing()
 
     def _wait_for_nothing(self) -> None:
@@ -93,14 +108,85 @@ class PulseOwner(DeviceOwner):
             # never between a preparation and its trigger: that pulse would be late
             if self._felt_ns is not None and now - self._felt_ns >= _READING_LIMIT_NS:
                 self._read_temperature(run, trigger_ns - now)
+            elif self._unread and now - self._unread[0].time_ns >= _READING_LIMIT_NS:
+                self._read_late(run)
             else:
                 self._prepare(run, trigger_ns - now)
         elif now >= trigger_ns:
             self._pulse(run)
             return max(self._hold_ns, now) if self.state is State.RUNNING else now + LOOK_NS
         else:
-            return trigger_ns
+            return self._look_again(run, trigger_ns, now)
         return now
+
+    @property
+    def _reading_back_ns(self) -> int:
+        """How long reading the intensity back takes [ns]; longer than any gap if it cannot be."""
+        return nanoseconds(min(self.device.read_back_s, _NEVER_S))
+
+    def _look_again(self, run: Run, trigger_ns: int, now: int) -> int:
+        """Read the intensity right before a trigger, once; return when to go on [ns]."""
+        begin_ns = trigger_ns - self._reading_back_ns
+        if self._read or now > begin_ns:
+            return trigger_ns
+        if now >= begin_ns - _MARGIN_NS:
+            since = self._epoch
+            self._heed(self._told(since), since, run.intensity)
+            return now
+        return begin_ns - _MARGIN_NS
+
+    def _told(self, since: object) -> DeviceStatus:
+        """Read back what the device is set to."""
+        limit_s = self.settings.stuck_limit_s
+        status = self._call('read_back', limit_s, since, self.device.read_back)
+        self._answered_ns, self._read = self._clock(), True
+        return status
+
+    def _read_late(self, run: Run) -> None:
+        """Read the intensity back in a train that leaves no room for it: pulses are given up."""
+        needed_ns = self._reading_back_ns + self._preparing_ns + self._trigger_ns
+        while not run.exhausted and run.due_ns - self._clock() < needed_ns:
+            self._drop(run, _INTENSITY)
+        self._verified(run, self._unread[-1].intensity, self._epoch)
+
+    def _verified(self, run: Run, expected: float, since: object) -> tuple[float, bool]:
+        """Read back what the last pulse was given with; return that, and whether it was right.
+
+        What is not ``expected`` is a fault, and every pulse since the reading before counts as
+        of what was read, if that is more.
+        """
+        status, unread, self._unread = self._told(since), self._unread, []
+        found = status.intensity
+        wrong = intensity_fault(found, expected, self.settings.intensity_tolerance)
+        # one that was silenced meanwhile is set to zero
+        if found is None or (since is not self._epoch and found <= expected):
+            return 0.0, False
+        if wrong is None:
+            self._heed(status, since)
+            return found, True
+        self.fail('intensity', wrong)
+        more = [
+            PlannedPulse(pulse.time_ns, found, self.limits.energy_j(found) - pulse.energy_j)
+            for pulse in unread
+            if found > pulse.intensity
+        ]
+        self._count_more(run, more)
+        return found, False
+
+    def _count_more(self, run: Run, pulses: list[PlannedPulse]) -> None:
+        """Put energy on all books that pulses had beside what was booked before them."""
+        now, energy = self._clock(), sum(pulse.energy_j for pulse in pulses)
+        for books in (self.limiter, self.confirmed):
+            books.book_more(now, energy)
+        if self.coil is not None:
+            self.coil.heat(now, energy)
+        run.energy_j += energy
+        with self._deadlines.of('ledger', self.settings.open_limit_s):
+            try:
+                if pulses and self._reservations is not None:
+                    self._reservations.count(pulses)
+            except LedgerError as error:
+                self.fail('ledger', str(error))
 
     def _rest(self) -> None:
         """Set intensity zero while no pulse is due."""
@@ -127,8 +213,9 @@ class PulseOwner(DeviceOwner):
             intensity,
             spare_s,
         )
-        self._answered_ns = self._clock()
-        self._preparing_ns = self._answered_ns - began
+        self._answered_ns, self._read = self._clock(), False
+        if status is None or status.temperature is None:
+            self._preparing_ns = self._answered_ns - began
         self._heed(status, since, intensity)
         self._set_intensity = intensity
 
@@ -170,7 +257,28 @@ class PulseOwner(DeviceOwner):
         self._answered_ns = self._clock()
         fired = dataclasses.replace(pulse, delivery=delivery)
         self._account(run, fired, began)
+        if delivery is not None:
+            fired = dataclasses.replace(fired, delivery=self._looked_at(run, delivery, since))
         self._tell(fired)
+
+    def _looked_at(self, run: Run, delivery: Delivery, since: object) -> Delivery:
+        """Read the intensity of a pulse back, where there is room; say what is known of it."""
+        needed_ns = self._reading_back_ns
+        if not run.exhausted:
+            needed_ns += self._preparing_ns + self._trigger_ns
+            if self._felt_ns is not None and self._clock() - self._felt_ns >= _WARM_NS:
+                needed_ns += self._reading_ns
+        room = run.exhausted or self._clock() + needed_ns <= run.due_ns
+        if 'intensity' not in delivery.unverified or not room or since is not self._epoch:
+            return delivery
+        try:
+            found, right = self._verified(run, delivery.intensity, since)
+        except DeviceError:
+            # a fault already
+            return delivery
+        if right:
+            return delivery._replace(unverified=delivery.unverified - {'intensity'})
+        return delivery._replace(intensity=max(found, delivery.intensity))
 
     def _permitted(self, run: Run) -> bool:
         """Return whether the pulse may be triggered now; deal with it if it may not."""
@@ -223,6 +331,8 @@ class PulseOwner(DeviceOwner):
         run.energy_j += energy
         run.cursor += 1
         self.commanded += 1
+        if math.isfinite(self.device.read_back_s):
+            self._unread.append(PlannedPulse(onset_ns, pulse.intensity, energy))
         self._active_ns = onset_ns
         self._set_intensity = None
         self._wait_for_nothing()

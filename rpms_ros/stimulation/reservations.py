@@ -7,6 +7,7 @@ some pulses at a time; a pulse that is not there yet is not fired.
 """
 
 import threading
+from collections.abc import Sequence
 
 from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.dose import PlannedPulse
@@ -73,6 +74,10 @@ class Reservations:
     def holds(self, index: int) -> bool:
         """Return whether a pulse of the run is reserved and not taken."""
         return index in self._open
+
+    def count(self, pulses: Sequence[PlannedPulse]) -> None:
+        """Count pulses that were given beside the run's; raises LedgerError as `extend` does."""
+        self._ledger.count(pulses)
 
     def take(self, index: int) -> None:
         """Note that a pulse of the run is triggered now.

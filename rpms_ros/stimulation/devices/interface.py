@@ -108,6 +108,10 @@ class Device(Protocol):
     def trigger_s(self) -> float:
         """Time from the call of `fire` to the onset that the device takes for itself [s]."""
 
+    @property
+    def read_back_s(self) -> float:
+        """Time that `read_back` takes [s]; ``inf`` for a device that it tells nothing new."""
+
     def quantized(self, intensity: Shares) -> Shares:
         """Return the largest intensities it can be set to that are not above ``intensity``."""
 
@@ -118,7 +122,7 @@ class Device(Protocol):
         """Make pulses possible, at intensity zero."""
 
     def prepare(self, intensity: float, spare_s: float = math.inf) -> DeviceStatus | None:
-        """Set the intensity of the next pulse, verified as far as the device tells.
+        """Set the intensity of the next pulse.
 
         Parameters
         ----------
@@ -136,6 +140,12 @@ class Device(Protocol):
         Raises on any doubt: no coil or one to be replaced, an error, not ready, not armed, as far
         as the answer to the trigger tells.  Raises `TooLate` if the trigger could not be written
         before ``latest_ns``, monotonic clock [ns].
+        """
+
+    def read_back(self) -> DeviceStatus:
+        """Return a status with the intensity that is set in the device, read from it now.
+
+        Called right before a trigger, and after it if `fire` has left the intensity unverified.
         """
 
     def keep_alive(self) -> DeviceStatus:

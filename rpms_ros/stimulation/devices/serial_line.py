@@ -39,8 +39,8 @@ _FROM_ZERO_S = 1.0
 _TURNAROUND_S = 0.003
 _TEMPERATURE_INTERVAL_NS = 2 * _SECOND
 _FRAME_LENGTH = 3
-# The protocol has no word on whether a trigger gave a pulse.
-_NEVER_VERIFIED = frozenset({'delivery'})
+# The protocol has no word on whether a trigger gave a pulse; the intensity is read back later.
+_UNVERIFIED = frozenset({'delivery', 'intensity'})
 
 
 class SerialDevice:
@@ -75,8 +75,8 @@ class SerialDevice:
         self._line = GuardedLine(port, GuardLimits(bound, beat_limit_s, timeout_s), clock)
         self._clock = clock
         self._parameters_length: int | None = None
-        # percent that was asked for, and whether it was read back
-        self._set: tuple[int, bool] | None = None
+        # percent that was asked for
+        self._set: int | None = None
         self._armed = False
         self._temperature_ns: int | None = None
         # a silence in the middle of a call shows as another number
@@ -105,6 +105,12 @@ class SerialDevice:
         return wire_s(_FRAME_LENGTH)
 
     @property
+    def read_back_s(self) -> float:
+        """Time that reading the intensity back takes [s]; endless for one without a version."""
+        length = self._parameters_length
+        return math.inf if length is None else wire_s(_FRAME_LENGTH + length) + _TURNAROUND_S
+
+    @property
     def guard_pid(self) -> int | None:
         """Process of the guard, None if there is none."""
         return self._line.guard_pid
@@ -121,8 +127,8 @@ class SerialDevice:
             version = self._line.exchange(rapid2.VERSION, rapid2.UNTIL_ZERO)
             self._parameters_length = _length_of_parameters(version.answer if version else b'')
             self._set_percent(0)
-            if self._parameters_length is not None:
-                self._read_back(0, self._parameters_length)
+            if self.read_back().intensity:
+                raise DeviceError('expected intensity 0 % in the device, got more')
         except BaseException:
             self._line.close()
             raise
@@ -147,10 +153,10 @@ class SerialDevice:
                 )
 
     def prepare(self, intensity: float, spare_s: float = math.inf) -> DeviceStatus | None:
-        """Set the intensity of the next pulse, again also if it is the same; read it back.
+        """Set the intensity of the next pulse, again also if it is the same.
 
-        At 9600 baud setting takes 8 ms, reading back 25 to 28 ms more: that is left out where it
-        does not fit into ``spare_s``, as it is every 2 s where the temperature comes first.
+        At 9600 baud that takes 8 ms; the temperature, which is due every 2 s, 16 ms more, and is
+        left out where it does not fit into ``spare_s``.
         """
         if self._is_silenced:
             return None
@@ -160,8 +166,6 @@ class SerialDevice:
         temperature = None
         if self._temperature_is_due and self._fits(rapid2.TEMPERATURE_LENGTH, end):
             temperature = self._read_temperature()
-        if self._parameters_length is not None and self._fits(self._parameters_length, end):
-            status = self._read_back(percent, self._parameters_length)
         self._refuse_what_is_wrong(status, self._armed)
         return self._status_of(status, temperature)
 
@@ -170,10 +174,10 @@ class SerialDevice:
     ) -> Delivery | None:
         """Trigger; the device has one width, the only one of its specification."""
         del intensity, width_s
-        prepared = self._set
+        percent = self._set
         if self._is_silenced:
             return None
-        if prepared is None or not self._armed:
+        if percent is None or not self._armed:
             raise DeviceError('expected an armed device with an intensity, got none')
         reply = self._line.exchange(rapid2.TRIGGER, rapid2.STATUS_LENGTH, latest_ns)
         if reply is None:
@@ -182,10 +186,20 @@ class SerialDevice:
         self._refuse_what_is_wrong(status, armed=True)
         if not status & rapid2.READY:
             raise DeviceError(f'expected a ready device, got status {status:#04x}')
-        percent, read_back = prepared
         onset_ns = reply.written_ns + nanoseconds(self.trigger_s)
-        unverified = _NEVER_VERIFIED if read_back else _NEVER_VERIFIED | {'intensity'}
-        return Delivery(onset_ns, percent / _STEPS, unverified)
+        return Delivery(onset_ns, percent / _STEPS, _UNVERIFIED)
+
+    def read_back(self) -> DeviceStatus:
+        """Read the intensity back; one that is not what was set silences the device at once."""
+        if self._is_silenced or self._parameters_length is None:
+            return DeviceStatus()
+        answer = self._checked_exchange(rapid2.PARAMETERS, self._parameters_length)
+        found = _checked_number(rapid2.set_percent, answer.data)
+        if found != self._set:
+            self.silence()
+        else:
+            self._refuse_what_is_wrong(answer.status, self._armed)
+        return self._status_of(answer.status)._replace(intensity=found / _STEPS)
 
     def keep_alive(self) -> DeviceStatus:
         """Ask for the status, and every 2 s for the temperature.
@@ -254,19 +268,8 @@ class SerialDevice:
         """Set an intensity; return the status."""
         self._set = None
         status = self._ask(rapid2.power(percent))
-        self._set = percent, False
+        self._set = percent
         return status
-
-    def _read_back(self, percent: int, length: int) -> int:
-        """Make sure that an intensity is set; return the status."""
-        self._set = None
-        answer = self._checked_exchange(rapid2.PARAMETERS, length)
-        found = _checked_number(rapid2.set_percent, answer.data)
-        if found != percent:
-            self.silence()
-            raise DeviceError(f'expected intensity {percent} % in the device, got {found} %')
-        self._set = percent, True
-        return answer.status
 
     def _fits(self, answer_length: int, end_ns: int) -> bool:
         """Whether an exchange is over before a moment [ns]."""
@@ -316,14 +319,12 @@ class SerialDevice:
             )
 
     def _status_of(self, status: int, temperature: float | None = None) -> DeviceStatus:
-        percent, read_back = self._set or (0, False)
         return DeviceStatus(
             armed=bool(status & (rapid2.ARMED | rapid2.READY)),
             ready=bool(status & rapid2.READY),
             coil_present=bool(status & rapid2.COIL_PRESENT),
             replace_coil=bool(status & rapid2.REPLACE_COIL),
             error=bool(status & rapid2.ERROR),
-            intensity=percent / _STEPS if read_back else None,
             temperature=temperature,
         )
 

@@ -162,6 +162,11 @@ class SimulatedDevice:
         """Time from the call of `fire` to the pulse [s]."""
         return self._wire.trigger_s
 
+    @property
+    def read_back_s(self) -> float:
+        """Endless: every answer tells the intensity."""
+        return math.inf
+
     def quantized(self, intensity: Shares) -> Shares:
         """Return the largest steps that are not above ``intensity``."""
         return quantized_down(intensity, self._steps) if self._steps else intensity
@@ -220,6 +225,11 @@ class SimulatedDevice:
         self.fired.append(given)
         self._hang(self._wire.answer_s)
         return given
+
+    def read_back(self) -> DeviceStatus:
+        """Say what is set."""
+        self._require_present()
+        return self._status()
 
     def keep_alive(self) -> DeviceStatus:
         """Note that the driver is there."""
