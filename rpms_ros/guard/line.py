@@ -15,7 +15,7 @@ _PAUSE_S = 0.0002
 
 
 class LineError(Exception):
-    """The line is gone, or does not take what is written."""
+    """The line is gone."""
 
 
 class LineBusy(LineError):
@@ -51,9 +51,9 @@ def write(descriptor: int, raw: bytes) -> None:
     Raises
     ------
     LineBusy
-        If nothing can be written now.
+        If nothing, or only a part, can be written now.
     LineError
-        If the port is gone, or takes a part.
+        If the port is gone.
     """
     try:
         taken = os.write(descriptor, raw)
@@ -62,7 +62,7 @@ def write(descriptor: int, raw: bytes) -> None:
     except OSError as error:
         raise LineError(f'expected a line to write to, got {error}') from error
     if taken != len(raw):
-        raise LineError(f'expected a line that takes {len(raw)} bytes, got {taken}')
+        raise LineBusy(f'expected a line that takes {len(raw)} bytes, got {taken}')
 
 
 @dataclass

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guard: relays commands while the driver lives, and disarms when it does not."""
 
+import contextlib
 import select
 import time
 from collections import deque
@@ -278,10 +279,12 @@ class Guard:
             self.silence(str(error))
 
     def _disarm(self) -> None:
-        self._attempts -= 1
-        self._attempt_ns = self._clock()
         # the second disarming is answered with the status after the first one
-        self.line.silence(rapid2.SILENCE + rapid2.framed(rapid2.DISARM))
+        with contextlib.suppress(LineBusy):
+            self.line.silence(rapid2.SILENCE + rapid2.framed(rapid2.DISARM))
+            # one that the line did not take is no attempt: the instrument has not heard it
+            self._attempts -= 1
+        self._attempt_ns = self._clock()
 
     def _disarmed(self) -> bool:
         """Whether the instrument has said that it is disarmed."""

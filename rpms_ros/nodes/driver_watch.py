@@ -46,8 +46,9 @@ SUFFIX = '_watch'
 
 _LOOK_MS = 5
 _GRAPH_PERIOD_NS = 100_000_000
-# the state of a button stands behind four bytes of encapsulation
-_STATE_AT = 4
+# the state of a button stands behind four bytes of encapsulation; the last of these says how many
+# bytes follow it that fill up a word
+_HEADER, _FILLED = 4, 3
 
 
 class DriverWatch:
@@ -159,7 +160,7 @@ class DriverWatch:
     def _hear(self, now_ns: int) -> None:
         for taker, kept in ((self._kept, True), (self._live, False)):
             for taken in self._drained(taker):
-                pressed = any(taken.data[_STATE_AT : _STATE_AT + 1])
+                pressed = not says_released(taken.data)
                 self._buttons.heard(taken.identity, taken.sequence, pressed, now_ns, kept)
         for taken in self._drained(self._beats):
             self._take_beat(taken, now_ns)
@@ -253,3 +254,9 @@ class DriverWatch:
             self._controller.disarm(problem)
         else:
             self._controller.stop(HEARTBEAT, problem)
+
+
+def says_released(data: bytes) -> bool:
+    """Return whether a serialized state of a button is one zero byte and nothing else."""
+    filled = data[_HEADER - 1] & _FILLED if len(data) >= _HEADER else 0
+    return data[_HEADER : len(data) - filled] == b'\0'

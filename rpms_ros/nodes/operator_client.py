@@ -20,6 +20,7 @@ from rpms_ros import messages
 from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.stimulation.authority import operator_name
 from rpms_ros.stimulation.process_life import host_identity
 
 RATE = 50.0
@@ -33,7 +34,7 @@ class OperatorClient:
     node : Node
         Whose executor serves it.
     operator : str
-        Who.
+        Who; raises Refused if it is no name.
     rate : float
         Heartbeats a second [Hz].
 
@@ -46,7 +47,8 @@ class OperatorClient:
     """
 
     def __init__(self, node: Node, operator: str, rate: float = RATE) -> None:
-        self.operator = operator
+        # a message ends at a zero: what is sent would be another name
+        self.operator = operator_name(operator)
         self.enable = False
         self.token = ''
         self._sequence = 0

@@ -48,6 +48,17 @@ class Beat(NamedTuple):
     source: bytes
 
 
+def operator_name(text: str) -> str:
+    """Return the name of an operator; raise Refused if it is none."""
+    name = text.strip(' ')
+    if not name or len(name) > LONGEST_NAME or not name.isprintable():
+        raise Refused(
+            AUTHORITY,
+            f'expected a name of 1 to {LONGEST_NAME} printable characters, got {text!r}',
+        )
+    return name
+
+
 class Authority:
     """Holds the one operator; any thread may call it.
 
@@ -102,12 +113,7 @@ class Authority:
         Refused
             If somebody else has armed or has asked just before, or the name is none.
         """
-        name = operator.strip()
-        if not name or len(name) > LONGEST_NAME or not name.isprintable():
-            raise Refused(
-                AUTHORITY,
-                f'expected a name of 1 to {LONGEST_NAME} printable characters, got {operator!r}',
-            )
+        name = operator_name(operator)
         with self._lock:
             pending = bool(self._token) and now_ns <= self._until_ns
             if self._confirmed or (pending and name != self._operator):
@@ -209,7 +215,7 @@ class Authority:
         self._doubt = ''
 
     def _require_token(self, operator: str, token: str) -> None:
-        if not self._is_token(token) or operator.strip() != self._operator:
+        if not self._is_token(token) or operator.strip(' ') != self._operator:
             held = f'that of {self._operator}' if self._operator else 'one that was asked for'
             raise Refused(AUTHORITY, f'expected operator and token: {held}, got another one')
 

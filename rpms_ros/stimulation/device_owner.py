@@ -316,6 +316,11 @@ class DeviceOwner(SafetyMonitor):
         if status.temperature is not None:
             self._felt_ns = self._clock()
             if self.coil is not None:
+                wrong = self.coil.doubt(self._felt_ns, status.temperature)
+                if wrong is not None:
+                    # the model goes on without it
+                    self.fail('temperature', f'temperature: {wrong}')
+                    raise DeviceError(wrong)
                 self.coil.measured(self._felt_ns, status.temperature)
             self.temperature(status.temperature)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.fields import Bound
 from rpms_ros.stimulation.fields import DescriptionError
 from rpms_ros.stimulation.fields import as_mapping
 from rpms_ros.stimulation.fields import bounded_names
@@ -21,6 +22,12 @@ from rpms_ros.stimulation.yaml_places import from_file
 _FOLDER = Path(__file__).with_name('device_specifications')
 LONGEST_NAME = 64
 LONGEST_TEXT = 500
+# What has no limit at its bound in `Limits` has one here.
+_OF_REAL_DEVICES = {
+    'pulse_energy_j': Bound(0.0, 10_000.0, 'J', above=True),
+    'maximum_rate_hz': Bound(0.0, 100.0, 'Hz', above=True),
+    'maximum_intensity_rise': Bound(0.0, 0.5),
+}
 _KEYS = [
     'name', 'description', 'serial_number', 'simulated_only', 'limits', 'thermal', 'sources'
 ]  # fmt: skip
@@ -121,10 +128,10 @@ def _refuse_gaps(limits: Mapping[str, object], thermal: object) -> None:
             raise DescriptionError(
                 f'limits.{name}', 'expected every limit of a real device, got nothing'
             )
-    if thermal is None and limits['pulse_energy_j'] != 0.0:
-        raise DescriptionError(
-            'thermal', 'expected thermal figures of a device whose pulses have energy, got nothing'
-        )
+    if thermal is None:
+        raise DescriptionError('thermal', 'expected thermal figures of a real device, got nothing')
+    for name, bound in _OF_REAL_DEVICES.items():
+        bound.read(limits[name], f'limits.{name}')
 
 
 def _thermal(content: object) -> CoilThermal | None:

@@ -17,11 +17,15 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
 from rpms_ros.stimulation.dose import BookedPulse
 from rpms_ros.stimulation.fields import Bound
+from rpms_ros.stimulation.fields import DescriptionError
 from rpms_ros.stimulation.fields import bounded
 from rpms_ros.stimulation.fields import check_bounds
 from rpms_ros.stimulation.fields import share
 
-_CELSIUS = Bound(-20.0, 150.0, 'Celsius')
+# A room, and a coil; nobody stands below or above these.
+_ROOM, _COIL = Bound(0.0, 50.0, 'Celsius'), Bound(0.0, 150.0, 'Celsius')
+# How much colder a coil may be than the specification of the room, or of the coil, lets it be.
+_COLDER_K = 10.0
 
 
 @dataclass(frozen=True)
@@ -42,14 +46,18 @@ class CoilThermal:
         Temperature at which the device refuses to go on [Celsius].
     """
 
-    ambient: float = bounded(_CELSIUS)
+    ambient: float = bounded(_ROOM)
     coil_share: float = share()
     heat_capacity: float = bounded(Bound(0.0, 1e6, 'J/K', above=True))
     time_constant: float = bounded(Bound(0.0, 1e6, 's', above=True))
-    cutout: float = bounded(_CELSIUS)
+    cutout: float = bounded(_COIL)
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if not self.cutout > self.ambient:
+            raise DescriptionError(
+                'cutout', f'expected more than ambient, {self.ambient:g}, got {self.cutout:g}'
+            )
 
 
 class CoilTemperature:
@@ -67,10 +75,23 @@ class CoilTemperature:
         self.thermal = thermal
         # time and temperature as one value: other threads read it at any moment
         self._known = time_ns, thermal.ambient
+        # the same if nothing is measured
+        self._alone = self._known
 
     def at(self, time_ns: int) -> float:
         """Return the temperature [Celsius] at ``time_ns`` [ns] if nothing is fired until then."""
-        known_ns, celsius = self._known
+        return self._cooled(self._known, time_ns)
+
+    def doubt(self, time_ns: int, celsius: float) -> str | None:
+        """Return what is wrong with a measured temperature [Celsius], None if it may be right."""
+        least = max(self.thermal.ambient, self._cooled(self._alone, time_ns)) - _COLDER_K
+        # written so that NaN is wrong
+        if celsius >= least:
+            return None
+        return f'expected a sensor that works, at least {least:.3g} Celsius, got {celsius:g}'
+
+    def _cooled(self, known: tuple[int, float], time_ns: int) -> float:
+        known_ns, celsius = known
         elapsed = max(0, time_ns - known_ns) / NANOSECONDS_PER_SECOND
         above = celsius - self.thermal.ambient
         return self.thermal.ambient + above * math.exp(-elapsed / self.thermal.time_constant)
@@ -79,7 +100,9 @@ class CoilTemperature:
         """Take a pulse of ``energy_j`` [J] into account; return the temperature after it."""
         rise = self.thermal.coil_share * energy_j / self.thermal.heat_capacity
         celsius = self.at(time_ns) + rise
+        alone = self._cooled(self._alone, time_ns) + rise
         self.measured(time_ns, celsius)
+        self._alone = self._known[0], alone
         return celsius
 
     def forecast(self, time_ns: IntArray, energy_j: FloatArray) -> FloatArray:

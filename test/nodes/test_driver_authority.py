@@ -24,6 +24,7 @@ from rpms_ros.nodes import topics
 from rpms_ros.nodes.button_publisher import ButtonPublisher
 from rpms_ros.nodes.operator_client import OperatorClient
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.stimulation.interlocks import Refused
 
 CODES = RunSchedule.Result
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
@@ -124,6 +125,13 @@ def clinic(graph):
     yield make
     for each in made:
         each.ada.destroy()
+
+
+@pytest.mark.parametrize('name', ['ada\0', 'ada\n', ''])
+def test_a_client_of_no_name_is_refused(graph, name):
+    node = graph.add(lambda **options: Node('nameless', **options))
+    with pytest.raises(Refused, match='expected a name of 1 to 64 printable characters, got'):
+        OperatorClient(node, name)
 
 
 def test_two_steps_arm_and_a_goal_of_the_operator_runs(clinic):

@@ -23,6 +23,7 @@ from rpms_ros.nodes import qos
 from rpms_ros.nodes import topics
 from rpms_ros.nodes.button_publisher import ButtonPublisher
 from rpms_ros.nodes.driver_parameters import DriverParameters
+from rpms_ros.nodes.driver_watch import says_released
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
@@ -333,3 +334,22 @@ def test_a_press_is_heard_while_the_executor_is_blocked(graph, wait_for):
     assert not ward.controller.device.armed
     assert all(given.time_ns <= stopped_ns for given in ward.controller.device.fired)
     other.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('data', 'released'),
+    [
+        (b'\0\1\0\0\0', True),
+        # three bytes fill up a word, as another middleware sends it
+        (b'\0\1\0\3\0\0\0\0', True),
+        (b'\0\1\0\0\1', False),
+        (b'\0\1\0\0', False),
+        (b'\0\1\0\0\0\0', False),
+        (b'\0\1\0\3\1\0\0\0', False),
+        (b'\0\1\0\3\0', False),
+        (b'\0', False),
+        (b'', False),
+    ],
+)
+def test_anything_but_one_zero_byte_is_pressed(data, released):
+    assert says_released(data) == released

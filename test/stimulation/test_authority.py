@@ -96,7 +96,7 @@ def test_a_request_that_nobody_confirms_runs_out(authority: Authority) -> None:
         ada.confirm(late)
 
 
-@pytest.mark.parametrize('name', ['', '  ', 'x' * 65, 'a\nb', '\x00'])
+@pytest.mark.parametrize('name', ['', '  ', 'x' * 65, 'a\nb', '\x00', 'ada\0', 'ada\n', '\x1fada'])
 def test_a_name_is_a_name(authority: Authority, name: str) -> None:
     with pytest.raises(Refused, match='expected a name of 1 to 64 printable characters, got'):
         authority.request(name, 0)

@@ -59,9 +59,30 @@ def test_a_coil_that_gets_warm_needs_thermal_figures(load):
     text = RAPID[:begin] + RAPID[end:]
     for figure in ('ambient', 'coil_share', 'heat_capacity', 'time_constant', 'cutout'):
         text = '\n'.join(line for line in text.splitlines() if not line.startswith(f'  {figure}:'))
-    with pytest.raises(StimulationError, match='thermal: expected thermal figures of a device'):
+    with pytest.raises(StimulationError, match='thermal: expected thermal figures of a real dev'):
         load(text)
-    assert load(text.replace('pulse_energy_j: 252.0', 'pulse_energy_j: 0.0')).thermal is None
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'fault'),
+    [
+        ('pulse_energy_j: 252.0', 'pulse_energy_j: 0',
+         r'pulse_energy_j: expected a number in \(0, 10000\] J, got 0'),
+        ('maximum_rate_hz: 50.0', 'maximum_rate_hz: 1000',
+         r'maximum_rate_hz: expected a number in \(0, 100\] Hz, got 1000'),
+        ('maximum_intensity_rise: 0.1', 'maximum_intensity_rise: 1.0',
+         r'maximum_intensity_rise: expected a number in \[0, 0\.5\], got 1'),
+        ('ambient: 22.0', 'ambient: -1',
+         r'thermal\.ambient: expected a number in \[0, 50\] Celsius, got -1'),
+        ('cutout: 40.0', 'cutout: -1',
+         r'thermal\.cutout: expected a number in \[0, 150\] Celsius, got -1'),
+        ('cutout: 40.0', 'cutout: 22', 'cutout: expected more than ambient, 22, got 22'),
+    ],
+)  # fmt: skip
+def test_limits_that_limit_nothing_are_refused_for_a_real_device(load, old, new, fault):
+    assert old in RAPID
+    with pytest.raises(StimulationError, match=fault):
+        load(RAPID.replace(old, new, 1))
 
 
 @pytest.mark.parametrize(

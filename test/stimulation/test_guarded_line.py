@@ -132,3 +132,32 @@ def test_a_line_that_takes_nothing_is_given_up(port):
         write_silence(port.line, rapid2.SILENCE)
     # not before the patience is over
     assert time.monotonic() - began >= 0.05
+
+
+def test_a_guard_whose_line_takes_nothing_disarms_when_it_does(port, wait_for):
+    driver, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    reading, writing = os.pipe()
+    with theirs:
+        theirs.setblocking(False)
+        guard = Guard(port.line, theirs.fileno(), GuardLimits(), reading)
+        driver.close()
+        reasons = []
+        guarding = threading.Thread(target=lambda: reasons.append(guard.run()))
+        guarding.start()
+        # longer than all its attempts on a line that takes them
+        end = time.monotonic() + 1.0
+        wait_for(lambda: reasons or time.monotonic() > end)
+        assert not reasons
+        port.drain()
+        guarding.join()
+    assert reasons[0].startswith('the driver is gone')
+    for descriptor in (reading, writing):
+        os.close(descriptor)
+
+
+def test_what_a_line_takes_in_part_is_tried_again(monkeypatch):
+    parts = iter([3, 5, 8])
+    monkeypatch.setattr('rpms_ros.guard.line.os.write', lambda _, __: next(parts))
+    write_silence(-1, rapid2.SILENCE)
+    assert len(rapid2.SILENCE) == 8
+    assert not list(parts)
