@@ -224,9 +224,9 @@ class SimulatedMuscle:
         self.forces.append(force)
 
     def _on_estimate(self, message: Any) -> None:
-        from rpms_ros import messages
+        from rpms_ros import estimate_messages
 
-        self.estimates.append(messages.estimate_of(message))
+        self.estimates.append(estimate_messages.estimate_of(message))
 
 
 @contextmanager

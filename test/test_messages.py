@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores
 from rosbags.typesys import get_typestore
 
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.errors import MessageError
 from rpms_ros.identification.estimate import Estimate
@@ -149,7 +150,8 @@ def test_an_estimate_survives_the_round_trip_in_every_bit() -> None:
         estimate(),
         estimate(curve_force=np.empty(0), nonlinear_covariance=np.empty((0, 0))),
     ):
-        returned = messages.estimate_of(messages.estimate_message(given_, MESSAGE_TYPES))
+        sent = estimate_messages.estimate_message(given_, MESSAGE_TYPES)
+        returned = estimate_messages.estimate_of(sent)
         for name, value in vars(given_).items():
             assert same(value, getattr(returned, name)), name
 
@@ -163,7 +165,7 @@ def test_every_field_of_the_message_is_filled() -> None:
         physiology_lower=np.array([8e-3]),
         physiology_upper=np.array([10e-3]),
     )
-    message = messages.estimate_message(full, MESSAGE_TYPES, 'wrist')
+    message = estimate_messages.estimate_message(full, MESSAGE_TYPES, 'wrist')
     empty = type(message)()
     for name in message.get_fields_and_field_types():
         assert getattr(message, name) != getattr(empty, name), name
@@ -189,10 +191,10 @@ def shorten(name: str) -> Callable[[Any], None]:
     ],
 )
 def test_arrays_that_belong_together_have_one_length(name: str, length: int) -> None:
-    message = messages.estimate_message(estimate(), MESSAGE_TYPES)
+    message = estimate_messages.estimate_message(estimate(), MESSAGE_TYPES)
     shorten(name)(message)
     with pytest.raises(MessageError, match=f'expected {length} elements in {name}'):
-        messages.estimate_of(message)
+        estimate_messages.estimate_of(message)
 
 
 def test_what_a_device_could_not_confirm_goes_with_its_pulse() -> None:
@@ -220,12 +222,12 @@ def test_every_field_of_an_estimate_is_one_of_its_message() -> None:
 
 def test_an_estimate_of_an_older_definition_is_read() -> None:
     """Without what was appended later, and with the older name of the flags."""
-    message = messages.estimate_message(estimate(), MESSAGE_TYPES)
+    message = estimate_messages.estimate_message(estimate(), MESSAGE_TYPES)
     younger = ('rate', 'change', 'disturbance', 'reasons', 'nonlinear_identifiability', 'unit')
     names = [n for n in message.get_fields_and_field_types() if not n.startswith(younger)]
     older = SimpleNamespace(**{name: getattr(message, name) for name in names})
     older.nonlinear_excitation = message.nonlinear_identifiability
-    found = messages.estimate_of(older)
+    found = estimate_messages.estimate_of(older)
     assert found.nonlinear_identifiability.tolist() == [1, 2]
     assert found.rate_names == found.change_kinds == found.reasons == ()
     assert found.changes == len(found.rate) == len(found.change_ago) == 0

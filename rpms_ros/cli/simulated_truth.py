@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.muscle.truth import Truth
 from rpms_ros.recording.definitions import known_types
@@ -36,7 +37,11 @@ def truth_topic(truths: Sequence[Truth]) -> FurtherTopic:
         messages.MUSCLE_TRUTH,
         [truth.stamp_ns for truth in truths],
         [
-            bytes(store.serialize_cdr(messages.truth_message(truth, types), messages.MUSCLE_TRUTH))
+            bytes(
+                store.serialize_cdr(
+                    estimate_messages.truth_message(truth, types), messages.MUSCLE_TRUTH
+                )
+            )
             for truth in truths
         ],
     )

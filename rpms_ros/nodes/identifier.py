@@ -20,6 +20,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.axis import UNITS
 from rpms_ros.identification import Estimate
@@ -175,7 +176,9 @@ class Identifier(Node):
         for estimate in self.stream.advance():
             self._last = replace(self._senders.noted(estimate), unit=self._unit)
             frame_id = self.settings.frame_id
-            self._estimate.publish(messages.estimate_message(self._last, MESSAGE_TYPES, frame_id))
+            self._estimate.publish(
+                estimate_messages.estimate_message(self._last, MESSAGE_TYPES, frame_id)
+            )
             if estimate.disturbance_deviation > 0.0:
                 self._publish_disturbance(estimate)
 

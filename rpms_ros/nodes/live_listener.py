@@ -23,7 +23,7 @@ from rclpy.serialization import deserialize_message
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse
-from rpms_ros import messages
+from rpms_ros import estimate_messages
 from rpms_ros.axis import FORCE
 from rpms_ros.axis import Axis
 from rpms_ros.errors import MessageError
@@ -156,7 +156,7 @@ class LiveListener:
 
     def _estimate(self, data: bytes) -> None:
         message = _message(data, MuscleEstimate)
-        self._session.estimate(messages.estimate_of(message))
+        self._session.estimate(estimate_messages.estimate_of(message))
         self._session.call(message.header.frame_id)
 
     def _driver(self, data: bytes) -> None:

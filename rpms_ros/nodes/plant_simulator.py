@@ -19,6 +19,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from rpms_msgs.msg import MuscleTruth
 from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.axis import UNITS
 from rpms_ros.nodes import qos
@@ -144,7 +145,7 @@ class PlantSimulator(Node):
                 NANOSECONDS_PER_SECOND / self.settings.truth_rate
             )
             self._truth.publish(
-                messages.truth_message(self.plant.truth(), MESSAGE_TYPES, frame_id)
+                estimate_messages.truth_message(self.plant.truth(), MESSAGE_TYPES, frame_id)
             )
 
     def _report(self) -> None:

@@ -17,6 +17,7 @@ from rclpy.node import Node
 
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
@@ -150,7 +151,7 @@ class Replayer(Node):
             self._force.publish(self._force_bytes.message(index))
 
     def _on_estimate(self, message: MuscleEstimate) -> None:
-        estimate = messages.estimate_of(message)
+        estimate = estimate_messages.estimate_of(message)
         self.estimates.append(estimate)
         self._heard = time.monotonic()
         used = int(np.searchsorted(self._force_stamp_ns, estimate.stamp_ns, side='right'))

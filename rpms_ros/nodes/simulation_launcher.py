@@ -32,7 +32,7 @@ from rclpy.signals import SignalHandlerOptions
 from rpms_msgs.msg import DriverStatus
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import MuscleTruth
-from rpms_ros import messages
+from rpms_ros import estimate_messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
 from rpms_ros.muscle.truth import Truth
@@ -131,10 +131,10 @@ class Monitor(Node):
         return self.status.reason if self.status and self.status.state in stopped else ''
 
     def _on_estimate(self, message: MuscleEstimate) -> None:
-        self.estimates.append(messages.estimate_of(message))
+        self.estimates.append(estimate_messages.estimate_of(message))
 
     def _on_truth(self, message: MuscleTruth) -> None:
-        self.truths = [messages.truth_of(message)]
+        self.truths = [estimate_messages.truth_of(message)]
 
     def _on_status(self, message: DriverStatus) -> None:
         self.status = message

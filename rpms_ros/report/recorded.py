@@ -11,6 +11,7 @@ from typing import Any
 
 from rosbags.serde import SerdeError
 
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.errors import MessageError
 from rpms_ros.errors import RecordingError
@@ -125,10 +126,10 @@ def recorded_messages(
                 totals.take(message)
                 continue
             if type_name == messages.MUSCLE_TRUTH:
-                truths.append(messages.truth_of(message))
+                truths.append(estimate_messages.truth_of(message))
                 scan.budget.hold(_PER_TRUTH + size)
                 continue
-            estimate = messages.estimate_of(message)
+            estimate = estimate_messages.estimate_of(message)
         except _NOT_THERE:
             unreadable += 1
             continue

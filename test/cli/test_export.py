@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from scipy.io import loadmat
 
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.identification import CONVERGED
 from rpms_ros.identification import Estimate
@@ -65,7 +66,7 @@ def estimate(stamp_ns: int, name: str = 'u_thr') -> Estimate:
 
 def estimates_topic(estimates: list[Estimate]) -> FurtherTopic:
     types = known_types()
-    built = [messages.estimate_message(one, types.types) for one in estimates]
+    built = [estimate_messages.estimate_message(one, types.types) for one in estimates]
     for message in built:
         # rosbags takes arrays of NumPy only
         for name, value in vars(message).items():

@@ -205,7 +205,7 @@ def test_the_second_scan_of_a_report_keeps_to_the_memory_too(
 
 
 def estimate_bytes() -> bytes:
-    from rpms_ros import messages
+    from rpms_ros import estimate_messages
     from rpms_ros.identification import StreamSettings
     from rpms_ros.identification.catalogue import estimator_by_name
     from rpms_ros.identification.session import identify
@@ -219,7 +219,7 @@ def estimate_bytes() -> bytes:
         estimator_by_name('recursive', 'paper_table_4', 0, 20.0), pulses, forces, StreamSettings()
     )
     store = known_types()
-    message = messages.estimate_message(session.last, store.types, 'muscle')
+    message = estimate_messages.estimate_message(session.last, store.types, 'muscle')
     # rosbags writes arrays of NumPy only
     numbers = {
         name: np.array(value) for name, value in vars(message).items() if isinstance(value, array)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
-from rpms_ros.messages import truth_of
+from rpms_ros.estimate_messages import truth_of
 from rpms_ros.muscle import Contraction
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.recording import read_facts

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
@@ -65,7 +66,7 @@ class Bench:
         graph.wait_for(lambda: all(one.get_subscription_count() == 1 for one in self._publishers))
 
     def _on_estimate(self, message: MuscleEstimate) -> None:
-        self.estimates.append(messages.estimate_of(message))
+        self.estimates.append(estimate_messages.estimate_of(message))
 
     def send_pulses(self, train: PulseTrain, kept: Sequence[int] | None = None) -> None:
         for index in range(len(train)) if kept is None else kept:

@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from rpms_msgs.msg import MuscleEstimate
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_msgs.srv import StateFile
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
@@ -146,7 +147,7 @@ def test_a_torque_is_said_to_be_one(graph) -> None:
     sensor = Sensor(graph, 'torque')
     sensor.send(1000)
     assert {one.unit for one in sensor.estimates} == {'N m'}
-    assert messages.estimate_of(sensor.estimates[-1]).unit == 'N m'
+    assert estimate_messages.estimate_of(sensor.estimates[-1]).unit == 'N m'
     assert np.isfinite(sensor.estimates[-1].linear).all()
     assert sensor.estimates[-1].samples > 500
 

@@ -14,6 +14,7 @@ from rosgraph_msgs.msg import Clock
 
 from rpms_msgs.msg import MuscleTruth
 from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.muscle import Contraction
@@ -203,7 +204,7 @@ def test_the_truth_of_a_scenario_is_published(graph, tmp_path) -> None:
     truths: list[MuscleTruth] = []
     laboratory.probe.create_subscription(MuscleTruth, 'truth', truths.append, qos.TRUTH)
     graph.wait_for(lambda: bool(truths) and truths[-1].gain == 0.5)
-    before, after = messages.truth_of(truths[0]), messages.truth_of(truths[-1])
+    before, after = estimate_messages.truth_of(truths[0]), estimate_messages.truth_of(truths[-1])
     assert (before.state.gain, before.state.threshold) == (1.0, 0.48)
     assert (after.state.gain, after.state.threshold) == (0.5, 0.6)
     assert before.curve_force[-1] == pytest.approx(10.0)

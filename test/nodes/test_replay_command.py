@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
+from rpms_ros import estimate_messages
 from rpms_ros import messages
 from rpms_ros.cli import main
 from rpms_ros.identification import Estimate
@@ -61,7 +62,7 @@ def with_estimates(path: Path, recording: Recording, estimates: list[Estimate]) 
     """A recording as the recorder leaves one: pulses, force and estimates."""
     types = known_types()
     kind = messages.MUSCLE_ESTIMATE
-    built = [messages.estimate_message(one, types.types) for one in estimates]
+    built = [estimate_messages.estimate_message(one, types.types) for one in estimates]
     for message in built:
         # rosbags takes arrays of NumPy only
         for name, value in vars(message).items():

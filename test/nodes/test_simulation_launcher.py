@@ -15,7 +15,7 @@ import pytest
 from rclpy.node import Node
 
 from rpms_msgs.msg import MuscleEstimate
-from rpms_ros import messages
+from rpms_ros import estimate_messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
 from rpms_ros.nodes import qos
@@ -73,7 +73,7 @@ def test_a_lab_can_compose_the_nodes_in_one_process(graph, schedule_file) -> Non
     probe.create_subscription(
         MuscleEstimate,
         'estimate',
-        lambda message: estimates.append(messages.estimate_of(message)),
+        lambda message: estimates.append(estimate_messages.estimate_of(message)),
         qos.ESTIMATE,
     )
     identifier = graph.add(Identifier)

@@ -5,6 +5,8 @@
 import asyncio
 import os
 import random
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -310,6 +312,16 @@ def test_an_automatic_start_that_is_refused_is_announced_nowhere(graph, schedule
     assert 'refusal' in kinds
     assert 'schedule' not in kinds
     assert heard == []
+
+
+def test_the_process_that_drives_loads_no_identification():
+    code = 'import sys, rpms_ros.nodes.stimulator_driver; print(*sys.modules)'
+    said = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    loaded = set(said.stdout.split())
+    assert 'rpms_ros.stimulation.controller' in loaded
+    for name in ('identification', 'live', 'muscle', 'recording'):
+        assert f'rpms_ros.{name}' not in loaded
+    assert not {'numba', 'scipy', 'matplotlib'} & loaded
 
 
 def test_the_status_comes_at_its_rate_however_the_ticks_jitter(graph):

@@ -1,0 +1,168 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Estimates, and the truth about a simulated muscle, as ROS messages and back.
+
+As `rpms_ros.messages`, but with what identification is made of: a driver does not load it.
+"""
+
+import math
+from array import array
+from typing import Any
+from typing import get_type_hints
+
+import numpy as np
+import numpy.typing as npt
+
+from rpms_ros.errors import MessageError
+from rpms_ros.identification.estimate import Estimate
+from rpms_ros.messages import MUSCLE_ESTIMATE
+from rpms_ros.messages import MUSCLE_TRUTH
+from rpms_ros.messages import MessageTypes
+from rpms_ros.messages import header_message
+from rpms_ros.messages import nanoseconds
+from rpms_ros.muscle.state import MuscleState
+from rpms_ros.muscle.truth import Truth
+from rpms_ros.pulses import FloatArray
+
+
+def _fields_of(kind: Any, *apart: str) -> tuple[str, ...]:
+    """Return the fields of an estimate of one type, but for those that are converted apart."""
+    hints = get_type_hints(Estimate)
+    return tuple(name for name, hint in hints.items() if hint == kind and name not in apart)
+
+
+# Fields of MuscleEstimate are called as those of Estimate: a new one of these types needs no line.
+_NUMBERS = _fields_of(float)
+_COUNTS = _fields_of(int, 'stamp_ns')
+_NAMES = _fields_of(tuple[str, ...])
+_ARRAYS = _fields_of(FloatArray, 'nonlinear_covariance')
+_CURVES = tuple(name for name in _ARRAYS if name.startswith('curve_'))
+_RESPONSES = tuple(name for name in _ARRAYS if name.startswith('response_'))
+_PHYSIOLOGY = tuple(name for name in _ARRAYS if name.startswith('physiology'))
+
+_RATES = tuple(name for name in _ARRAYS if name.startswith('rate'))
+# Arrays that older recordings do not have.
+_YOUNGER = (*_RATES, 'change_ago')
+
+
+def estimate_message(estimate: Estimate, types: MessageTypes, frame_id: str = '') -> Any:
+    """Return an rpms_msgs/MuscleEstimate."""
+    fields: dict[str, Any] = {name: float(getattr(estimate, name)) for name in _NUMBERS}
+    fields |= {name: int(getattr(estimate, name)) for name in _COUNTS}
+    fields |= {name: [str(item) for item in getattr(estimate, name)] for name in _NAMES}
+    fields |= {name: _doubles(getattr(estimate, name)) for name in _ARRAYS}
+    return types[MUSCLE_ESTIMATE](
+        header=header_message(estimate.stamp_ns, frame_id, types),
+        estimator=str(estimate.estimator),
+        nonlinear_covariance=_doubles(estimate.nonlinear_covariance),
+        nonlinear_identifiability=array('B', estimate.nonlinear_identifiability.tolist()),
+        fault_names=[str(name) for name in estimate.faults],
+        fault_counts=array('Q', [int(count) for count in estimate.faults.values()]),
+        unit=str(estimate.unit),
+        **fields,
+    )
+
+
+def truth_message(truth: Truth, types: MessageTypes, frame_id: str = '') -> Any:
+    """Return an rpms_msgs/MuscleTruth."""
+    return types[MUSCLE_TRUTH](
+        header=header_message(truth.stamp_ns, frame_id, types),
+        effort=float(truth.effort),
+        repetition_rate=float(truth.repetition_rate),
+        curve_intensity=_doubles(truth.curve_intensity),
+        curve_force=_doubles(truth.curve_force),
+        **{name: float(value) for name, value in truth.state._asdict().items()},
+    )
+
+
+def truth_of(message: Any) -> Truth:
+    """Return what an rpms_msgs/MuscleTruth says.
+
+    Raises
+    ------
+    MessageError
+        If the arrays of the curve differ in length.
+    """
+    intensity, force = _array(message.curve_intensity), _array(message.curve_force)
+    if len(intensity) != len(force):
+        raise MessageError(f'expected {len(intensity)} elements in curve_force, got {len(force)}')
+    state = MuscleState(*(float(getattr(message, name)) for name in MuscleState._fields))
+    return Truth(
+        stamp_ns=nanoseconds(message.header.stamp),
+        state=state,
+        repetition_rate=float(message.repetition_rate),
+        curve_intensity=intensity,
+        curve_force=force,
+        effort=float(message.effort),
+    )
+
+
+def estimate_of(message: Any) -> Estimate:
+    """Return the estimate in an rpms_msgs/MuscleEstimate.
+
+    Raises
+    ------
+    MessageError
+        If arrays that belong together differ in length.
+    """
+    names, counts = list(message.fault_names), [int(count) for count in message.fault_counts]
+    _require_lengths(message)
+    # A field that is younger than the recording is empty.
+    fields: dict[str, Any] = {name: float(getattr(message, name, 0.0)) for name in _NUMBERS}
+    fields |= {name: int(getattr(message, name, 0)) for name in _COUNTS}
+    fields |= {name: tuple(getattr(message, name, ())) for name in _NAMES}
+    fields |= {name: _array(getattr(message, name, ())) for name in _ARRAYS}
+    covariance = _array(message.nonlinear_covariance)
+    size = math.isqrt(len(covariance))
+    return Estimate(
+        stamp_ns=nanoseconds(message.header.stamp),
+        estimator=str(message.estimator),
+        nonlinear_covariance=covariance.reshape(size, size),
+        nonlinear_identifiability=np.array(_identifiability(message), dtype=np.int64),
+        faults=dict(zip(names, counts, strict=True)),
+        unit=str(getattr(message, 'unit', '') or 'N'),
+        **fields,
+    )
+
+
+def _require_lengths(message: Any) -> None:
+    """Raise MessageError unless each array is as long as the one that names its elements."""
+    parameters = len(message.nonlinear_names)
+    exact = {
+        'nonlinear': parameters,
+        'linear': len(message.linear_names),
+        'fault_counts': len(message.fault_names),
+        'response_force': len(message.response_time),
+        'physiology': len(message.physiology_names),
+    }
+    optional = {
+        'nonlinear_covariance': parameters**2,
+        'nonlinear_identifiability': parameters,
+        **dict.fromkeys(_CURVES[1:], len(message.curve_intensity)),
+        **dict.fromkeys(_RESPONSES[2:], len(message.response_time)),
+        **dict.fromkeys(_PHYSIOLOGY[1:], len(message.physiology_names)),
+    }
+    younger = {
+        'nonlinear_identifiability': len(_identifiability(message)),
+        **{name: len(getattr(message, name, ())) for name in _YOUNGER},
+    }
+    exact |= {'change_ago': len(getattr(message, 'change_kinds', ()))}
+    optional |= dict.fromkeys(_RATES, len(getattr(message, 'rate_names', ())))
+    for name, length in (exact | optional).items():
+        got = younger[name] if name in younger else len(getattr(message, name))
+        if got != length and not (name in optional and got == 0):
+            raise MessageError(f'expected {length} elements in {name}, got {got}')
+
+
+def _identifiability(message: Any) -> Any:
+    """Return the flags of the parameters, which had another name in older recordings."""
+    older = getattr(message, 'nonlinear_excitation', ())
+    return getattr(message, 'nonlinear_identifiability', older)
+
+
+def _doubles(values: npt.ArrayLike) -> 'array[float]':
+    return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def _array(values: Any) -> FloatArray:
+    return np.array(values, dtype=np.float64)
