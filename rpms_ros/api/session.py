@@ -133,19 +133,18 @@ class Session:
 
             figure = plt.figure(figsize=(12.0, 5.0), layout='constrained')
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        samples, onsets = self.force.stamp_ns, self.pulses.onset_ns
         # without samples time counts from the first pulse
-        start = next((int(one.min()) for one in self._stamps() if len(one)), 0)
-        seconds = [(one - start) / NANOSECONDS_PER_SECOND for one in self._stamps()]
-        above.plot(seconds[0], self.force.force, linewidth=0.8, color='black')
+        start = next((int(one.min()) for one in (samples, onsets) if len(one)), 0)
+        above.plot(
+            (samples - start) / NANOSECONDS_PER_SECOND, self.force.force, 'k', linewidth=0.8
+        )
         quantity = self.recording.quantity
         above.set_ylabel(f'{quantity} [{UNITS[quantity]}]')
-        below.vlines(seconds[1], 0.0, self.pulses.intensity, linewidth=0.8)
+        below.vlines((onsets - start) / NANOSECONDS_PER_SECOND, 0.0, self.pulses.intensity)
         below.set(xlabel='time [s]', ylabel='intensity', ylim=(0.0, 1.05))
         figure.suptitle(self.name)
         return figure
-
-    def _stamps(self) -> tuple[IntArray, IntArray]:
-        return self.force.stamp_ns, self.pulses.onset_ns
 
     def _repr_html_(self) -> str:
         facts = self.info().items()

@@ -40,20 +40,11 @@ COMMANDS = (
 _DESCRIPTION = """\
 Identify a muscle that is stimulated by repetitive magnetic or electrical pulses.
 
-Without ROS:
-  rpms identify session --out results    recruitment and dynamics of the muscle
-  rpms report session --out report.html  one page to read, print and send
-  rpms info session                      what a recording holds
-  rpms verify session                    whether it is whole and unchanged
-  rpms analyze session --out results     latency, twitch, summation, recruitment
-  rpms import trial.csv --out trial --time 'Time [s]' --force 'Force [N]' --pulse Gate
-  rpms export session --to csv --out tables
-  rpms simulate --out session            a recording of a simulated session
-
-With ROS 2:
-  rpms demo                              live, with a simulated muscle
-  rpms live                              a running session in the browser
-  rpms replay session                    the recording through the real nodes
+Without ROS, from a simulated session or a table of your own to a page:
+  rpms simulate --out session
+  rpms import trial.csv --out session --time 'Time [s]' --force 'Force [N]' --pulse Gate
+  rpms identify session --out results
+  rpms report session --out report.html
 """
 _EPILOG = """\
 Help on one command: rpms help COMMAND, or rpms COMMAND --help

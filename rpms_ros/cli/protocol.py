@@ -4,8 +4,8 @@
 
 import argparse
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
@@ -24,88 +24,63 @@ class Protocol:
     ----------
     summary : str
         What it is for, in a line.
-    build : callable
-        Makes it from the arguments of the command line: rate_hz, duration_s and seed, each None
-        if it was not given.
+    maker : str
+        Module and function of `rpms_ros.stimulation` that makes it.
+    takes : tuple of str
+        Arguments of the command line that the function takes, where they are given.
     """
 
     summary: str
-    build: 'Callable[[argparse.Namespace], Schedule]'
+    maker: str
+    takes: tuple[str, ...]
 
-
-def _uniform_random(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation.presets import paper_random
-
-    return paper_random(**_given(arguments, 'duration_s', 'rate_hz', 'seed'))
-
-
-def _sinusoid(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation.presets import paper_sinusoid
-
-    return paper_sinusoid(**_given(arguments, 'duration_s', 'rate_hz'))
-
-
-def _staircase(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation.presets import staircase
-
-    return staircase(**_given(arguments, 'rate_hz'))
-
-
-def _constant(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation.presets import constant
-
-    return constant(**_given(arguments, 'duration_s', 'rate_hz'))
-
-
-def _twitches(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation.analysis_protocols import twitches
-
-    return twitches(**_given(arguments, 'seed'))
-
-
-def _trains(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation.analysis_protocols import trains
-
-    return trains(**_rates(arguments), **_given(arguments, 'duration_s'))
-
-
-def _recruitment(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation.analysis_protocols import recruitment
-
-    return recruitment(**_rates(arguments))
-
-
-def _muscle(arguments: argparse.Namespace) -> 'Schedule':
-    from rpms_ros.stimulation.analysis_protocols import muscle
-
-    return muscle(**_given(arguments, 'seed'))
-
-
-def _rates(arguments: argparse.Namespace) -> dict[str, Any]:
-    rate = arguments.rate_hz
-    return {} if rate is None else {'rates_hz': (rate,)}
-
-
-def _given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
-    values = {name: getattr(arguments, name) for name in names}
-    return {name: value for name, value in values.items() if value is not None}
+    def build(self, arguments: argparse.Namespace) -> 'Schedule':
+        """Return the schedule, with what was given in place of its own figures."""
+        module, _, function = self.maker.partition('.')
+        rate = arguments.rate_hz
+        values = {**vars(arguments), 'rates_hz': None if rate is None else (rate,)}
+        given = {name: values[name] for name in self.takes if values[name] is not None}
+        made: Schedule = getattr(import_module(f'rpms_ros.stimulation.{module}'), function)(
+            **given
+        )
+        return made
 
 
 PROTOCOLS: dict[str, Protocol] = {
     'uniform_random': Protocol(
-        'uniform random intensity, 0 to 100 % at 20 Hz for 90 s', _uniform_random
+        'uniform random intensity, 0 to 100 % at 20 Hz for 90 s',
+        'presets.paper_random',
+        ('duration_s', 'rate_hz', 'seed'),
     ),
     'sinusoid': Protocol(
-        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s', _sinusoid
+        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s',
+        'presets.paper_sinusoid',
+        ('duration_s', 'rate_hz'),
     ),
-    'staircase': Protocol('six levels from 0 to 100 % at 20 Hz, 3 s each', _staircase),
-    'constant': Protocol('100 % at 20 Hz for 10 s', _constant),
-    'twitches': Protocol('single pulses at six intensities, a second apart, shuffled', _twitches),
-    'trains': Protocol('trains of 1.5 s at 5 to 35 Hz, single pulses before them', _trains),
+    'staircase': Protocol(
+        'six levels from 0 to 100 % at 20 Hz, 3 s each', 'presets.staircase', ('rate_hz',)
+    ),
+    'constant': Protocol('100 % at 20 Hz for 10 s', 'presets.constant', ('duration_s', 'rate_hz')),
+    'twitches': Protocol(
+        'single pulses at six intensities, a second apart, shuffled',
+        'analysis_protocols.twitches',
+        ('seed',),
+    ),
+    'trains': Protocol(
+        'trains of 1.5 s at 5 to 35 Hz, single pulses before them',
+        'analysis_protocols.trains',
+        ('rates_hz', 'duration_s'),
+    ),
     'recruitment': Protocol(
-        'staircases of 21 intensities at six rates from 15 to 35 Hz', _recruitment
+        'staircases of 21 intensities at six rates from 15 to 35 Hz',
+        'analysis_protocols.recruitment',
+        ('rates_hz',),
     ),
-    'muscle': Protocol('twitches, trains and recruitment, for `rpms analyze`', _muscle),
+    'muscle': Protocol(
+        'twitches, trains and recruitment, for `rpms analyze`',
+        'analysis_protocols.muscle',
+        ('seed',),
+    ),
 }
 """Every protocol by name; another one is another entry."""
 
