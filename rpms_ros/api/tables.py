@@ -67,7 +67,7 @@ def as_dataset(result: 'Identification') -> 'xr.Dataset':
     xarray = _installed('xarray')
     found, response = result.parameters, result.response
     variables: dict[str, Any] = {}
-    newton = {'units': 'N'}
+    newton = {'units': result.result.unit}
     for name, values in _banded(
         response.force, response.lower, response.upper, 'response'
     ).items():

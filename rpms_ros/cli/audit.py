@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros.cli.options import add_command
+from rpms_ros.cli.options import add_option
 
 if TYPE_CHECKING:
     from rpms_ros.stimulation.audit_log import Audit
@@ -34,14 +35,8 @@ def add_parser(subparsers: Any) -> None:
         'exit status: 0 whole, 1 broken or cut off at the end, 2 no such file',
     )
     parser.add_argument('file', type=Path, help='audit log or dose ledger')
-    parser.add_argument(
-        '--key-file', type=Path, metavar='FILE', help='secret that the log was written with'
-    )
-    parser.add_argument(
-        '--only',
-        metavar='KIND[,KIND]',
-        help='print records of these kinds only, e.g. refusal,reset',
-    )
+    add_option(parser, '--key-file FILE', None, 'secret of the log', type=Path)
+    add_option(parser, '--only KIND[,KIND]', None, 'print these kinds only, e.g. refusal,reset')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,10 +4,12 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.cli.options import add_option
 from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
@@ -38,25 +40,13 @@ def add_parser(subparsers: Any) -> None:
         ),
     )
     parser.add_argument('schedule', type=Path, help='YAML file of the schedule')
-    parser.add_argument(
-        '--device',
-        required=True,
-        metavar='SPECIFICATION',
-        help='name of a device specification, or its YAML file',
-    )
-    parser.add_argument(
-        '--patient',
-        type=Path,
-        metavar='FILE',
-        help="patient file: the tighter of the device's and the patient's limits count",
-    )
+    text = 'name of a device specification, or its YAML file'
+    add_option(parser, '--device NAME|FILE', None, text, required=True)
+    text = "patient file: the tighter of the device's and the patient's limits count"
+    add_option(parser, '--patient FILE', None, text, type=Path)
     parser.add_argument('--json', action='store_true', help='print one JSON object and no more')
-    parser.add_argument(
-        '--plot',
-        type=Path,
-        metavar='FILE',
-        help='write intensity, power and temperature as a figure',
-    )
+    text = 'write intensity, power and temperature as a figure'
+    add_option(parser, '--plot FILE', None, text, type=Path)
     parser.set_defaults(run=run)
 
 
@@ -92,15 +82,7 @@ def as_json(ahead: 'Forecast') -> dict[str, Any]:
     """Return a forecast as what JSON can hold."""
     return {
         'deliverable': ahead.deliverable,
-        'violations': [
-            {
-                'limit': found.limit,
-                'reason': found.reason,
-                'time_s': found.time_s,
-                'pulses': found.pulses,
-            }
-            for found in ahead.violations
-        ],
+        'violations': [asdict(found) for found in ahead.violations],
         'mean_power_w': ahead.mean_power_w,
         'energy_j': ahead.energy_j,
         'max_rate_hz': ahead.max_rate_hz,

@@ -6,6 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_quantity_option
+
 
 def add_parser(subparsers: Any) -> None:
     """Add `rpms layout`."""
@@ -16,15 +19,10 @@ def add_parser(subparsers: Any) -> None:
         epilog='example: rpms layout foxglove --namespace left_leg --out left_leg.json',
     )
     parser.add_argument('program', choices=('foxglove', 'plotjuggler'), help='what it is for')
-    parser.add_argument('--namespace', default='', help='of the nodes (default: none)')
-    parser.add_argument('--axis', default='z', help='axis of the wrench (default: z)')
-    parser.add_argument(
-        '--quantity',
-        choices=('force', 'torque'),
-        default='force',
-        help='what the sensor measures (default: force)',
-    )
-    parser.add_argument('--out', type=Path, help='file to write (default: print it)')
+    add_option(parser, '--namespace NAME', '', 'of the nodes')
+    add_option(parser, '--axis', 'z', 'axis of the wrench')
+    add_quantity_option(parser)
+    add_option(parser, '--out FILE', None, 'file to write; printed if not given', type=Path)
     parser.set_defaults(run=run)
 
 

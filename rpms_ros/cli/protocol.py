@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.cli.options import add_option
 from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
@@ -87,36 +88,24 @@ PROTOCOLS: dict[str, Protocol] = {
 
 def add_parser(subparsers: Any) -> None:
     """Add `rpms protocol`."""
+    protocols = '; '.join(f'{name}: {entry.summary}' for name, entry in PROTOCOLS.items())
     parser = subparsers.add_parser(
         'protocol',
         help='write a schedule that has a name',
         description='Write a schedule as YAML, to run, to check or to change by hand.  '
         'With --device it is made deliverable: weaker, slower or shorter, with pauses and ramps '
         'put in.',
-        epilog='protocols: '
-        + '; '.join(f'{name}: {entry.summary}' for name, entry in PROTOCOLS.items()),
+        epilog=f'protocols: {protocols}',
     )
     parser.add_argument('name', choices=sorted(PROTOCOLS), help='which one')
-    parser.add_argument('--out', type=Path, required=True, metavar='FILE', help='new YAML file')
-    parser.add_argument(
-        '--rate', dest='rate_hz', type=float, metavar='HZ', help='repetition rate instead'
-    )
-    parser.add_argument(
-        '--duration', dest='duration_s', type=float, metavar='S', help='length instead'
-    )
-    parser.add_argument('--seed', type=int, help='seed of what is random')
-    parser.add_argument(
-        '--device',
-        metavar='SPECIFICATION',
-        help='change it as far as this device needs it, and say what was changed: name of a '
-        'device specification, or its YAML file',
-    )
-    parser.add_argument(
-        '--patient',
-        type=Path,
-        metavar='FILE',
-        help="patient file: as far as the patient's figures need it, too; with --device",
-    )
+    add_option(parser, '--out FILE', None, 'new YAML file', type=Path, required=True)
+    add_option(parser, '--rate HZ', None, 'repetition rate instead', dest='rate_hz', type=float)
+    add_option(parser, '--duration S', None, 'length instead', dest='duration_s', type=float)
+    add_option(parser, '--seed', None, 'seed of what is random', type=int)
+    text = 'change it as far as this device needs it: a device specification, by name or YAML file'
+    add_option(parser, '--device NAME|FILE', None, text)
+    text = "patient file: as far as the patient's figures need it, too; with --device"
+    add_option(parser, '--patient FILE', None, text, type=Path)
     parser.set_defaults(run=run)
 
 

@@ -82,13 +82,11 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         'the others take --pulse-rate for all',
     )
     add_option(group, '--rate HZ', 1000.0, 'of the force')
-    group.add_argument(
-        '--scenario',
-        default='',
-        metavar='NAME|FILE',
-        help='what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
-        'steady, or a YAML file; the truth is recorded as well (default: a steady muscle)',
+    text = (
+        'what happens in the session: fatigue, coil-moved, voluntary, restless, bad-sensor, '
+        'steady, or a YAML file; the truth is recorded as well (default: a steady muscle)'
     )
+    add_option(group, '--scenario NAME|FILE', '', text)
     for name, what in _DISTURBANCES.items():
         add_option(group, f'--{name} N', 0.0, f'{what} [N]')
 

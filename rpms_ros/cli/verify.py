@@ -6,8 +6,10 @@ import argparse
 import json
 from pathlib import Path
 
+from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_memory_option
+from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import add_topic_options
 from rpms_ros.cli.options import topics_of
 
@@ -28,11 +30,10 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     parser = add_command(
         subparsers, 'verify', run, 'is a recording whole and unchanged', _DESCRIPTION, _EXAMPLES
     )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
-    parser.add_argument('--key', type=Path, metavar='FILE', help='key of the signature')
-    parser.add_argument(
-        '--audit', type=Path, metavar='FILE', help='audit log of the driver that gave the pulses'
-    )
+    add_bag(parser)
+    add_option(parser, '--key FILE', None, 'key of the signature', type=Path)
+    text = 'audit log of the driver that gave the pulses'
+    add_option(parser, '--audit FILE', None, text, type=Path)
     parser.add_argument('--json', action='store_true', help='one JSON object instead of text')
     add_topic_options(parser)
     add_memory_option(parser)

@@ -225,6 +225,13 @@ def test_tables_hold_the_numbers_of_the_result(found: Identification) -> None:
         found.to_pandas('twitch')
 
 
+def test_the_data_set_of_a_torque_is_in_newton_metres(simulated: Session) -> None:
+    torque = replace(simulated, recording=replace(simulated.recording, quantity='torque'))
+    dataset = torque.identify().to_xarray()
+    names = ('force', 'prediction', 'curve', 'response_upper')
+    assert {dataset[name].attrs['units'] for name in names} == {'N m'}
+
+
 def test_the_data_set_has_units_and_intervals(found: Identification) -> None:
     dataset = found.to_xarray()
     assert dataset['curve'].attrs['units'] == 'N'
