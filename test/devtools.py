@@ -51,13 +51,15 @@ class Browser:
 
     def __init__(self, folder: Path):
         self._folder = folder
+        # before anything is opened that a skipped test would leave open
+        self._program = browser_program()
         self._loop = asyncio.new_event_loop()
         self._count = 0
         self.events = []
 
     def __enter__(self):
         own = ('--remote-debugging-port=0', f'--user-data-dir={self._folder}')
-        command = [browser_program(), *FLAGS, *own, 'about:blank']
+        command = [self._program, *FLAGS, *own, 'about:blank']
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )

@@ -49,8 +49,9 @@ def train(port, rate_hz, beat_limit_s, say, answer_limit_s=0.15):
 
 
 if __name__ == '__main__':
-    # a shell that put the tests into the background has them ignore these two
+    # a shell in whose background the tests run has them ignore the first two, nohup the third
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGQUIT, signal.SIG_DFL)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     rate, beat_limit, answer_limit = map(float, sys.argv[2:])
     train(sys.argv[1], rate, beat_limit, lambda text: print(text, flush=True), answer_limit)

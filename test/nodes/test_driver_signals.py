@@ -21,7 +21,10 @@ from rpms_ros.stimulation.audit_log import verify
 
 # a machine under load may hold up the driver for seconds; what these limits do is tested elsewhere
 START = """
+import signal
 import sys
+# as nohup does: a driver whose terminal is gone ends all the same
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
 from dataclasses import replace
 from rpms_ros.nodes import stimulator_driver
 settings_of = stimulator_driver.driver_settings_of
