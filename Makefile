@@ -1,10 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 
-# make build   environment in .venv, both packages in it; nothing to source afterwards
+# make build   environment in .venv, both packages in it and compiled; nothing to source afterwards
 # make demo    simulated muscle, on-line identification, a report
-# make test    the whole suite, in two processes (JOBS=1: in one)
-#              ARGS='test/muscle -k twitch -x' goes to pytest, which then uses one process
+# make test    what takes no more than minutes, needs no browser
+# make test-all  the whole suite
+#              both in two processes (JOBS=1: in one)
+#              ARGS='test/muscle -k twitch -x' goes to pytest instead, which then uses one process
 # make lint    ruff, mypy, import contracts, headers    make format   what can be repaired by itself
 # make docs    the site, in build/docs
 # make bench   benchmarks
@@ -25,11 +27,14 @@ export PATH := $(BIN):$(PATH)
 
 MSGS := $(shell find msg_defs -type f)
 PACKAGE := package.xml setup.py setup.cfg resource/rpms_ros
+COMPILED := $(shell grep -rl --include='*.py' njit rpms_ros)
 
-.PHONY: build demo test lint format docs bench clean distclean
+.PHONY: build demo test test-all lint format docs bench clean distclean
 .NOTPARALLEL:
 
-build: $(STAMPS)/msgs $(STAMPS)/package
+INSTALLED := $(STAMPS)/msgs $(STAMPS)/package
+
+build: $(INSTALLED) $(STAMPS)/compiled
 	@:
 
 # The environment does not depend on time: it is made when it is missing or half made.
@@ -53,6 +58,11 @@ $(STAMPS)/package: $(STAMPS)/lock $(PACKAGE)
 	@tools/build package
 	@touch $@
 
+# Otherwise whoever identifies first would wait for it.
+$(STAMPS)/compiled: $(INSTALLED) $(COMPILED)
+	@tools/build compiled
+	@touch $@
+
 $(STAMPS)/docs: $(STAMPS)/package requirements/docs.lock
 	@tools/build docs
 	@touch $@
@@ -63,11 +73,15 @@ demo: build
 # A skipped test is a failed one, but for recordings that are not there: tools/skip_policy.py.
 # Half of the time goes by waiting for processes: two at once suit any machine.
 JOBS ?= 2
-ARGS_OF_TESTS = $(if $(ARGS),$(ARGS),$(if $(filter-out 1,$(JOBS)),--numprocesses=$(JOBS) --dist=worksteal))
+PARALLEL = $(if $(filter-out 1,$(JOBS)),--numprocesses=$(JOBS) --dist=worksteal)
+PYTEST = ROS_PYTHON_CHECK_FIELDS=1 PYTHONPATH=tools $(BIN)/python -m pytest -p skip_policy
 test: build
-	@ROS_PYTHON_CHECK_FIELDS=1 PYTHONPATH=tools $(BIN)/python -m pytest -p skip_policy $(ARGS_OF_TESTS)
+	@$(PYTEST) $(if $(ARGS),$(ARGS),-m 'not long' $(PARALLEL))
 
-lint: build
+test-all: build
+	@$(PYTEST) $(if $(ARGS),$(ARGS),$(PARALLEL))
+
+lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -75,7 +89,7 @@ lint: build
 	tools/headers --check
 	tools/sizes --check
 
-format: build
+format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	tools/headers
@@ -91,6 +105,7 @@ bench: build
 
 clean:
 	rm -rf build install log out *.egg-info .hypothesis docs/figures docs/reference/generated
+	rm -f $(STAMPS)/compiled
 	rm -rf .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -path ./.venv -prune -o -type d -name __pycache__ -exec rm -rf {} +
 

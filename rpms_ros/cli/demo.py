@@ -190,10 +190,12 @@ def _watch(
             raise NodeError(f'expected the driver to run within {STARTUP_LIMIT:.0f} s')
         if elapsed > STARTUP_LIMIT + 2 * duration:
             raise NodeError(f'expected the schedule to end after {duration:g} s')
-        if elapsed - shown >= period and not quiet:
+        # where nothing can be written over, that the nodes are starting is said once
+        new = shown < 0.0 or launcher.monitor.estimates or sys.stdout.isatty()
+        if elapsed - shown >= period and new and not quiet:
             shown = elapsed
-            _show(launcher, subject, duration)
-    _show(launcher, subject, duration)
+            _show(launcher, subject, duration, elapsed)
+    _show(launcher, subject, duration, time.monotonic() - started)
     print(flush=True)
     status = launcher.monitor.status
     if status is not None and status.fault_names:
@@ -203,14 +205,16 @@ def _watch(
         print(f'  driver: ended before the schedule did: {launcher.monitor.broken_off}')
 
 
-def _show(launcher: 'SimulationLauncher', subject: 'Subject', duration: float) -> None:
+def _show(
+    launcher: 'SimulationLauncher', subject: 'Subject', duration: float, elapsed: float
+) -> None:
     """Show one line: time left, error of the curve, parameters, lost samples and pulses."""
     from rpms_ros.report.known_muscle import of_truths
 
     truth = of_truths(launcher.monitor.truths, subject)
     status, estimates = launcher.monitor.status, launcher.monitor.estimates
     if status is None or not launcher.monitor.has_run or not estimates or truth is None:
-        line = 'nodes are starting (the first time compiles for half a minute)'
+        line = f'{elapsed:5.1f} s  nodes are starting; the first time they compile for minutes'
     else:
         last, counts = estimates[-1], launcher.recorder.counts
         found = '  '.join(

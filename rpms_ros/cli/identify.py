@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros.axis import QUANTITIES
-from rpms_ros.cli.options import COMPILING
 from rpms_ros.cli.options import INCOMPLETE
 from rpms_ros.cli.options import SUCCESS
 from rpms_ros.cli.options import UNUSABLE
@@ -18,9 +17,9 @@ from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import compile_estimator
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
-from rpms_ros.cli.options import told_if_slow
 from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
 from rpms_ros.printable import counted
@@ -144,7 +143,6 @@ def run(arguments: argparse.Namespace) -> int:
     from rpms_ros.identification.constancy.answer import FOLLOWER
     from rpms_ros.identification.verdict_settings import VerdictSettings
     from rpms_ros.report.identified import IdentificationOptions
-    from rpms_ros.report.identified import compile_estimator
     from rpms_ros.report.identified import history_of
     from rpms_ros.report.identified import identified
     from rpms_ros.report.result import result_of
@@ -163,8 +161,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
-    with told_if_slow(COMPILING, arguments.quiet):
-        compile_estimator(options)
+    compile_estimator(options.build, arguments.quiet)
     with progress('identifying', samples, 'samples', arguments.quiet) as advance:
         # Figures show a path of estimates; the result is the last one.
         # A state that is gone on with on line is made with the period on line.

@@ -7,24 +7,23 @@ import sys
 from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from contextlib import contextmanager
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros.printable import printable
 from rpms_ros.report.text import collapsed
-from rpms_ros.slowness import PATIENCE_S
-from rpms_ros.slowness import calling_if_slow
 
 if TYPE_CHECKING:
+    from rpms_ros.identification import Estimator
     from rpms_ros.recording import Recording
     from rpms_ros.recording import Topics
 
 SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
-COMPILING = 'compiling for this machine, once; this takes about a minute'
+COMPILING = 'compiling for this machine, once; this takes one to three minutes'
+# What takes longer shows a bar [s].
+_PATIENCE = 1.0
 
 
 def add_command(
@@ -162,11 +161,15 @@ def warn(findings: Iterable[tuple[str, str]]) -> None:
         print(f'rpms: {printable(line)}', file=sys.stderr)
 
 
-def told_if_slow(text: str, quiet: bool) -> AbstractContextManager[None]:
-    """Print `text` on stderr, if that is a terminal, when what is done here takes a second."""
-    if quiet or not sys.stderr.isatty():
-        return nullcontext()
-    return calling_if_slow(lambda: print(f'rpms: {text}', file=sys.stderr))
+def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:
+    """Compile what an estimator runs, once on a machine; say so on stderr before it begins."""
+    from rpms_ros.identification.warm_up import warm_up
+
+    def tell() -> None:
+        if not quiet:
+            print(f'rpms: {COMPILING}', file=sys.stderr)
+
+    warm_up(build, tell)
 
 
 @contextmanager
@@ -182,7 +185,7 @@ def progress(
         unit=f' {unit}',
         unit_scale=True,
         leave=False,
-        delay=PATIENCE_S,
+        delay=_PATIENCE,
         disable=True if quiet else None,
     ) as bar:
 

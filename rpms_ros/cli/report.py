@@ -13,15 +13,14 @@ from typing import Any
 from rpms_ros.cli.identify import add_estimator_options
 from rpms_ros.cli.identify import add_verdict_option
 from rpms_ros.cli.identify import verdict_code
-from rpms_ros.cli.options import COMPILING
 from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
 from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import compile_estimator
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import read
-from rpms_ros.cli.options import told_if_slow
 from rpms_ros.cli.options import warn
 from rpms_ros.errors import ReportError
 
@@ -133,7 +132,6 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.identification.verdict_settings import VerdictSettings
     from rpms_ros.recording.reading import held_bytes
     from rpms_ros.report.identified import IdentificationOptions
-    from rpms_ros.report.identified import compile_estimator
     from rpms_ros.report.identified import identified
     from rpms_ros.report.recorded import recorded_messages
     from rpms_ros.report.result import result_of
@@ -154,8 +152,7 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     )
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
-    with told_if_slow(COMPILING, arguments.quiet):
-        compile_estimator(options)
+    compile_estimator(options.build, arguments.quiet)
     with progress('identifying', 2 * samples, 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
         return analyse(

@@ -11,6 +11,7 @@ from rpms_ros.cli.identify import add_verdict_option
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
+from rpms_ros.cli.options import compile_estimator
 from rpms_ros.cli.options import progress
 from rpms_ros.cli.options import warn
 from rpms_ros.printable import counted
@@ -98,6 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
     table = StudyTable(arguments.out, recordings, options)
     table.one_person = arguments.one_person
     waiting = table.waiting()
+    if waiting:
+        compile_estimator(options.build, arguments.quiet)
     with progress('identifying', len(waiting), 'recordings', arguments.quiet) as advance:
         try:
             for path, row in finished(waiting, options, arguments.jobs, arguments.scheduler):

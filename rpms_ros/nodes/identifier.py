@@ -42,9 +42,7 @@ from rpms_ros.nodes.identifier_parameters import build_stream
 from rpms_ros.nodes.identifier_parameters import stream_settings
 from rpms_ros.nodes.identifier_publishers import Publishers
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.logger import COMPILING
 from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.logger import told_if_slow
 from rpms_ros.nodes.overridable import warn_of_unused
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.parameters import follow_parameters
@@ -72,8 +70,10 @@ class Identifier(Node):
         """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, IdentifierParameters)
         # nothing may be left to compile while force comes in
-        with told_if_slow(self, COMPILING):
-            warm_up(lambda: build_stream(self.settings).estimator)
+        warm_up(
+            lambda: build_stream(self.settings).estimator,
+            lambda: logger_of(self).info('compiling, once on a machine: one to three minutes'),
+        )
         self.stream = build_stream(self.settings)
         self._axis = messages.axis_of(self.settings.axis)
         self._unit = UNITS[self.settings.quantity]

@@ -31,9 +31,7 @@ from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
 from rpms_ros.nodes.diagnostics import Health
 from rpms_ros.nodes.diagnostics import RecentChange
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.logger import COMPILING
 from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.logger import told_if_slow
 from rpms_ros.nodes.parameters import declare_parameters
 from rpms_ros.nodes.plant_parameters import PlantParameters
 from rpms_ros.nodes.plant_parameters import build_plant
@@ -60,8 +58,7 @@ class PlantSimulator(Node):
     def _build(self) -> None:
         """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, PlantParameters)
-        with told_if_slow(self, COMPILING):
-            _warm_up(self.settings)
+        _warm_up(self.settings)
         self.plant = build_plant(self.settings)
         self._begun = False
         self._recent = RecentChange()

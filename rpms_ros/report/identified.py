@@ -24,7 +24,6 @@ from rpms_ros.identification.temporal_summation import TemporalSummation
 from rpms_ros.identification.verdict import doublings
 from rpms_ros.identification.verdict import period_of_estimates
 from rpms_ros.identification.warm_start import warm_start
-from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
@@ -162,11 +161,6 @@ def _missed(session: IdentifiedSession) -> float:
     error = (session.force - session.prediction)[session.usable]
     later = error[len(error) // 2 :]
     return float(np.mean(later**2)) if len(later) else 0.0
-
-
-def compile_estimator(options: IdentificationOptions) -> None:
-    """Compile what the estimator runs, once on a machine."""
-    warm_up(options.build)
 
 
 def _is_count(value: object) -> bool:

@@ -15,6 +15,7 @@ from rpms_ros import __version__
 from rpms_ros.cli import COMMANDS
 from rpms_ros.cli import main
 from rpms_ros.cli import options
+from rpms_ros.identification import estimator_by_name
 from rpms_ros.report.text import collapsed
 from rpms_ros.report.text import labelled
 from rpms_ros.report.text import noted
@@ -220,18 +221,13 @@ def test_what_many_recordings_have_in_common_is_one_line() -> None:
     assert collapsed(of_one) == ['warning: gap of 1 s', 'warning: gap of 2 s']
 
 
-def test_only_what_is_slow_is_told_and_only_to_a_person(
+def test_that_it_compiles_is_said_on_stderr_terminal_or_not(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Waits:
-        """A timer that fires as soon as it is started."""
+    def warm_up(_: object, tell: Callable[[], None]) -> None:
+        tell()
 
-        def __init__(self, _delay: float, tell: Callable[[], None]) -> None:
-            self.start, self.cancel = tell, lambda: None
-
-    monkeypatch.setattr('rpms_ros.slowness.Timer', Waits)
-    for terminal, quiet, told in ((True, False, 1), (False, False, 0), (True, True, 0)):
-        monkeypatch.setattr(sys.stderr, 'isatty', lambda terminal=terminal: terminal)
-        with options.told_if_slow('compiling', quiet):
-            pass
-        assert capsys.readouterr().err.count('rpms: compiling\n') == told
+    monkeypatch.setattr('rpms_ros.identification.warm_up.warm_up', warm_up)
+    for quiet, told in ((False, 1), (True, 0)):
+        options.compile_estimator(lambda: estimator_by_name('batch'), quiet)
+        assert capsys.readouterr().err.count('rpms: compiling for this machine, once') == told

@@ -62,6 +62,7 @@ def test_what_is_slow_is_done_once_on_a_machine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     built: list[Estimator] = []
+    told: list[int] = []
 
     def build() -> Estimator:
         built.append(estimator_by_name('recursive'))
@@ -69,15 +70,21 @@ def test_what_is_slow_is_done_once_on_a_machine(
 
     # numba has read its own copy of the variable already
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
-    warm_up(build)
+
+    def tell() -> None:
+        told.append(len(built))
+
+    warm_up(build, tell)
     assert len(built) == 2
     (marker,) = tmp_path.iterdir()
     assert marker.name.startswith('compiled-')
-    warm_up(build)
+    warm_up(build, tell)
     assert len(built) == 3
     monkeypatch.delenv('NUMBA_CACHE_DIR')
-    warm_up(build)
+    warm_up(build, tell)
     assert len(built) == 5
+    # before it, and only where something is compiled
+    assert told == [1, 4]
 
 
 def test_the_made_up_muscle_pulls_and_changes() -> None:

@@ -3,6 +3,7 @@
 """The identifier on real rclpy: the off-line answer, and bad input that it must survive."""
 
 import math
+from collections.abc import Callable
 from collections.abc import Sequence
 
 import numpy as np
@@ -354,7 +355,9 @@ def test_who_waits_for_the_compilation_is_told(
 ) -> None:
     said: list[str] = []
 
-    def slow(_: object) -> None:
+    def slow(_: object, tell: Callable[[], None]) -> None:
+        tell()
+
         def told() -> bool:
             said.append(capfd.readouterr().err)
             return 'compiling, once on a machine' in ''.join(said)

@@ -67,3 +67,13 @@ def test_a_page_that_is_skipped_without_a_browser_leaves_nothing_open(
         beside('devtools').Browser(tmp_path).__enter__()
     # what is left open is a warning, and that an error
     gc.collect()
+
+
+@pytest.mark.parametrize(('target', 'left_out'), [('test', True), ('test-all', False)])
+def test_make_test_leaves_out_what_is_long_and_test_all_nothing(
+    target: str, left_out: bool
+) -> None:
+    command = ['make', '--dry-run', '--no-print-directory', '-C', str(TOOLS.parent), target]
+    shown = subprocess.run(command, text=True, capture_output=True, check=True).stdout
+    assert '-m pytest -p skip_policy' in shown
+    assert ("-m 'not long'" in shown) == left_out
