@@ -55,7 +55,12 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     text = 'JSON of an earlier session (`rpms identify --json` or `rpms report --json`) to compare'
     add_option(parser, '--previous FILE', None, text, type=Path)
-    add_option(parser, '--title TEXT', None, 'headline; the name of the recording if not given')
+    add_option(
+        parser,
+        '--title TEXT',
+        None,
+        'headline; the note "muscle" or the name of the recording if not given',
+    )
     text = 'share of the time at the end that is predicted, not learnt from'
     add_option(parser, '--held-out SHARE', 0.2, text)
     text = 'stimulator, by name or YAML file, for energy in J'
@@ -156,7 +161,9 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     with progress('identifying', 2 * samples, 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
         return analyse(
-            arguments.title or arguments.bag.resolve().name,
+            arguments.title
+            or recording.facts.custom.get('muscle', '').strip()
+            or arguments.bag.resolve().name,
             recording,
             recorded_messages(
                 arguments.bag, memory=arguments.max_memory, held=held_bytes(recording)

@@ -139,8 +139,7 @@ def verdict_of(
     scope = '' if session.last.curve_known else f'{_DYNAMICS_ONLY}; '
     praise = (
         f'{scope}the identified muscle explains {percent_explained(found.explained)} % of the '
-        f'{QUANTITIES[unit]}, its error is {found.error:.2g} {unit}, '
-        f'{100 * found.error / span:.2g} % of the range'
+        f'{QUANTITIES[unit]}'
     )
     return of_reasons(reasons, praise)
 

@@ -14,6 +14,7 @@ from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.faults import MEANING
 from rpms_ros.identification.informed import informed_physiology
+from rpms_ros.identification.plausibility import REASON
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
@@ -222,9 +223,13 @@ def _physiology(one: Estimate, name: str) -> tuple[float, float, float] | None:
 
 
 def _warnings(before: Estimate, one: Estimate) -> list[str]:
-    """Return the reasons of the estimator, and the faults counted since the last estimate."""
+    """Return the doubts of the estimator, and the faults counted since the last estimate.
+
+    Why an interval is wide is no doubt: the band shows it.
+    """
     new = (name for name, count in one.faults.items() if count > before.faults.get(name, 0))
-    return [*one.reasons, *(f'{name}: {MEANING.get(name, "of a monitor")}' for name in new)]
+    doubts = (REASON[name] for name in one.doubts if name in REASON)
+    return [*doubts, *(f'{name}: {MEANING.get(name, "of a monitor")}' for name in new)]
 
 
 def _path(rows: Iterator[tuple[float, float, float] | None]) -> Path:

@@ -23,7 +23,6 @@ from rpms_ros.report.result import impulse_response
 from rpms_ros.report.session import panels
 from rpms_ros.report.session.course_panels import course_panels
 from rpms_ros.report.session.course_panels import draw_course
-from rpms_ros.report.session.course_panels import draw_stated
 from rpms_ros.report.session.dose import dose_of
 from rpms_ros.report.session.figures import label
 from rpms_ros.report.session.figures import style
@@ -88,12 +87,11 @@ def fill_session_figure(
     figure.set_size_inches(12.0, 6.2 + 1.1 * rows)
     with style():
         grid = figure.add_gridspec(2, 2, height_ratios=(1.1 * rows, 4.4))
-        left = _column(figure, grid[0, 0], [1.0] * rows, shared=course.has_course)
+        # one estimate of everything has no course: the force takes its place
         if course.has_course:
-            draw_course(left, course, truth)
-        else:
-            draw_stated(left, session.last, truth)
-        panels.draw_force(_column(figure, grid[0, 1], [1.4, 1.0], shared=True), session, dose)
+            draw_course(_column(figure, grid[0, 0], [1.0] * rows), course, truth)
+        beside = grid[0, 1] if course.has_course else grid[0, :]
+        panels.draw_force(_column(figure, beside, [1.4, 1.0]), session, dose)
         panels.draw_recruitment(figure.add_subplot(grid[1, 0]), session, dose, truth)
         force = impulse_response(pulses, session)
         panels.draw_response(figure.add_subplot(grid[1, 1]), session, force, truth)
@@ -101,14 +99,11 @@ def fill_session_figure(
         figure.suptitle(title, fontsize=12)
 
 
-def _column(
-    figure: Figure, place: SubplotSpec, heights: list[float], *, shared: bool
-) -> list[Axes]:
-    """Return axes one below the other, from above, that may share their axis of time."""
+def _column(figure: Figure, place: SubplotSpec, heights: list[float]) -> list[Axes]:
+    """Return axes one below the other, from above, that share their axis of time."""
     rows = place.subgridspec(len(heights), 1, height_ratios=heights)
     axes: list[Axes] = []
     for index in range(len(heights)):
-        top = axes[0] if axes and shared else None
-        axes.append(figure.add_subplot(rows[index], sharex=top))
-        axes[-1].tick_params(labelbottom=not shared or index == len(heights) - 1)
+        axes.append(figure.add_subplot(rows[index], sharex=axes[0] if axes else None))
+        axes[-1].tick_params(labelbottom=index == len(heights) - 1)
     return axes

@@ -75,10 +75,18 @@ def test_changes_that_have_left_the_newest_ten_are_kept(made_up: ModuleType) -> 
 
 
 def test_warnings_become_spans_and_short_breaks_do_not_end_them(made_up: ModuleType) -> None:
-    reasons = {3: ('too few pulses',), 5: ('too few pulses',), 12: ('too few pulses',)}
-    estimates = [made_up.estimate(index, reasons=reasons.get(index, ())) for index in range(1, 21)]
+    # a reason says why an interval is wide, as of all estimates of a verdict that is good
+    estimates = [
+        made_up.estimate(
+            index,
+            doubts=('curve_negative',) if index in (3, 5, 12) else (),
+            reasons=('followed by another estimator',),
+        )
+        for index in range(1, 21)
+    ]
     flags = course_of(made_up.session_of(estimates)).flags
     assert [(flag.start_s, flag.end_s) for flag in flags] == [(1.5, 2.5), (6.0, 6.0)]
+    assert {flag.text for flag in flags} == {'the curve is negative: a muscle does not push'}
 
 
 def test_a_fault_is_a_span_while_it_is_counted_not_ever_after(made_up: ModuleType) -> None:

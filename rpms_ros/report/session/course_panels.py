@@ -1,9 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Panels of the quantities over time, and of the parameters of a single estimate.
+"""Panels of the quantities over time.
 
-Sudden changes are dotted lines with their kind, spans with a warning are hatched, true values of a
-simulated muscle dashed.
+Sudden changes are dotted lines with their kind, spans with a doubt or a fault are hatched, true
+values of a simulated muscle dashed.
 """
 
 from collections.abc import Callable
@@ -13,18 +13,14 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from rpms_ros.axis import QUANTITIES
-from rpms_ros.identification import Estimate
-from rpms_ros.identification.informed import informed_parameters
 from rpms_ros.pulses import FloatArray
 from rpms_ros.report.course import Course
 from rpms_ros.report.course import Path
 from rpms_ros.report.known_muscle import KnownMuscle
 from rpms_ros.report.session.panels import BAND
 from rpms_ros.report.session.panels import FAINT
-from rpms_ros.report.session.panels import MEASURED
 from rpms_ros.report.session.panels import MODELLED
 from rpms_ros.report.session.panels import draw_true
-from rpms_ros.report.session.residuals import BAND_95
 
 # True values are dashed.
 _LINE_STYLES = ('-', ':', '-.')
@@ -64,7 +60,7 @@ def draw_course(axes: list[Axes], course: Course, truth: Truth = None) -> None:
     for place, draw in zip(axes, course_panels(course), strict=True):
         draw(place, course, truth)
         for index, flag in enumerate(course.flags):
-            named = 'doubtful' if place is axes[0] and not index else None
+            named = 'doubt or fault' if place is axes[0] and not index else None
             span = place.axvspan(flag.start_s, flag.end_s, zorder=0.5, label=named)
             span.set(facecolor='none', edgecolor=_HATCHED, hatch='///', linewidth=0.0)
         for change in course.changes:
@@ -78,41 +74,10 @@ def draw_course(axes: list[Axes], course: Course, truth: Truth = None) -> None:
             xycoords=('data', 'axes fraction'),
             xytext=(3, -10),
             textcoords='offset points',
-            fontsize=8.5,
+            fontsize=9.0,
         )
     axes[-1].set_xlabel('time / s')
     axes[-1].set_xlim(0.0, course.end_s)
-
-
-def draw_stated(axes: list[Axes], last: Estimate, truth: Truth = None) -> None:
-    """Draw the parameters of one estimate, each as a point with its 95 % interval."""
-    deviation = np.sqrt(np.maximum(np.diag(last.nonlinear_covariance), 0.0))
-    informed = informed_parameters(last)
-    axes[0].set_title('Parameters of the whole session')
-    stamp = np.array([last.stamp_ns])
-    for place, prefix, label in zip(
-        axes, ('u_', 'alpha_'), ('share of maximum', 'sharpness'), strict=True
-    ):
-        names = [name for name in last.nonlinear_names if name.startswith(prefix)]
-        for row, name in enumerate(names):
-            index = last.nonlinear_names.index(name)
-            true = truth.parameter(name, stamp) if truth is not None else None
-            if true is not None:
-                ends = [row - 0.35, row + 0.35]
-                place.plot(true.repeat(2), ends, color=MEASURED, ls='--', lw=2.4)
-            if informed[index]:
-                half = BAND_95 * deviation[index] if len(deviation) else 0.0
-                place.errorbar(
-                    last.nonlinear[index], row, xerr=half, color=MODELLED, fmt='o', ms=4, capsize=4
-                )
-            else:
-                place.annotate(
-                    'not determined by the data', (0.5, row), xycoords=('axes fraction', 'data'),
-                    ha='center', va='center',
-                )  # fmt: skip
-        place.set_yticks(range(len(names)), names)
-        place.set_ylim(-0.7, len(names) - 0.3)
-        place.set_xlabel(label)
 
 
 def _draw_force(place: Axes, course: Course, truth: Truth) -> None:

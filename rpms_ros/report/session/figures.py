@@ -19,45 +19,41 @@ from rpms_ros.report.session import panels
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.course_panels import course_panels
 from rpms_ros.report.session.course_panels import draw_course
-from rpms_ros.report.session.course_panels import draw_stated
 
 Draw = Callable[[list[Axes], SessionAnalysis], None]
 
-_HALF, _FULL = (5.4, 3.5), (11.0, 4.4)
-FIGURES: dict[str, tuple[Draw, tuple[float, float], tuple[int, int]]] = {
+# A screen of 390 px shows no wider figure with letters of 8 px.
+_WIDTH = 5.6
+FIGURES: dict[str, tuple[Draw, float, int]] = {
     'recruitment': (
         lambda axes, one: panels.draw_recruitment(axes[0], one.session, one.dose, one.truth),
-        _HALF,
-        (1, 1),
+        3.6,
+        1,
     ),
     'response': (
         lambda axes, one: panels.draw_response(
             axes[0], one.session, one.result.impulse_response.force, one.truth
         ),
-        _HALF,
-        (1, 1),
+        3.6,
+        1,
     ),
-    'parameters': (lambda axes, one: _draw_parameters(axes, one), _FULL, (2, 1)),
-    'force': (lambda axes, one: panels.draw_force(axes, one.session, one.dose), _FULL, (2, 1)),
-    'residuals': (
-        lambda axes, one: panels.draw_residuals(axes, one.residuals),
-        (11.0, 3.4),
-        (1, 2),
-    ),
+    'parameters': (lambda axes, one: draw_course(axes, one.course, one.truth), 0.5, 0),
+    'force': (lambda axes, one: panels.draw_force(axes, one.session, one.dose), 4.4, 2),
+    'residuals': (lambda axes, one: panels.draw_residuals(axes, one.residuals), 4.4, 2),
     'held_out': (
         lambda axes, one: panels.draw_held_out(axes, one.session, one.held_out),
-        _FULL,
-        (2, 1),
+        4.4,
+        2,
     ),
-    'schedule': (lambda axes, one: panels.draw_schedule(axes, one.dose), _FULL, (2, 1)),
+    'schedule': (lambda axes, one: panels.draw_schedule(axes, one.dose), 4.4, 2),
 }
-"""How each figure is drawn, its size [inch] and its rows and columns, by name."""
+"""How each figure is drawn, its height [inch] and its panels, by name; a course has its own."""
 
 OF_THE_ESTIMATOR = ('parameters', 'residuals', 'held_out')
 """Those that have no meaning where trains stand for the estimate."""
 
 _STYLE: dict[Any, Any] = {
-    'font.size': 9.5,
+    'font.size': 10.0,
     'font.family': ['DejaVu Sans'],
     'axes.titlesize': 10.5,
     'axes.titleweight': 'bold',
@@ -70,7 +66,7 @@ _STYLE: dict[Any, Any] = {
     'axes.grid': True,
     'axes.axisbelow': True,
     'legend.frameon': False,
-    'legend.fontsize': 9.0,
+    'legend.fontsize': 9.5,
     # Text stays text: it can be searched, copied and read aloud.
     'svg.fonttype': 'none',
     'path.simplify': True,
@@ -82,7 +78,9 @@ _STYLE: dict[Any, Any] = {
 
 def names_of(analysis: SessionAnalysis) -> tuple[str, ...]:
     """Return the figures that a report has."""
-    left_out = OF_THE_ESTIMATOR if analysis.trains is not None else ()
+    left_out = set(OF_THE_ESTIMATOR) if analysis.trains is not None else set()
+    if not analysis.course.has_course:
+        left_out.add('parameters')
     return tuple(name for name in FIGURES if name not in left_out)
 
 
@@ -90,25 +88,16 @@ def draw(name: str, analysis: SessionAnalysis) -> Figure:
     """Return one of `FIGURES`, drawn."""
     if name == 'force' and analysis.trains is not None:
         return draw_trains(analysis.trains, unit=analysis.result.unit)
-    painter, size, (rows, columns) = FIGURES[name]
-    # One estimate has no course: its panels are parameters of different units.
-    shared = rows > 1
+    painter, height, rows = FIGURES[name]
     if name == 'parameters':
-        shared = analysis.course.has_course
-        rows = len(course_panels(analysis.course)) or rows
-        size = (size[0], 0.5 + 1.6 * rows if shared else size[1])
-    figure = Figure(figsize=size, layout='constrained', dpi=150)
-    axes = figure.subplots(rows, columns, sharex=shared, squeeze=False)
+        rows = len(course_panels(analysis.course))
+        height += 1.6 * rows
+    figure = Figure(figsize=(_WIDTH, height), layout='constrained', dpi=150)
+    # lags and times are no common axis
+    axes = figure.subplots(rows, 1, sharex=name != 'residuals', squeeze=False)
     painter(list(axes.flat), analysis)
     label(figure)
     return figure
-
-
-def _draw_parameters(axes: list[Axes], analysis: SessionAnalysis) -> None:
-    if analysis.course.has_course:
-        draw_course(axes, analysis.course, analysis.truth)
-    else:
-        draw_stated(axes, analysis.session.last, analysis.truth)
 
 
 def label(figure: Figure) -> None:

@@ -19,6 +19,7 @@ from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.dose import TRAIN_GAP
 from rpms_ros.report.session.figures import OF_THE_ESTIMATOR
 from rpms_ros.report.session.figures import as_svg
+from rpms_ros.report.session.figures import names_of
 from rpms_ros.report.session.traces import force_traces
 from rpms_ros.report.templates import image_url
 from rpms_ros.report.templates import page_template
@@ -34,7 +35,7 @@ CAPTIONS = {
     'intensities were used.',
     'response': 'Force after one pulse, from the pulse on.',
     'parameters': 'Estimates over time, with 95 % bands; dotted lines are sudden changes, '
-    'hatched spans are doubtful, dashed is the truth where the muscle was simulated.',
+    'hatched spans have a doubt or a fault, dashed is the truth where the muscle was simulated.',
     'force': 'Measured and modelled force at the end of the stimulation, and their difference.',
     'residuals': 'Correlations of the residual: within the dashed lines it is white noise.',
     'held_out': 'Force that was not learnt from, and its prediction.',
@@ -48,8 +49,7 @@ SECTIONS = {
     'response': 'Impulse response and physiology',
     'parameters': 'Time courses',
     'force': 'Force, measured and modelled',
-    'residuals': 'Residuals',
-    'held-out': 'Held-out fit',
+    'residuals': 'Residuals and held-out fit',
     'faults': 'Faults',
     'schedule': 'Schedule and energy',
     'session': 'Session',
@@ -69,7 +69,8 @@ def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
         Content of the tables, from `as_document`; it is inside the page as JSON too.
     """
     dynamics = analysis.trains is not None
-    hidden = {name.replace('_', '-') for name in OF_THE_ESTIMATOR} if dynamics else set()
+    figures = names_of(analysis)
+    hidden = {name for name in OF_THE_ESTIMATOR if name not in figures}
     filters = {
         one.__name__: one
         for one in (number, percent, with_interval, label, shown, recruitment_shown)

@@ -5,7 +5,6 @@
 import json
 from dataclasses import replace
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -166,21 +165,3 @@ def test_errors_are_newtons_and_shares_of_the_range(analysis: SessionAnalysis, p
     assert 0.0 < fit.error_of_range < 0.1
     for text in ('explained variance', '|y - mean|'):
         assert text not in page
-
-
-def test_one_estimate_is_drawn_with_intervals_not_as_an_empty_path(
-    analysis: SessionAnalysis,
-) -> None:
-    size = len(analysis.session.last.nonlinear)
-    last = replace(
-        analysis.session.last,
-        nonlinear_covariance=np.diag(np.full(size, 1e-4)),
-        nonlinear_identifiability=np.array([2, 1, 0, 2])[:size],
-    )
-    one = replace(analysis, session=replace(analysis.session, estimates=[last]))
-    figure = draw('parameters', one)
-    assert figure.axes[0].get_title() == 'Parameters of the whole session'
-    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
-    assert texts == ['not determined by the data']
-    assert sum(len(axes.containers) for axes in figure.axes) == 3
-    assert 'fixed' not in unquote(as_page(one, as_document(one)))
