@@ -49,8 +49,10 @@ def test_works_where_there_is_no_ros(short_session: Path) -> None:
     assert json.loads(done.stdout)['pulses'] == 200
 
 
-@pytest.mark.parametrize('command', ['demo', 'live', 'replay'])
-@pytest.mark.parametrize('missing', ['rclpy', 'rcl_interfaces', 'rpms_msgs'])
+@pytest.mark.parametrize(
+    ('command', 'missing'),
+    [('demo', 'rcl_interfaces'), ('live', 'rclpy'), ('replay', 'rpms_msgs')],
+)
 def test_a_command_that_needs_ros_says_so_in_a_line(
     command: str, missing: str, short_session: Path
 ) -> None:
