@@ -130,7 +130,7 @@ def test_force_and_axis_agree_with_those_of_a_recording(
     message = messages.force_message(stamp, 0.0, axis, STORE.types)
     message.wrench.force = STORE.types[messages.VECTOR](*vector)
     components = [np.array([value]) for value in vector]
-    recorded = force_along(direction_of('0.3,-0.2,0.9'), components)
+    recorded = force_along(direction_of('0.3,-0.2,0.9'), components, 1.0)
     live = messages.force_of(message, axis)[1]
     assert np.array([live]).tobytes() == recorded.tobytes()
 

@@ -43,7 +43,6 @@ otherwise, 2 if it could not run.
 RATE = 20.0
 FORCE_RATE = 1000.0
 PORT = 8765
-_WATCH_TIMEOUT = 0.5
 _TTY_PERIOD, _PLAIN_PERIOD = 0.2, 5.0
 
 
@@ -146,10 +145,7 @@ def simulation_settings(arguments: argparse.Namespace) -> 'SimulationSettings':
             # on a busy machine pulses arrive late, but still before their force
             'publication_delay': 0.05,
         },
-        driver={
-            # nobody is stimulated, and a busy machine lets a thread wait for longer than a tenth
-            'watch_timeout': _WATCH_TIMEOUT,
-        },
+        driver={},
         identifier={'estimator': estimator, 'preset': arguments.preset},
         live_page=None if arguments.live is None else {'port': arguments.live},
         schedule=named_schedule(arguments.schedule, arguments.duration, RATE, arguments.seed),

@@ -26,6 +26,8 @@ from rpms_ros.stimulation.patient import for_session
 from rpms_ros.stimulation.patient import load_patient
 from rpms_ros.stimulation.settings import DriverSettings
 
+# nobody is stimulated, and a busy computer lets a thread wait for longer than is safe elsewhere
+_SIMULATED_PATIENCE_S = 2.0
 _NODE_NAME = re.compile(r'(/\w+)+|\w+', re.ASCII)
 
 
@@ -257,11 +259,19 @@ def ledger_of(settings: DriverParameters, specification: DeviceSpecification) ->
     return DoseLedger(folder, device, patient.identifier, patient.dose)
 
 
+def patience_s(settings: DriverParameters, limit_s: float) -> float:
+    """Return how long a thread of the driver may be silent [s], a limit unless simulated."""
+    return max(limit_s, _SIMULATED_PATIENCE_S) if settings.simulated else limit_s
+
+
 def driver_settings_of(settings: DriverParameters) -> DriverSettings:
     """Return how the driver watches over itself."""
     return DriverSettings(
         lateness_limit_s=settings.lateness_limit,
-        executor_timeout_s=settings.executor_timeout,
+        executor_timeout_s=patience_s(settings, settings.executor_timeout),
+        response_limit_s=patience_s(settings, DriverSettings.response_limit_s),
+        stuck_limit_s=patience_s(settings, DriverSettings.stuck_limit_s),
+        supervisor_timeout_s=patience_s(settings, DriverSettings.supervisor_timeout_s),
         force_limit_n=settings.force_limit,
         force_unit=UNITS[settings.quantity],
         force_timeout_s=settings.force_timeout,

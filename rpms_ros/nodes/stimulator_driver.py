@@ -38,6 +38,7 @@ from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.driver_parameters import ledger_of
+from rpms_ros.nodes.driver_parameters import patience_s
 from rpms_ros.nodes.driver_priority import ask_for_realtime
 from rpms_ros.nodes.driver_pulses import PulsePublisher
 from rpms_ros.nodes.driver_refusal import AUDIT
@@ -125,7 +126,7 @@ class StimulatorDriver(GuardedLifecycleNode):
             self.controller,
             self.buttons,
             self.authority,
-            settings.watch_timeout,
+            patience_s(settings, settings.watch_timeout),
             refuse,
         )
         self._parts.callback(self._watch.close)

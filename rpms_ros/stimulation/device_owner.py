@@ -22,6 +22,7 @@ from rpms_ros.stimulation.devices.interface import Device
 from rpms_ros.stimulation.devices.interface import DeviceError
 from rpms_ros.stimulation.devices.interface import DeviceStatus
 from rpms_ros.stimulation.devices.interface import TooLate
+from rpms_ros.stimulation.interlocks import BUSY
 from rpms_ros.stimulation.interlocks import Refused
 from rpms_ros.stimulation.limits import Limits
 from rpms_ros.stimulation.orders import NoAnswer
@@ -143,7 +144,7 @@ class DeviceOwner(SafetyMonitor):
         """Do what is due; return when there is more to do [ns].  Called by the owner alone."""
         due_ns = None
         limit_s = self.settings.stuck_limit_s
-        with self._deadlines.of('a turn of the driver', limit_s):
+        with self._deadlines.of(f'{BUSY}a turn of the driver', limit_s):
             try:
                 self._apply_halts()
                 self.orders.serve()

@@ -22,6 +22,9 @@ SUSPEND = 'suspend'
 _NAP_NS = 20_000_000
 _READINGS = 5
 
+BUSY = 'computer too busy: pulses stopped; '
+"""Begins the reason where a thread of the driver itself has missed its time."""
+
 HOLD_SHARE = 0.4
 """Share of the longest silence of a hearer of stops after which pulses are held back."""
 
@@ -69,7 +72,7 @@ class Interlocks:
         timeout_s : float
             Longest silence [s]; then it is a problem.
         hold_s : float, optional
-            Silence [s] during which pulses are held back, before it is a problem.
+            Of a thread of the driver: silence [s] from which pulses are held back.
         """
         with self._lock:
             self._timeouts_ns[name] = nanoseconds(timeout_s)
@@ -141,8 +144,9 @@ class Interlocks:
                     seen = max(seen, since_ns)
                 if now_ns - seen > timeout:
                     age = (now_ns - seen) / 1e9
+                    whose = BUSY if name in self._holds_ns else ''
                     return name, (
-                        f'{name}: expected a sign of life within {timeout / 1e9:g} s, '
+                        f'{whose}{name}: expected a sign of life within {timeout / 1e9:g} s, '
                         f'got none for {age:.3g} s'
                     )
             return self._sleep()

@@ -22,6 +22,7 @@ from rpms_ros.stimulation.devices.interface import TooLate
 from rpms_ros.stimulation.dose import LedgerError
 from rpms_ros.stimulation.dose import PlannedPulse
 from rpms_ros.stimulation.fired import Fired
+from rpms_ros.stimulation.interlocks import BUSY
 from rpms_ros.stimulation.lateness import Lateness
 from rpms_ros.stimulation.limiter import PulseLimiter
 from rpms_ros.stimulation.refusals import TIMING_LIMITS
@@ -382,7 +383,7 @@ class PulseOwner(DeviceOwner):
         if fired.delivery is not None:
             self.delivered += 1
             self.unverified += bool(fired.delivery.unverified)
-        with self._deadlines.of('on_fired', self.settings.stuck_limit_s):
+        with self._deadlines.of(f'{BUSY}on_fired', self.settings.stuck_limit_s):
             try:
                 self.on_fired(fired)
             except Exception as error:  # noqa: BLE001 - nobody knows what it has left behind

@@ -86,7 +86,10 @@ class SafetyMonitor:
     ) -> None:
         self.device = device
         self.settings = settings
-        self.interlocks = Interlocks(_timeouts_s(settings))
+        watched = {FORCE: settings.force_timeout_s} if settings.force_limit_n > 0 else {}
+        self.interlocks = Interlocks(watched)
+        limit_s = settings.supervisor_timeout_s
+        self.interlocks.require(SUPERVISOR, limit_s, hold_s=limit_s)
         # a stop by service, a cancel and a lowered bound wait for the executor: pulses do so too
         limit_s = settings.executor_timeout_s
         self.interlocks.require(EXECUTOR, limit_s, hold_s=HOLD_SHARE * limit_s)
@@ -236,11 +239,3 @@ class SafetyMonitor:
         problem = self.interlocks.problem(self._clock())
         if problem is not None:
             raise Refused(*problem)
-
-
-def _timeouts_s(settings: DriverSettings) -> dict[str, float]:
-    """Return the signs of life beside the executor's, with their longest age [s]."""
-    timeouts = {SUPERVISOR: settings.supervisor_timeout_s}
-    if settings.force_limit_n > 0:
-        timeouts[FORCE] = settings.force_timeout_s
-    return timeouts

@@ -10,7 +10,9 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_parameters import build_device
 from rpms_ros.nodes.driver_parameters import device_specification_of
+from rpms_ros.nodes.driver_parameters import driver_settings_of
 from rpms_ros.nodes.driver_parameters import ledger_of
+from rpms_ros.nodes.driver_parameters import patience_s
 from rpms_ros.stimulation.dose import PlannedPulse
 
 
@@ -52,3 +54,20 @@ def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_
         assert len(ledger.history(time.monotonic_ns())) == 1
     with pytest.raises(StimulationError, match=r"serial_number in .*, got none in 'rapid2-240v'"):
         opened('/dev/ttyUSB0', 'rapid2-240v')
+
+
+def test_only_a_simulated_device_bears_a_busy_computer(patient_file, tmp_path):
+    simulated = driver_settings_of(DriverParameters(executor_timeout=0.3))
+    assert (simulated.executor_timeout_s, simulated.supervisor_timeout_s) == (2.0, 2.0)
+    assert (simulated.stuck_limit_s, simulated.response_limit_s) == (2.0, 2.0)
+    real = DriverParameters(
+        device='serial',
+        executor_timeout=0.3,
+        patient_file=str(patient_file),
+        ledger_folder=str(tmp_path),
+        audit_log=str(tmp_path / 'audit.jsonl'),
+    )
+    settings = driver_settings_of(real)
+    assert (settings.executor_timeout_s, settings.supervisor_timeout_s) == (0.3, 0.5)
+    assert (settings.stuck_limit_s, settings.response_limit_s) == (0.2, 0.1)
+    assert patience_s(real, 0.1) == 0.1

@@ -7,6 +7,8 @@ import os
 import random
 import subprocess
 import sys
+import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -322,6 +324,30 @@ def test_the_process_that_drives_loads_no_identification():
     for name in ('identification', 'live', 'muscle', 'recording'):
         assert f'rpms_ros.{name}' not in loaded
     assert not {'numba', 'scipy', 'matplotlib'} & loaded
+
+
+def test_two_simulated_drivers_of_one_busy_process_go_on(graph, wait_for, schedule_file):
+    usual = {
+        'require_operator': False,
+        'require_stop_button': False,
+        'executor_timeout': 0.5,
+        'watch_timeout': 0.1,
+        'lateness_limit': 0.1,
+        'autostart': True,
+        'minimum_subscribers': 0,
+        'schedule_file': schedule_file(constant(0.5, 60.0, 50.0)),
+    }
+    drivers = [
+        graph.add(partial(StimulatorDriver, namespace=name), **usual) for name in ('left', 'right')
+    ]
+    graph.wait_for(lambda: all(driver.controller.delivered for driver in drivers))
+    end = time.monotonic() + 0.6
+    with drivers[0]._watch._lock, drivers[1]._watch._lock:
+        # neither the executor nor the threads that hear buttons have their turn
+        wait_for(lambda: time.monotonic() > end)
+    given = max(driver.controller.delivered for driver in drivers)
+    graph.wait_for(lambda: all(one.controller.delivered > given + 50 for one in drivers))
+    assert not any(driver.controller.interlocks.latched for driver in drivers)
 
 
 def test_the_status_comes_at_its_rate_however_the_ticks_jitter(graph):

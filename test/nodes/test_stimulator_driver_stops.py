@@ -233,7 +233,7 @@ def test_an_error_while_a_goal_is_begun_is_a_fault(graph, monkeypatch):
     bench = Bench(graph)
     bench.arm()
     assert bench.controller.device.armed
-    monkeypatch.setattr(bench.controller, 'start', lambda _: 1 / 0)
+    monkeypatch.setattr(bench.controller, 'start', lambda *_: 1 / 0)
     code, reason = bench.refusal()
     assert code == RunSchedule.Result.INTERNAL_ERROR
     assert reason.startswith('expected a goal without an error, got ZeroDivisionError')

@@ -134,7 +134,9 @@ def test_callback_that_raises_is_a_fault(running):
 def test_callback_that_hangs_is_noticed(running):
     running.controller.on_fired = running.device.hang(1.0)
     running.advance(2.0)
-    assert running.controller.reason == 'on_fired: expected an answer within 0.2 s, got none'
+    assert running.controller.reason == (
+        'computer too busy: pulses stopped; on_fired: expected an answer within 0.2 s, got none'
+    )
     assert_safe(running)
 
 
