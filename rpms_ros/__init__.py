@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rpms_ros.api import Session
     from rpms_ros.api import Stated
     from rpms_ros.api import Verdict
+    from rpms_ros.api import from_arrays
     from rpms_ros.api import load
     from rpms_ros.api import simulate
 
@@ -40,6 +41,7 @@ __all__ = [
     'Session',
     'Stated',
     'Verdict',
+    'from_arrays',
     'load',
     'simulate',
 ]

@@ -16,6 +16,7 @@ Nothing here needs ROS.
 
 from rpms_ros.api.identification import Identification
 from rpms_ros.api.identification import Parameter
+from rpms_ros.api.loading import from_arrays
 from rpms_ros.api.loading import load
 from rpms_ros.api.session import Session
 from rpms_ros.api.simulating import simulate
@@ -34,6 +35,7 @@ __all__ = [
     'Session',
     'Stated',
     'Verdict',
+    'from_arrays',
     'load',
     'simulate',
 ]

@@ -8,10 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from rpms_ros.api.session import Session
 from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import Recording
@@ -24,6 +27,8 @@ from rpms_ros.recording.importing import import_file
 from rpms_ros.recording.importing import is_foreign
 from rpms_ros.report.recorded import recorded_truth
 
+# Beyond that nanoseconds do not fit into 64 bits.
+_LATEST_S = 9e9
 _TABLES = ('.csv', '.tsv', '.txt')
 # Options of the command, as messages name them: keywords here.
 _OPTION = re.compile(r'--([a-z]+(?:-[a-z]+)*)(?: [A-Z][A-Z-]*)?')
@@ -168,6 +173,73 @@ def load(
     name = (place.resolve() if place.is_dir() else place).stem
     subject, truth = recorded_truth(recording)
     return Session(name=name, recording=recording, topics=topics, subject=subject, truth=truth)
+
+
+def from_arrays(
+    time: npt.ArrayLike,
+    force: npt.ArrayLike,
+    pulse_times: npt.ArrayLike,
+    intensity: npt.ArrayLike = 1.0,
+    *,
+    name: str = 'arrays',
+) -> Session:
+    """Return the session of arrays that a program has.
+
+    Parameters
+    ----------
+    time : array_like (samples,)
+        Times of the samples, rising [s].
+    force : array_like (samples,)
+        Force [N]; not a number where a sample is missing.
+    pulse_times : array_like (pulses,)
+        Onsets of the pulses, rising, in the clock of `time` [s].
+    intensity : array_like (pulses,) or float
+        Shares of the stimulator's maximum, 0 to 1.
+    name : str
+        What people call it.
+
+    Raises
+    ------
+    RecordingError
+        If lengths do not fit, times do not rise or are not finite, or an intensity is no share.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rpms_ros
+    >>> time = np.arange(0.0, 5.0, 0.001)
+    >>> session = rpms_ros.from_arrays(time, np.sin(time), [0.5, 0.55, 0.6], [0.4, 0.8, 0.6])
+    >>> len(session.pulses), len(session.force)
+    (3, 5000)
+    """
+    seconds, onsets = (np.atleast_1d(np.asarray(one, dtype=float)) for one in (time, pulse_times))
+    newtons = np.atleast_1d(np.asarray(force, dtype=float))
+    for what, values in (('time', seconds), ('pulse_times', onsets)):
+        if values.ndim != 1 or not len(values) or not np.all(np.abs(values) < _LATEST_S):
+            raise RecordingError(f'expected finite times in s in {what}, got {values}')
+        if (late := np.flatnonzero(np.diff(values) <= 0.0)).size:
+            raise RecordingError(
+                f'expected rising {what}, got {values[late[0]]} and then {values[late[0] + 1]}'
+            )
+    if newtons.shape != seconds.shape:
+        raise RecordingError(
+            f'expected a force for each of {len(seconds)} times, got {newtons.shape}'
+        )
+    shares = np.asarray(intensity, dtype=float)
+    if shares.shape not in ((), onsets.shape):
+        raise RecordingError(
+            f'expected an intensity for each of {len(onsets)} pulses, or one, got {shares.shape}'
+        )
+    shares = np.broadcast_to(shares, onsets.shape).copy()
+    if (wrong := np.flatnonzero(~((shares >= 0.0) & (shares <= 1.0)))).size:
+        raise RecordingError(f'expected intensities from 0 to 1, got {shares[wrong[0]]}')
+    stamp_ns, onset_ns = (
+        np.rint(values * NANOSECONDS_PER_SECOND).astype(np.int64) for values in (seconds, onsets)
+    )
+    width = np.full(len(onsets), MAGNETIC_PULSE_WIDTH)
+    pulses = PulseTrain(onset_ns, shares, np.arange(len(onsets), dtype=np.int64), width)
+    recording = as_recording(pulses, ForceTrace(stamp_ns, newtons), Path(name), 'arrays')
+    return Session(name=name, recording=recording)
 
 
 def _with_columns(options: ImportOptions, columns: tuple[str, str, str] | None) -> ImportOptions:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rpms_ros.cli.import_file import add_signal_options
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_quantity_option
 from rpms_ros.cli.options import add_reading_options
@@ -74,6 +75,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     add_reading_options(parser)
     add_quantity_option(parser)
+    add_signal_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

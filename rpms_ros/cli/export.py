@@ -6,10 +6,6 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rpms_ros.axis import UNITS
-from rpms_ros.cli.import_file import add_signal_options
-from rpms_ros.cli.import_file import imported
-from rpms_ros.cli.import_file import signal_options
 from rpms_ros.cli.options import INCOMPLETE
 from rpms_ros.cli.options import SUCCESS
 from rpms_ros.cli.options import add_command
@@ -25,15 +21,11 @@ if TYPE_CHECKING:
     from rpms_ros.recording.exporting import SessionExport
 
 FORMATS = ('csv', 'mat', 'bids')
-_OF_RECORDINGS = {
-    'pulses_topic': 'pulses', 'force_topic': 'force', 'axis': 'z', 'max_memory': None,
-    'quantity': 'force',
-}  # fmt: skip
 _DESCRIPTION = """\
 Writes force, pulses and recorded estimates for other programs: a folder of CSV files, a MATLAB
 file (version 5), or a BIDS dataset with the stimulation as NIBS-BIDS (BEP 037, a draft) has it.
-Every number is written with all of its digits: `rpms import` reads the same numbers again.  A
-file of a laboratory is taken too, as `rpms import` takes it.  Nothing is replaced.
+Every number is written with all of its digits: `rpms import` reads the same numbers again.
+Nothing is replaced.
 """
 _EXAMPLES = """\
   rpms export bags/sample --to csv --out sample_csv       force.csv, pulses.csv, session.json
@@ -50,8 +42,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         subparsers, 'export', run, 'a recording as files of other programs', _DESCRIPTION,
         _EXAMPLES,
     )  # fmt: skip
-    text = 'recording, or a file that rpms import takes'
-    parser.add_argument('bag', type=Path, metavar='SESSION', help=text)
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
     parser.add_argument('--to', required=True, choices=FORMATS, help='what is written')
     text = 'new folder; new file of MATLAB'
     parser.add_argument('--out', type=Path, required=True, metavar='PLACE', help=text)
@@ -65,7 +56,6 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(group, '--run N', None, text, type=int, dest='run_number')
     add_reading_options(parser)
     add_quantity_option(parser)
-    add_signal_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -101,30 +91,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple[str, str]]]:
     """Return what is exported, and what was wrong with it."""
-    from rpms_ros.pulses import ForceTrace
     from rpms_ros.recording import session_hash
     from rpms_ros.recording.exporting import SessionExport
-    from rpms_ros.recording.importing import is_foreign
     from rpms_ros.recording.reading import held_bytes
     from rpms_ros.report.estimate_table import estimate_table
     from rpms_ros.report.recorded import recorded_messages
 
     path = arguments.bag
     name = path.resolve().name
-    if is_foreign(path):
-        for option, default in _OF_RECORDINGS.items():
-            if getattr(arguments, option) != default:
-                raise RecordingError(
-                    f'expected --{option.replace("_", "-")} with a recording, got {path}'
-                )
-        found = imported(path, arguments)
-        forces = ForceTrace(found.forces.stamp_ns, arguments.sign * found.forces.force)
-        unit = UNITS[found.quantity]
-        return SessionExport(name, found.pulses, forces, unit, anonymous=arguments.anonymous), []
-    if given := signal_options(arguments).given():
-        raise RecordingError(
-            f'expected --{given[0].replace("_", "-")} with a file of a laboratory, got {path}'
-        )
     recording = read(path, arguments)
     nodes = recorded_messages(path, memory=arguments.max_memory, held=held_bytes(recording))
     findings = [('warning', remark) for remark in recording.facts.remarks]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from typing import Any
 
 from rpms_ros.axis import QUANTITIES
+from rpms_ros.cli.import_file import add_signal_options
 from rpms_ros.cli.options import INCOMPLETE
 from rpms_ros.cli.options import SUCCESS
 from rpms_ros.cli.options import UNUSABLE
@@ -44,6 +45,7 @@ estimator that also runs on line: a recording gives the estimates of the live se
 _EXAMPLES = """\
   rpms identify bags/sample
   rpms identify session --out results                  result.json and figures
+  rpms identify trial.csv --force 'fGM [N]'             a file as rpms import takes it
   rpms identify session --json | jq .recruitment       one JSON object on stdout
   rpms identify session --force-topic /left/wrench --axis x --sign -1
   rpms identify session --rate-hz 15                   the curve for pulses at 15 Hz
@@ -80,6 +82,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_estimator_options(parser)
     _add_state_options(parser)
     add_verdict_option(parser)
+    add_signal_options(parser)
 
 
 def add_verdict_option(parser: argparse.ArgumentParser) -> None:

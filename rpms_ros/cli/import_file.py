@@ -19,6 +19,7 @@ from rpms_ros.printable import counted
 from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
+    from rpms_ros.recording import Recording
     from rpms_ros.recording.importing import Guess
     from rpms_ros.recording.importing import Imported
     from rpms_ros.recording.importing import ImportOptions
@@ -107,10 +108,6 @@ def run(arguments: argparse.Namespace) -> int:
     print(f'{arguments.out}: {counts}, {span:.3f} s')
     if found.quantity != FORCE:
         print(f'  a {found.quantity}: read it with --quantity {found.quantity}')
-    # A terminal has seen the guess, but not what the numbers told after it.
-    told = found.remarks if _asked(arguments) else found.facts
-    if found.guessed and told:
-        print(labelled(told), file=sys.stderr)
     return 0
 
 
@@ -121,7 +118,29 @@ def imported(path: Path, arguments: argparse.Namespace) -> 'Imported':
 
     asked = _asked(arguments)
     options = signal_options(arguments)
-    return import_file(path, options, _questioned if asked else guess_by)
+    found = import_file(path, options, _questioned if asked else guess_by)
+    # A terminal has seen the guess, but not what the numbers told after it.
+    told = found.remarks if asked else found.facts
+    if found.guessed and told:
+        print(labelled(told), file=sys.stderr)
+    return found
+
+
+def imported_recording(path: Path, arguments: argparse.Namespace) -> 'Recording':
+    """Return what a file holds as if it had been recorded."""
+    from rpms_ros.api.loading import as_recording
+    from rpms_ros.pulses import ForceTrace
+
+    found = imported(path, arguments)
+    if getattr(arguments, 'quantity', FORCE) not in (FORCE, found.quantity):
+        raise RecordingError(
+            f'expected a {arguments.quantity}, got a {found.quantity} in {path}; --force-unit '
+            'decides'
+        )
+    sign = getattr(arguments, 'sign', 1)
+    forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force)
+    recording = as_recording(found.pulses, forces, path, 'file')
+    return replace(recording, quantity=found.quantity)
 
 
 def signal_options(arguments: argparse.Namespace) -> 'ImportOptions':

@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.cli.import_file import add_signal_options
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_memory_option
 from rpms_ros.cli.options import progress
+from rpms_ros.cli.options import read
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -22,11 +24,13 @@ from rpms_ros.report.text import table
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
+    from rpms_ros.recording import Recording
     from rpms_ros.recording import RecordingFacts
 
 _DESCRIPTION = """\
 Shows topics, types, numbers of messages, duration and what is wrong with a recording.
-Reads mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer.
+Reads mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer;
+and files of a laboratory, as `rpms import` does.
 """
 _EXAMPLES = """\
   rpms info bags/sample
@@ -42,14 +46,19 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
     parser.add_argument('--json', action='store_true', help='one JSON object instead of text')
     add_memory_option(parser)
+    add_signal_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the facts; return 1 if something is wrong with the recording."""
     from rpms_ros.recording import read_facts
+    from rpms_ros.recording.importing import is_foreign
 
-    with progress('reading', None, 'messages', arguments.quiet) as advance:
-        facts = read_facts(arguments.bag, advance, arguments.max_memory)
+    if is_foreign(arguments.bag):
+        facts = _facts_of_file(read(arguments.bag, arguments))
+    else:
+        with progress('reading', None, 'messages', arguments.quiet) as advance:
+            facts = read_facts(arguments.bag, advance, arguments.max_memory)
     if (apart := _apart(arguments.bag, arguments.max_memory)) is not None:
         faults = {**facts.faults, 'pulses_apart': 1}
         facts = replace(facts, faults=faults, remarks=(*facts.remarks, apart))
@@ -59,6 +68,22 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(as_text(facts))
     return 1 if facts.faults else 0
+
+
+def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
+    """Return the facts of a file of a laboratory: pulses and samples in place of topics."""
+    from rpms_ros.recording.scan import TopicFacts
+
+    pulses, forces = recording.pulses.onset_ns, recording.forces.stamp_ns
+    topics = tuple(
+        TopicFacts(name, kind, len(stamps), int(stamps[0]), int(stamps[-1]))
+        for name, kind, stamps in (
+            ('pulses', 'pulses', pulses),
+            (recording.quantity, 'samples', forces),
+        )
+        if len(stamps)
+    )
+    return replace(recording.facts, topics=topics)
 
 
 def _apart(bag: Path, memory: int | None) -> str | None:

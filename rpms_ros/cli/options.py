@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from typing import Any
 
+from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
 from rpms_ros.report.text import collapsed
 
@@ -139,10 +140,30 @@ def add_quantity_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+# What has no meaning for a file of a laboratory.
+_OF_RECORDINGS = {
+    'pulses_topic': 'pulses', 'force_topic': 'force', 'axis': 'z', 'max_memory': None,
+}  # fmt: skip
+
+
 def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
-    """Return a recording as the options say."""
+    """Return a recording, or a file of a laboratory as one, as the options say."""
     from rpms_ros.recording import read_recording
 
+    if hasattr(arguments, 'pulse_unit'):
+        from rpms_ros.cli.import_file import imported_recording
+        from rpms_ros.cli.import_file import signal_options
+        from rpms_ros.recording.importing import is_foreign
+
+        if is_foreign(path):
+            for name, default in _OF_RECORDINGS.items():
+                if getattr(arguments, name, default) != default:
+                    option = name.replace('_', '-')
+                    raise RecordingError(f'expected --{option} with a recording, got {path}')
+            return imported_recording(path, arguments)
+        if given := signal_options(arguments).given():
+            option = given[0].replace('_', '-')
+            raise RecordingError(f'expected --{option} with a file of a laboratory, got {path}')
     with progress('reading', None, 'messages', arguments.quiet) as advance:
         return read_recording(
             path,

@@ -13,6 +13,7 @@ from typing import Any
 from rpms_ros.cli.identify import add_estimator_options
 from rpms_ros.cli.identify import add_verdict_option
 from rpms_ros.cli.identify import verdict_code
+from rpms_ros.cli.import_file import add_signal_options
 from rpms_ros.cli.options import add_bag
 from rpms_ros.cli.options import add_command
 from rpms_ros.cli.options import add_option
@@ -76,6 +77,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_quantity_option(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
+    add_signal_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -135,9 +137,11 @@ def _previous(path: Path) -> dict[str, Any]:
 def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.identification.catalogue import estimator_by_name
     from rpms_ros.identification.verdict_settings import VerdictSettings
+    from rpms_ros.recording.importing import is_foreign
     from rpms_ros.recording.reading import held_bytes
     from rpms_ros.report.identified import IdentificationOptions
     from rpms_ros.report.identified import identified
+    from rpms_ros.report.recorded import RecordedMessages
     from rpms_ros.report.recorded import recorded_messages
     from rpms_ros.report.result import result_of
     from rpms_ros.report.session import analyse
@@ -156,6 +160,10 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
         arguments.estimator, arguments.preset, arguments.rate_hz, arguments.seed
     )
     recording = read(arguments.bag, arguments)
+    messages = RecordedMessages([], None, 0)
+    if not is_foreign(arguments.bag):
+        held = held_bytes(recording)
+        messages = recorded_messages(arguments.bag, memory=arguments.max_memory, held=held)
     samples = len(recording.forces)
     compile_estimator(options.build, arguments.quiet)
     with progress('identifying', 2 * samples, 'samples', arguments.quiet) as advance:
@@ -165,9 +173,7 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
             or recording.facts.custom.get('muscle', '').strip()
             or arguments.bag.resolve().name,
             recording,
-            recorded_messages(
-                arguments.bag, memory=arguments.max_memory, held=held_bytes(recording)
-            ),
+            messages,
             session,
             result_of(recording, session, verdict),
             lambda: estimator_by_name(

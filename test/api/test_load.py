@@ -238,3 +238,33 @@ def test_a_whole_number_is_an_intensity_too(tmp_path: Path, pulse_unit: str | No
     session = rpms_ros.load(path, intensity=1, pulse_unit=pulse_unit)
     assert session.pulses.intensity.dtype == np.float64
     assert session.identify('recursive').result.pulses == len(numbers)
+
+
+def test_arrays_become_a_session(simulated: Session) -> None:
+    pulses, begin = simulated.pulses, simulated.force.stamp_ns[0]
+    time = 1e-9 * (simulated.force.stamp_ns - begin)
+    onset = 1e-9 * (pulses.onset_ns - begin)
+    session = rpms_ros.from_arrays(
+        time, simulated.force.force, onset, pulses.intensity, name='leg'
+    )
+    assert session.name == 'leg'
+    np.testing.assert_array_equal(session.pulses.onset_ns, pulses.onset_ns - begin)
+    np.testing.assert_array_equal(session.force.stamp_ns, simulated.force.stamp_ns - begin)
+    assert set(rpms_ros.from_arrays(time, time, [1.0, 2.0]).pulses.intensity) == {1.0}
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'force': [1.0]}, r'expected a force for each of 3 times, got \(1,\)'),
+        ({'time': [0.0, 0.0, 1.0]}, r'expected rising time, got 0\.0 and then 0\.0'),
+        ({'time': [0.0, np.nan, 1.0]}, r'expected finite times in s in time, got'),
+        ({'pulse_times': []}, r'expected finite times in s in pulse_times, got'),
+        ({'intensity': [0.5]}, r'expected an intensity for each of 2 pulses, or one, got \(1,\)'),
+        ({'intensity': 80.0}, r'expected intensities from 0 to 1, got 80\.0'),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(change: dict[str, object], message: str) -> None:
+    given = {'time': [0.0, 1.0, 2.0], 'force': [0.0, 1.0, 2.0], 'pulse_times': [0.5, 1.0]}
+    with pytest.raises(RpmsError, match=message):
+        rpms_ros.from_arrays(**{**given, **change})  # type: ignore[arg-type]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rpms_ros
 from rpms_ros.recording import read_recording
 
 Rpms = Callable[..., tuple[int, str, str]]
@@ -104,6 +105,41 @@ def test_a_terminal_is_asked(
     if code == 0:
         assert read_recording(tmp_path / 'bag').forces.force.tolist() == [2.0, 2.0, 3.0]
         assert 'import it like this' in shown.getvalue()
+
+
+def trial(path: Path) -> Path:
+    """A table of ten seconds of the simulated session."""
+    session = rpms_ros.simulate(duration=10.0, seed=3)
+    stamp_ns, pulses = session.force.stamp_ns, session.pulses
+    time, onset = 1e-9 * (stamp_ns - stamp_ns[0]), 1e-9 * (pulses.onset_ns - stamp_ns[0])
+    gate = np.isin(np.rint(1e3 * time), np.rint(1e3 * (onset + 0.5)))
+    held = np.interp(time, onset + 0.5, pulses.intensity, left=0.0)
+    force = np.concatenate((np.zeros(500), session.force.force[:-500]))
+    rows = np.column_stack((time, force, gate, held))
+    np.savetxt(path, rows, delimiter=',', header='Time [s],Force [N],Trigger,drive', comments='')
+    return path
+
+
+def test_commands_take_a_table_as_load_does(rpms: Rpms, tmp_path: Path) -> None:
+    table = trial(tmp_path / 'trial.csv')
+    stated = ('--intensity', 'drive')
+    code, out, err = rpms('info', table, *stated)
+    assert code == 0
+    assert 'samples' in out
+    assert "'Force [N]' in N, as the file says" in err
+    assert rpms('import', table, '--out', tmp_path / 'bag', *stated)[0] == 0
+    one, other = (
+        json.loads(rpms('identify', place, '--json', *more)[1])
+        for place, more in ((table, stated), (tmp_path / 'bag', ()))
+    )
+    assert one['recruitment'] == other['recruitment']
+    page = tmp_path / 'report.html'
+    assert rpms('report', table, '--out', page, *stated)[0] == 0
+    assert page.stat().st_size > 1e5
+    code, _, err = rpms('identify', tmp_path / 'bag', *stated)
+    assert (code, 'expected --intensity with a file of a laboratory' in err) == (2, True)
+    code, _, err = rpms('identify', table, '--axis', 'x')
+    assert (code, 'expected --axis with a recording' in err) == (2, True)
 
 
 @pytest.mark.skipif(not TRIALS, reason=f'no recordings in {FOLDER} (set RPMS_RECORDINGS)')
