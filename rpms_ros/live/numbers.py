@@ -23,19 +23,7 @@ def number(value: float) -> float | None:
 
 def numbers(values: Iterable[float]) -> list[float | None]:
     """Return what `number` makes of each."""
-    array = np.asarray(
-        values if isinstance(values, np.ndarray) else list(values), dtype=np.float64
-    )
-    shown = np.abs(array) <= _LARGEST
-    known = np.where(shown, array, 0.0)
-    size = np.abs(known)
-    # places behind the point; those of a number too small for a double's power of ten are zeros
-    places = _DIGITS - 1 - np.floor(np.log10(size, where=size > 0.0, out=np.zeros_like(size)))
-    up, down = 10.0 ** np.clip(places, 0.0, 300.0), 10.0 ** np.clip(-places, 0.0, None)
-    rounded: list[float | None] = (np.rint(known * up / down) / up * down).tolist()
-    if shown.all():
-        return rounded
-    return [value if there else None for value, there in zip(rounded, shown, strict=True)]
+    return [number(value) for value in values]
 
 
 def text(value: object) -> str:

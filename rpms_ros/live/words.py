@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from rpms_ros.report.named import RATE_WORDS
 from rpms_ros.report.named import label
 
 
@@ -27,14 +28,7 @@ PARAMETERS: Mapping[str, Label] = MappingProxyType(
 )
 """Labels of the parameters and of what is derived from them; `{unit}` is that of the sensor."""
 
-RATES: Mapping[str, Label] = MappingProxyType(
-    {
-        'force_percent': Label('steady force [%]'),
-        'time_constant_percent': Label(f'{label("twitch_time_constant_s")} [%]'),
-        'u_thr': Label(label('u_thr')),
-        'u_sat': Label(label('u_sat')),
-    }
-)
+RATES: Mapping[str, Label] = {name: Label(words) for name, words in RATE_WORDS.items()}
 """Labels of the rates of change per minute."""
 
 

@@ -22,7 +22,13 @@ _WORDS = {
     'order': 'order of the twitch',
     'twitch_peak_n': 'peak of the twitch',
 }
-
+RATE_WORDS = {
+    'force_percent': 'steady force, % a minute',
+    'time_constant_percent': 'T_a of the twitch, % a minute',
+    'u_thr': 'threshold, share of the maximum a minute',
+    'u_sat': 'saturation, share of the maximum a minute',
+}
+"""Rates of change, by name."""
 
 NOT_A_TWITCH = (
     'not the course of a twitch of the model: the twitch stated is the closest to it; rely on '

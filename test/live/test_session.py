@@ -179,7 +179,7 @@ def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start
     )
     view = valid(session.frame(Cursor())[1])['estimate']
     assert view['marks'] == [['gain', 0.25], ['thresholds', 0.75]]
-    assert view['rates'] == [['steady force [%]', -2.0, -3.0, -1.0]]
+    assert view['rates'] == [['steady force, % a minute', -2.0, -3.0, -1.0]]
     assert (view['changes'], view['disturbance'], view['unit']) == (3, 0.1, 'N')
     assert view['doubts'][0][0] == 'force_spike'
     assert 'not learnt from' in view['doubts'][0][1]

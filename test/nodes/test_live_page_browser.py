@@ -227,7 +227,7 @@ def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, b
     assert half == pytest.approx([0.196] * len(half))
     assert 1.0 <= min(value) <= max(value) <= 2.0
     graph.wait_for(lambda: browser.text('#change-list') == 'gain at 0.75 s', 60.0)
-    assert browser.text('#rate-rows tr') == 'steady force [%]-2.50-3.00 to -2.00'
+    assert browser.text('#rate-rows tr') == 'steady force, % a minute-2.50-3.00 to -2.00'
     width = "document.querySelector('#effort-plot canvas').getBoundingClientRect().width"
     assert browser.evaluate(width) > 500
     timer.cancel()

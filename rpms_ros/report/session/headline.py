@@ -16,6 +16,7 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.report.course import Change
 from rpms_ros.report.course import Course
 from rpms_ros.report.course import course_of
+from rpms_ros.report.named import RATE_WORDS
 from rpms_ros.report.result import IdentificationResult
 from rpms_ros.report.steadiness import steadiness
 
@@ -24,12 +25,6 @@ _SHOWN = (0.5, 1.0)
 _SMALL = 0.1
 # Force not caused by the stimulation is mentioned above this share of the range of the force.
 _EFFORT = 0.05
-_RATES = {
-    'force_percent': 'steady force, % a minute',
-    'time_constant_percent': 'T_a of the twitch, % a minute',
-    'u_thr': 'threshold, share of the maximum a minute',
-    'u_sat': 'saturation, share of the maximum a minute',
-}
 _ADVICE = (
     ('sign or axis', 'Record or read the force along another axis, or with the other --sign.'),
     ('another topic', 'Look whether the sensor was on and which topic and axis it published.'),
@@ -160,7 +155,7 @@ def rates_of(session: IdentifiedSession) -> list[Rate]:
     return [
         Rate(
             name=name,
-            label=_RATES.get(name, f'{name} a minute'),
+            label=RATE_WORDS.get(name, f'{name} a minute'),
             rate=float(rate),
             lower=float(lower),
             upper=float(upper),
