@@ -25,6 +25,7 @@ from rpms_ros.recording import write_recording
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 
 
+@pytest.mark.long
 def test_it_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['identify', str(SAMPLE), '--estimator', 'batch', '--json', '--quiet']) == 0
     printed = json.loads(capsys.readouterr().out)

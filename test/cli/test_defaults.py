@@ -39,6 +39,7 @@ def test_a_short_sinusoid_with_noise_is_right_or_is_said_not_to_be(
     assert 'steady force' not in out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('seed', range(6))
 def test_a_minute_of_the_sinusoid_is_right_with_every_noise(seed: int) -> None:
     session = rpms_ros.simulate('sinusoid', duration=60.0, noise=0.02, seed=seed)

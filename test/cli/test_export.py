@@ -121,6 +121,7 @@ def test_what_was_exported_imports_again_with_the_same_numbers(
     np.testing.assert_array_equal(after.pulses.intensity, before.pulses.intensity)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('kind', FORMATS)
 def test_the_result_of_what_was_exported_is_the_same(
     rpms: Rpms,

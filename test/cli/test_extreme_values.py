@@ -52,6 +52,7 @@ def refused_in_one_line(out: str, err: str) -> bool:
     return out == '' and err.startswith('rpms: error: expected ') and err.count('\n') == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('estimator', ['recursive', 'batch'])
 @pytest.mark.parametrize('name', list(CASES))
 def test_identify_ends_as_documented(
@@ -67,6 +68,7 @@ def test_identify_ends_as_documented(
             assert 'NaN' not in out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', list(CASES))
 def test_analyze_and_report_end_as_documented(rpms: Rpms, tmp_path: Path, name: str) -> None:
     path = recording_of(tmp_path / 'bag', name)

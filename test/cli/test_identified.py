@@ -26,6 +26,7 @@ def assert_same_bits(one: Estimate, other: Estimate) -> None:
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('estimator', ['recursive', 'horizon'])
 @pytest.mark.parametrize(('most', 'made'), [(1, 7), (7, 7), (30, 25), (1000, 100)])
 def test_fewer_estimates_are_among_all_of_them(
@@ -50,6 +51,7 @@ def test_the_batch_makes_one_estimate_however_many_are_asked_for(short_session: 
     assert len(identified(recording, options, most_estimates=50).estimates) == 1
 
 
+@pytest.mark.long
 def test_a_muscle_that_changed_is_followed_in_place_of_a_mixture(
     rpms: Rpms, as_json: Callable[..., dict[str, Any]], tmp_path: Path
 ) -> None:

@@ -249,6 +249,7 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
         assert f'rpms {command[0] if command else "demo"} ' in capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('estimator', ['recursive', 'batch'])
 def test_the_json_is_what_the_schema_says(
     as_json: AsJson, short_session: Path, estimator: str
@@ -308,6 +309,7 @@ def test_a_strong_muscle_can_be_expected(rpms: Rpms, short_session: Path, tmp_pa
     assert (code, err) == (2, 'rpms: error: expected a largest force above 0 N, got 0.0\n')
 
 
+@pytest.mark.long
 def test_what_the_data_do_not_tell_is_not_printed(rpms: Rpms, tmp_path: Path) -> None:
     """Intensities between 60 and 70 %: neither threshold nor saturation shows."""
     path = tmp_path / 'session'
@@ -436,6 +438,7 @@ def test_a_history_law_comes_from_a_file(rpms: Rpms, short_session: Path, tmp_pa
     assert 'expected a facilitation of at least 0, got -0.5' in err
 
 
+@pytest.mark.long
 def test_an_estimator_that_follows_tells_whether_the_muscle_stayed_the_same(
     rpms: Rpms, short_session: Path
 ) -> None:

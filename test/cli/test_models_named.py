@@ -20,6 +20,7 @@ from rpms_ros.report.named import is_no_twitch
 Rpms = Callable[..., tuple[int, str, str]]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('estimator', 'told'), [('horizon', True), ('batch', False)])
 def test_a_response_that_is_no_twitch_is_told_from_the_twitch_closest_to_it(
     rpms: Rpms, tmp_path: Path, estimator: str, told: bool

@@ -22,6 +22,7 @@ def run(*arguments: object, **options: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_from_simulation_to_result(tmp_path: Path) -> None:
     path = tmp_path / 'session'
     done = run('simulate', '--out', path, '--duration', 3)
@@ -35,6 +36,7 @@ def test_from_simulation_to_result(tmp_path: Path) -> None:
     assert done.stderr.count('\n') == 1
 
 
+@pytest.mark.long
 def test_works_where_there_is_no_ros(short_session: Path) -> None:
     code = (
         'import sys\n'

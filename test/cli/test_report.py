@@ -16,6 +16,7 @@ Rpms = Callable[..., tuple[int, str, str]]
 AsJson = Callable[..., dict[str, Any]]
 
 
+@pytest.mark.long
 def test_page_json_and_files_say_the_same_as_identify(
     as_json: AsJson, short_session: Path, tmp_path: Path
 ) -> None:

@@ -188,6 +188,7 @@ def test_every_command_that_reads_keeps_to_its_memory(
     assert refused in err
 
 
+@pytest.mark.long
 def test_the_second_scan_of_a_report_keeps_to_the_memory_too(
     rpms: Rpms, short_session: Path, tmp_path: Path
 ) -> None:

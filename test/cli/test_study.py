@@ -57,6 +57,7 @@ def test_one_row_a_recording(sessions: Path, expected: bytes) -> None:
         assert 0 < float(row['steady_force_50']) < float(row['steady_force_100'])
 
 
+@pytest.mark.long
 def test_table_does_not_depend_on_the_number_of_processes(
     rpms: Rpms, sessions: Path, expected: bytes, tmp_path: Path
 ) -> None:
@@ -127,6 +128,7 @@ def test_interrupted_study_keeps_what_is_done(
     assert len(list((tmp_path / 'rows').iterdir())) == 1
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings('ignore')
 def test_a_dask_cluster_gives_the_same_table(
     rpms: Rpms, sessions: Path, expected: bytes, tmp_path: Path
@@ -170,6 +172,7 @@ def test_a_name_is_no_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert row['status'] == 'failed'
 
 
+@pytest.mark.long
 def test_earlier_results_are_no_recordings(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
     """What the README says, `rpms study out/* --out out/study`, twice."""
     out = tmp_path / 'out'
@@ -246,6 +249,7 @@ def test_a_page_has_verdicts_and_links(rpms: Rpms, sessions: Path, tmp_path: Pat
     assert again == bags[:2]
 
 
+@pytest.mark.long
 def test_reports_are_written_once_and_linked(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
     options = ('study', sessions / 'session_0', '--out', tmp_path, '--jobs', 1, '--reports')
     assert rpms(*options)[0] == 0

@@ -217,6 +217,7 @@ def runs_until_stopped(
 
 
 # a page is a dozen processes, each of which loads what the package stands on
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize('path', [p for p in PAGES if any(f.run for f in fences(p))], ids=name_of)
 def test_a_page_runs_as_it_is_written(

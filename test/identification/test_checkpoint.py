@@ -77,6 +77,7 @@ def run(stream, session, start, stop) -> list[Estimate]:
     return estimates
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', [*sorted(ESTIMATORS), PAPER])
 @settings(deadline=None, max_examples=EXAMPLES)
 @given(cut=st.integers(0, SESSION_SAMPLES))

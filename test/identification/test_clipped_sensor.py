@@ -13,6 +13,8 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
+pytestmark = pytest.mark.long
+
 SECONDS = 10
 REST_NS = NANOSECONDS_PER_SECOND
 # Pulses and samples a second: the ripple of a train, and a sample a pulse, which shows none.

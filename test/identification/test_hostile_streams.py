@@ -99,6 +99,7 @@ def test_every_kind_is_tried(streams: ModuleType) -> None:
     assert tuple(streams.KINDS) == KINDS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('name', 'kind'), CASES)
 def test_a_curve_is_right_or_in_doubt(
     streams: ModuleType, truths: dict[str, FloatArray], name: str, kind: str

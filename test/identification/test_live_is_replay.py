@@ -141,6 +141,7 @@ def image(estimate: Estimate) -> list[bytes]:
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ['recursive', 'horizon', PAPER])
 @settings(deadline=None, max_examples=EXAMPLES)
 @given(
@@ -175,6 +176,7 @@ def slow_session(record) -> list[Arrival]:
     return arrivals_of(pulses, slow)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ['recursive', 'horizon'])
 @settings(deadline=None, max_examples=max(EXAMPLES // 4, 1))
 @given(

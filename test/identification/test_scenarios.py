@@ -26,6 +26,8 @@ from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
+pytestmark = pytest.mark.long
+
 SECOND_NS = 1_000_000_000
 SUBJECT = simulation_subject()
 NOISE = 0.02

@@ -53,6 +53,7 @@ def test_random_intensities(record) -> None:
     assert max(curves) <= 0.08
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('seed', range(21))
 def test_sinusoid_of_nine_seconds_whatever_the_first_hessian(record, seed: int) -> None:
     error, _ = run(record, sinusoid(), seed)

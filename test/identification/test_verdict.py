@@ -89,6 +89,7 @@ def test_what_is_right_is_good(trial: Trial, name: str) -> None:
     assert verdict.line == f'good: {reason}'
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('change', 'grade', 'reason'),
     [
@@ -132,6 +133,7 @@ def tensed(force: np.ndarray) -> np.ndarray:
     return force + 3.0 * (np.mod(time, 6.0) > 5.5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('change', 'expected'),
     [
@@ -156,6 +158,7 @@ def test_one_muscle_for_a_muscle_that_changed_is_doubted(
         assert reason.endswith('takes the muscle for constant; --estimator tracking follows it')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_a_muscle_that_stayed_the_same_is_not_said_to_have_changed(seed: int) -> None:
     intensity = np.random.default_rng(seed).uniform(0.0, 1.0, 20 * SECONDS)
@@ -233,6 +236,7 @@ def test_no_pulse_is_not_good(trial: Trial) -> None:
     assert judged((silent, forces)).line == 'no: there is no pulse above intensity 0'
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_the_paper_s_recursion_is_not_called_good_where_it_is_absurd(seed: int) -> None:
     """A slow sinusoid with noise: the twitch comes out ten times as high as it is, or worse."""

@@ -121,6 +121,7 @@ def test_a_result_does_as_well(saved, tmp_path) -> None:
         known_from(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ['batch', 'horizon', 'tracking'])
 def test_what_was_saved_is_the_muscle_of_the_estimate(name, tmp_path) -> None:
     """With a latency and a time constant for which batch and tracking choose their functions."""
@@ -161,6 +162,7 @@ def tracked_fixture(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_tracking_keeps_what_it_knew_of_a_patient_who_has_changed_little(tracked) -> None:
     # A few pulses alone have many explanations; that they prefer another is no contradiction.
     subject = replace(other_day(), time_constant=1.03 * LAST_TIME.time_constant)
@@ -171,6 +173,7 @@ def test_tracking_keeps_what_it_knew_of_a_patient_who_has_changed_little(tracked
     assert max(found) < 0.02
 
 
+@pytest.mark.long
 def test_tracking_starts_from_what_it_knew(tracked) -> None:
     known = known_from(tracked)
     assert known.theta[0] == pytest.approx(LAST_TIME.recruitment.threshold, abs=0.005)
@@ -184,6 +187,7 @@ def test_tracking_starts_from_what_it_knew(tracked) -> None:
         warm_start(stream.estimator, tracked)
 
 
+@pytest.mark.long
 def test_tracking_gives_up_what_was_another_muscle(tracked) -> None:
     shape = IntensityRecruitment(0.62, 0.9, 5.0, 8.0).normalised()
     stranger = Subject(28e-3, 9e-3, recruitment=shape, maximum_force=31.0)

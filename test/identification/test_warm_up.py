@@ -47,6 +47,7 @@ print(sorted(f'{module}.{name}' for module, name, _ in ready() - before))
 """
 
 
+@pytest.mark.long
 def test_nothing_is_left_to_compile() -> None:
     """A horizon of 20 s runs other code when it is full."""
     answer = subprocess.run(

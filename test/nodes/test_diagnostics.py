@@ -41,6 +41,7 @@ class Listener:
         self.newest |= {status.name: status for status in message.status}
 
 
+@pytest.mark.long
 def test_two_legs_have_ten_statuses_of_different_names_and_hardware(graph, tmp_path: Path) -> None:
     listener = Listener(graph)
     for leg in ('left', 'right'):
@@ -64,6 +65,7 @@ def test_two_legs_have_ten_statuses_of_different_names_and_hardware(graph, tmp_p
     assert all(hardware)
 
 
+@pytest.mark.long
 def test_a_simulator_warns_of_a_wrong_pulse_and_the_warning_clears(graph) -> None:
     listener = Listener(graph)
     plant = graph.add(PlantSimulator)
@@ -78,6 +80,7 @@ def test_a_simulator_warns_of_a_wrong_pulse_and_the_warning_clears(graph) -> Non
     graph.wait_for(lambda: listener.newest[name].level == DiagnosticStatus.OK)
 
 
+@pytest.mark.long
 def test_a_live_page_tells_what_it_cannot_show_and_a_stop_that_nobody_confirms(graph) -> None:
     listener = Listener(graph)
     page = graph.add(lambda **options: LivePage('x' * 16, **options), port=0)

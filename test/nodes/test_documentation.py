@@ -58,6 +58,7 @@ def test_the_page_names_the_depth_of_each_topic(topic: str, profile: qos.QoSProf
     assert line.endswith(f'| reliable, {durability}, depth {profile.depth} |')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM])
 def test_the_code_on_the_page_runs_until_a_signal(domain: int, sent: signal.Signals) -> None:
     # the other block is a test of its own: test/test_testing.py

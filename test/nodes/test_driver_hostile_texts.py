@@ -5,6 +5,7 @@
 import os
 from random import Random
 
+import pytest
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
@@ -19,6 +20,7 @@ CODES = RunSchedule.Result
 TOGETHER = 8
 
 
+@pytest.mark.long
 def test_every_hostile_text_is_answered_with_a_reason(graph, hostile_texts):
     driver = graph.add(
         StimulatorDriver,

@@ -80,6 +80,7 @@ def driver(graph, domain, tmp_path, schedule_file):
     started.process.communicate()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     'number',
     [

@@ -163,6 +163,7 @@ def test_stamps_that_stand_still_or_go_back_are_dropped_and_counted(graph) -> No
     assert last.faults == {'force_stamp_not_after_last': 1, **conflict}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('intensity', [1.5, -0.1, math.nan])
 def test_an_impossible_intensity_is_counted_and_not_learnt_from(graph, intensity: float) -> None:
     pulses, forces = recording()
@@ -329,6 +330,7 @@ def test_diagnostics_say_what_is_in_doubt(graph) -> None:
     graph.wait_for(lambda: heard[-1].level == DiagnosticStatus.STALE)
 
 
+@pytest.mark.long
 def test_the_log_says_when_the_estimate_is_not_to_be_trusted(
     graph, capfd: pytest.CaptureFixture[str]
 ) -> None:

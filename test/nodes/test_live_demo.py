@@ -45,6 +45,7 @@ def answers(url):
         return False
 
 
+@pytest.mark.long
 def test_a_curve_appears_and_the_page_only_shows(demo, beside, tmp_path):
     process, url = demo
     # the address is printed when the page answers

@@ -212,6 +212,7 @@ def test_a_taken_port_and_a_bad_token_are_refused(graph, page):
         graph.add(lambda **options: LivePage('short', **options), port=0)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures('driven')
 def test_a_recording_made_beside_lacks_nothing(graph, page, tmp_path):
     recorder = graph.add(Recorder, path=str(tmp_path / 'recording'))
@@ -239,6 +240,7 @@ def test_a_recording_made_beside_lacks_nothing(graph, page, tmp_path):
             one.communicate()
 
 
+@pytest.mark.long
 def test_the_command_finds_the_namespace_and_names_several(graph, page_process):
     def sensor(namespace):
         node = graph.add(lambda **options: Node('sensor', namespace=namespace, **options))
@@ -289,6 +291,7 @@ def test_the_address_for_a_phone_is_printed_where_the_network_may_look(capsys):
             assert bound.getsockname()[0] == place
 
 
+@pytest.mark.long
 def test_a_port_that_is_taken_is_one_line_and_exit_code_two(page, page_process):
     process, _ = page_process('--namespace', '/', '--port', str(page.server.port))
     errors = process.communicate()[1].splitlines()

@@ -17,6 +17,8 @@ from rpms_ros.nodes import topics
 from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.live_stop import UNCONFIRMED
 
+pytestmark = pytest.mark.long
+
 # of `page`
 TOKEN = 'correct-horse-battery'
 

@@ -115,6 +115,7 @@ def diagnosed(graph):
     return lambda name: (newest[name].level, newest[name].message) if name in newest else None
 
 
+@pytest.mark.long
 def test_a_button_says_in_diagnostics_whether_it_is_pressed_lost_or_heard(
     graph, terminal, diagnosed
 ):
@@ -198,6 +199,7 @@ def test_a_button_without_a_key_is_refused(graph):
         graph.add(StopButton, keyboard=False)
 
 
+@pytest.mark.long
 def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
     typed, keyboard = terminal
     file = tmp_path / 'schedule.yaml'

@@ -57,6 +57,7 @@ def of_action(actions, parts):
     return {f'/{action}/_action/{part}' for action in actions for part in parts}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('node', policy.NODES)
 def test_the_table_is_what_a_node_really_does(running, node):
     declared = policy.NODES[node]

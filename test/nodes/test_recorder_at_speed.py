@@ -102,6 +102,7 @@ def check_order(recording: Recording) -> None:
     np.testing.assert_array_equal(recording.pulses.onset_ns, SAMPLES_PER_PULSE * np.arange(pulses))
 
 
+@pytest.mark.long
 def test_nothing_is_lost_at_5_khz(
     source: Source,
     domain: int,

@@ -29,6 +29,8 @@ from rpms_ros.report.recorded import true_muscle
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation import UniformRandom
 
+pytestmark = pytest.mark.long
+
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 
 

@@ -11,6 +11,7 @@ BENCH = Path(__file__).resolve().parents[2] / 'bench'
 SECONDS = 10.0
 
 
+@pytest.mark.long
 def test_nothing_is_lost_between_nodes_and_recordings(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -495,6 +495,7 @@ def test_realtime_priority_that_is_not_granted_is_said(monkeypatch):
     assert ask_for_realtime(20).startswith('expected the right to real-time priority 20, got')
 
 
+@pytest.mark.long
 def test_what_it_does_is_said_in_the_log(graph, capfd, tmp_path):
     specification = tmp_path / 'idle.yaml'
     text = (SPECIFICATIONS / 'simulated.yaml').read_text()

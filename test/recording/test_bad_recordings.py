@@ -179,6 +179,7 @@ time.sleep(60)
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_killed_writer_leaves_what_it_flushed(tmp_path: Path, storage: str) -> None:
     path = tmp_path / 'bag'

@@ -195,6 +195,7 @@ def test_names_cannot_move_the_cursor() -> None:
     assert len(findings.remarks) == 11
 
 
+@pytest.mark.long
 def test_reading_a_bomb_stays_small(tmp_path: Path) -> None:
     path = tmp_path / 'bomb.mcap'
     path.write_bytes(MAGIC + 8 * chunk(100 << 20, bomb(100 << 20), 'zstd'))
@@ -220,6 +221,7 @@ def test_reading_a_bomb_stays_small(tmp_path: Path) -> None:
     assert int(memory) < 1_000_000_000
 
 
+@pytest.mark.long
 def test_mutated_recordings_are_read_or_refused(bench: ModuleType, tmp_path: Path) -> None:
     paths = bench.simulated(tmp_path)
     for seed in range(FUZZ_ROUNDS):

@@ -64,6 +64,7 @@ def test_only_the_first_publisher_counts(tmp_path: Path, storage: str) -> None:
     assert len(alone.foreign) == 0
 
 
+@pytest.mark.long
 def test_estimates_name_the_other_publisher_and_do_not_learn_from_it(tmp_path: Path) -> None:
     write(tmp_path / 'alone', 'mcap', 0)
     write(tmp_path / 'both', 'mcap', OTHERS)

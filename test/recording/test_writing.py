@@ -39,6 +39,7 @@ except RecordingError as error:
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_full_device_is_told_and_what_fits_is_kept(tmp_path: Path, storage: str) -> None:
     path = tmp_path / 'bag'

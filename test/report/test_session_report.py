@@ -38,6 +38,7 @@ def session(low: float = 0.0) -> tuple[IdentifiedSession, PulseTrain]:
     return identify(RecursiveEstimator(), pulses, forces), pulses
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('low', [0.0, 1.0], ids=['curve', 'one intensity'])
 @pytest.mark.parametrize('known', [True, False])
 def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:

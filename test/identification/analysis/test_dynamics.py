@@ -68,6 +68,7 @@ def test_equal_pulses_are_found_at_their_own_rate(count: int) -> None:
     assert found.onset_s.lower <= LATENCY <= found.onset_s.value <= LATENCY + LATE
 
 
+@pytest.mark.long
 def test_the_intervals_hold_the_truth() -> None:
     inside = {'twitch_time_constant_s': 0, 'latency_s': 0}
     for seed in range(20):

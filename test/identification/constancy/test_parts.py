@@ -11,6 +11,8 @@ from rpms_ros.identification.constancy.parts import unexplained
 from rpms_ros.identification.plausibility import NO_CONSTANT_MUSCLE
 from rpms_ros.identification.plausibility import REASON
 
+pytestmark = pytest.mark.long
+
 
 def fitted(what):
     """Return a batch fit of a session, and its estimate."""

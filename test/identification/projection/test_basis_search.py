@@ -52,6 +52,7 @@ def curve_error(found: Estimate, what) -> float:
     return float(np.abs(found.curve_force - truth).max() / truth.max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 @pytest.mark.parametrize(('order', 'time_constant', 'latency'), MUSCLES)
 def test_the_curve_is_right_whatever_the_dynamics(

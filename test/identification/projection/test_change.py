@@ -52,6 +52,7 @@ def sinusoid(seconds):
     return 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(20 * seconds) / 180)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('kind', 'seed'), [('random', 0), ('random', 1), ('sinusoid', 0)])
 def test_a_step_of_gain_has_left_when_the_horizon_has(kind, seed, record):
     """After 20 s the horizon holds the new muscle only; 2 s later so does the estimate."""
@@ -74,6 +75,7 @@ def test_nothing_is_settled_while_the_horizon_holds_two_muscles(record):
     assert not (estimator.estimate(0, {}).nonlinear_identifiability == CONVERGED).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('seed', range(3))
 def test_another_start_ends_a_local_minimum(seed, record):
     """Thrown far off when the old muscle has just left, the fit comes back."""
@@ -167,6 +169,7 @@ def test_the_arrival_cost_is_small_beside_a_full_horizon(record):
     assert 0.05 * held < remembered < 0.5 * held
 
 
+@pytest.mark.long
 def test_the_disagreement_of_an_unchanged_muscle_is_chi_square(record, monkeypatch):
     """On average near the number of unknowns, and practically never above the limit."""
     found = []

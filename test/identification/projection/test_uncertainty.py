@@ -17,6 +17,8 @@ from rpms_ros.identification.projection.settings import ProjectionSettings
 from rpms_ros.muscle import Subject
 from rpms_ros.muscle import simulation_subject
 
+pytestmark = pytest.mark.long
+
 SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
 
 

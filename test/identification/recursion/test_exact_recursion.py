@@ -59,6 +59,7 @@ def test_a_slow_sinusoid_shows_the_curve_after_two_periods(session) -> None:
     assert found.error(estimator.estimate(0, {}).curve_force) < 0.02
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth(session) -> None:
     held, width = [], []
     for seed in range(6):
@@ -75,6 +76,7 @@ def test_intervals_hold_the_truth(session) -> None:
     assert max(width) < 0.04
 
 
+@pytest.mark.long
 def test_a_change_is_found_and_followed(session) -> None:
     before = session(seed=3, seconds=40.0)
     weaker = dataclasses.replace(

@@ -21,6 +21,8 @@ from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
+pytestmark = pytest.mark.long
+
 HALF_SECOND = 500
 
 

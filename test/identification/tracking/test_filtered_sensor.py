@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sensor that filters its noise: tracking says that it does not know how wrong it is."""
 
+import pytest
 from scipy.signal import butter
 from scipy.signal import lfilter
 
@@ -12,6 +13,8 @@ from rpms_ros.identification.plausibility import REASON
 from rpms_ros.identification.plausibility import RESIDUALS_ALIKE
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
+
+pytestmark = pytest.mark.long
 
 
 def last(what, force):

@@ -8,6 +8,8 @@ import pytest
 from rpms_ros.identification.tracking.tremor import Tremor
 from rpms_ros.identification.tracking.tremor import line_in
 
+pytestmark = pytest.mark.long
+
 SECOND = 1_000_000_000
 RATES = np.array([20.0])
 

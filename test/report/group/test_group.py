@@ -195,6 +195,7 @@ def test_any_number_of_recordings_is_a_page_below_the_limit(count: int, one_pers
     assert re.findall(r'(?:src|href)="(?!data:|#|\./)', text) == []
 
 
+@pytest.mark.long
 def test_a_browser_shows_it_on_a_phone(beside: Callable[[str], Any], tmp_path: Path) -> None:
     (tmp_path / 'index.html').write_text(page([row(1), row(2)], one_person=True))
     with beside('devtools').Browser(tmp_path / 'profile') as browser:

@@ -37,6 +37,7 @@ START_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ESTIMATORS)
 def test_what_is_held_out_does_not_change_what_was_learnt(recording_path: Path, name: str) -> None:
     recording = read_recording(recording_path)

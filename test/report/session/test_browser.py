@@ -21,6 +21,8 @@ from rpms_ros.report.session import as_page
 from rpms_ros.report.session import traces
 from rpms_ros.report.session.page import SECTIONS
 
+pytestmark = pytest.mark.long
+
 FLAGS = (
     '--hide-scrollbars',
     '--force-device-scale-factor=1',
