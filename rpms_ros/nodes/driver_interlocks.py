@@ -22,7 +22,6 @@ from rpms_ros.nodes.driver_parameters import DriverParameters
 from rpms_ros.nodes.driver_watch import DriverWatch
 from rpms_ros.nodes.plain_text import plain_text
 from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
 from rpms_ros.stimulation.sensor_life import SensorLife
 
 
@@ -65,15 +64,7 @@ class InterlockInputs:
             node.create_subscription(
                 WrenchStamped, topics.FORCE, self._on_force, qos.FORCE_BEST_EFFORT
             )
-        node.create_service(Trigger, topics.EMERGENCY_STOP, self._on_stop)
         node.create_service(Trigger, topics.RESET_EMERGENCY_STOP, self._on_reset)
-
-    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        del request
-        self._controller.stop(EMERGENCY_STOP, 'emergency stop by service')
-        response.success = True
-        response.message = 'stopped; reset_emergency_stop resets it'
-        return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         del request

@@ -3,20 +3,23 @@
 """The thread that receives, without any executor, what has to stop a driver.
 
 An executor that is busy hears nothing, and its queue holds a few messages only.  Here a node that
-is in no executor is read by a thread of its own every few milliseconds: stop buttons, the
-operator's heartbeat, the end of the operator's process, and the graph.  Its own life is a sign of
-life that every pulse asks for.
+is in no executor is read by a thread of its own every few milliseconds: stop buttons, the service
+`emergency_stop` (std_srvs/Trigger), which latches a stop, the operator's heartbeat, the end of the
+operator's process, and the graph.  Its own life is a sign of life that every pulse asks for.
 """
 
+import contextlib
 import select
 import threading
 import time
 from collections.abc import Callable
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import OperatorHeartbeat
 from rpms_ros import messages
@@ -97,6 +100,9 @@ class DriverWatch:
             self._live = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
             self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
             self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
+            # taken by `_answer_stops`: no executor calls anything for it
+            name = node.resolve_service_name(topics.EMERGENCY_STOP)
+            self._stops = self._node.create_service(Trigger, name, lambda _, response: response)
         # pulses are held back before the stop is latched
         controller.interlocks.require(WATCH, timeout_s, hold_s=HOLD_SHARE * timeout_s)
         self._thread = threading.Thread(target=self._run, name='driver_watch', daemon=True)
@@ -107,6 +113,7 @@ class DriverWatch:
         with self._lock:
             if self._closing:
                 return
+            self._answer_stops()
             now_ns = time.monotonic_ns()
             self._hear(now_ns)
             if now_ns >= self._next_graph_ns:
@@ -156,6 +163,19 @@ class DriverWatch:
         if descriptor >= 0 and not client.ended:
             poll.register(descriptor, select.POLLIN)
         poll.poll(_LOOK_MS)
+
+    def _answer_stops(self) -> None:
+        """Stop if the service was called, and say so; what is not taken here comes next time."""
+        answer = Trigger.Response(success=True, message='stopped; reset_emergency_stop resets it')
+        for _ in range(qos.STOP_DEPTH):
+            with self._stops.handle:
+                taken = self._stops.handle.service_take_request(Trigger.Request)
+            if taken is None or taken[0] is None:
+                return
+            self._controller.stop(EMERGENCY_STOP, 'emergency stop by service')
+            # who has asked may be gone
+            with contextlib.suppress(rclpy_implementation.RCLError):
+                self._stops.send_response(answer, taken[1])
 
     def _hear(self, now_ns: int) -> None:
         for taker, kept in ((self._kept, True), (self._live, False)):

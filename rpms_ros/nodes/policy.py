@@ -88,7 +88,6 @@ NODES: dict[str, Interfaces] = {
         ),
         subscribe=(topics.FORCE,),
         serve=(
-            topics.EMERGENCY_STOP,
             topics.RESET_EMERGENCY_STOP,
             topics.REQUEST_ARMING,
             topics.CONFIRM_ARMING,
@@ -97,7 +96,9 @@ NODES: dict[str, Interfaces] = {
         execute=(topics.RUN_SCHEDULE,),
     ),
     'stimulator_driver_watch': Interfaces(
-        subscribe=(topics.EMERGENCY_STOP, topics.HEARTBEAT), plain=True
+        subscribe=(topics.EMERGENCY_STOP, topics.HEARTBEAT),
+        serve=(topics.EMERGENCY_STOP,),
+        plain=True,
     ),
     'operator_console': Interfaces(
         publish=(topics.EMERGENCY_STOP, topics.HEARTBEAT, topics.DIAGNOSTICS),

@@ -90,7 +90,7 @@ class SafetyMonitor:
         self.interlocks = Interlocks(watched)
         limit_s = settings.supervisor_timeout_s
         self.interlocks.require(SUPERVISOR, limit_s, hold_s=limit_s)
-        # a stop by service, a cancel and a lowered bound wait for the executor: pulses do so too
+        # a cancel and a lowered bound wait for the executor: pulses do so too
         limit_s = settings.executor_timeout_s
         self.interlocks.require(EXECUTOR, limit_s, hold_s=HOLD_SHARE * limit_s)
         self.run: Run | None = None

@@ -336,6 +336,21 @@ def test_a_press_is_heard_while_the_executor_is_blocked(graph, wait_for):
     other.destroy_node()
 
 
+def test_the_stop_service_is_heard_while_the_executor_is_blocked(graph, wait_for):
+    ward = Ward(graph, require_stop_button=False)
+    calling = ward.other.create_client(Trigger, topics.EMERGENCY_STOP)
+    graph.wait_for(calling.service_is_ready, PATIENCE)
+    ward.run()
+    # nobody spins the executor of driver and client from here on
+    answer = calling.call_async(Trigger.Request())
+    wait_for(lambda: ward.controller.interlocks.latched)
+    stopped_ns = time.monotonic_ns()
+    assert ward.controller.interlocks.latched_reason == 'emergency stop by service'
+    assert not ward.controller.device.armed
+    assert all(given.time_ns <= stopped_ns for given in ward.controller.device.fired)
+    assert ward.ask(answer).success
+
+
 @pytest.mark.parametrize(
     ('data', 'released'),
     [
