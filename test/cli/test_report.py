@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from rpms_ros.recording import read_recording
+from rpms_ros.recording import write_recording
 from rpms_ros.report.session import FIGURES
 from rpms_ros.report.session.page import embedded
 
@@ -33,6 +35,14 @@ def test_page_json_and_files_say_the_same_as_identify(
     assert printed['title'] == 'short'
     assert printed['session']['notes']['schedule'] == 'uniform_random'
     assert printed['energy']['device'] is None
+
+
+def test_the_title_is_the_muscle_that_the_notes_name(
+    as_json: AsJson, short_session: Path, tmp_path: Path
+) -> None:
+    recording, named = read_recording(short_session), tmp_path / 'visit_7'
+    write_recording(named, recording.pulses, recording.forces, custom={'muscle': 'soleus'})
+    assert as_json('report', named, '--out', tmp_path / 'page', '--json')['title'] == 'soleus'
 
 
 def test_what_is_stated_goes_into_the_page(
