@@ -28,9 +28,7 @@ _OF_REAL_DEVICES = {
     'maximum_rate_hz': Bound(0.0, 100.0, 'Hz', above=True),
     'maximum_intensity_rise': Bound(0.0, 0.5),
 }
-_KEYS = [
-    'name', 'description', 'serial_number', 'simulated_only', 'limits', 'thermal', 'sources'
-]  # fmt: skip
+_KEYS = ['name', 'description', 'serial_number', 'simulated_only', 'limits', 'thermal', 'sources']
 
 
 @dataclass(frozen=True)
