@@ -86,6 +86,8 @@ class StopButtons:
             Whether it may have been said long ago and was kept: that is no sign of life.
         """
         with self._lock:
+            if identity not in self._buttons and identity in self._names:
+                self._unheard = max(0, self._unheard - 1)
             button = self._buttons.setdefault(identity, _Button(sequence, pressed=False))
             # one that was kept may be long over, unless something live came before it
             new = not kept or (button.seen_ns is not None and sequence > button.sequence)

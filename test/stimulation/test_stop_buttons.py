@@ -26,7 +26,9 @@ def test_a_button_that_is_there_and_says_nothing_counts() -> None:
     buttons.present({A: '/desk'})
     assert buttons.problem(0) == 'expected every stop button to speak, got 1 still unknown'
     assert buttons.states(0) == [('/desk', ButtonState.UNKNOWN)]
+    # known from its first word on, whenever the graph is looked at again
     buttons.heard(A, 1, False, 0)
+    assert buttons.problem(0) is None
     buttons.present({A: '/desk'})
     assert buttons.problem(0) is None
 
