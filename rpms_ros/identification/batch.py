@@ -38,6 +38,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import IntArray
+from rpms_ros.pulses import nanoseconds
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
 _GROWTH = 2
@@ -260,18 +261,37 @@ class BatchEstimator(ProjectionEstimator):
 
     def _scout(self, fit: Fit) -> None:
         """Try every start on the newest blocks; keep the best if it fits all blocks better."""
-        first = max(int(self._problem.blocks.size[0]) - _SCOUTED_BLOCKS, 0)
-        problem = self._problem._replace(first=first)
-        best = self._trial_from(problem, fit, fit.theta)
+        problem = self._newest_blocks()
+        own = best = self._trial_from(problem, fit, fit.theta)
         for theta in self.settings.starts():
             other = self._trial_from(problem, fit, theta)
-            if other.cost[0] < best.cost[0]:
+            if other.cost[0] < (1.0 - _SCOUTING_TOLERANCE) * best.cost[0]:
                 best = other
+        if best is own:
+            return
         fit_linear(self._problem, best, False)
         improve(self._problem, best, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE, False)
         if best.cost[0] < fit.cost[0]:
             fit.theta[:] = best.theta
             fit.damping[0] = best.damping[0]
+
+    def _newest_blocks(self) -> Problem:
+        """Return the problem of the newest blocks, led by those whose pulses still act on them."""
+        blocks = self._problem.blocks
+        size = int(blocks.size[0])
+        order = (int(blocks.head[0]) + np.arange(size)) % len(blocks.start_ns)
+        first = max(size - _SCOUTED_BLOCKS, 0)
+        begin_ns = blocks.start_ns[order[first]] - nanoseconds(self.memory)
+        # the clock may have jumped back
+        earlier = np.flatnonzero(blocks.start_ns[order[:first]] < begin_ns)
+        lead = int(earlier[-1]) if len(earlier) else 0
+        newest = {
+            name: values[order[lead:]]
+            for name, values in blocks._asdict().items()
+            if name not in ('head', 'size')
+        }
+        newest |= {'head': np.zeros_like(blocks.head), 'size': blocks.size - lead}
+        return self._problem._replace(blocks=type(blocks)(**newest), first=first - lead)
 
     def _trial_from(self, problem: Problem, fit: Fit, theta: FloatArray) -> Fit:
         """Return a fit after a few steps from theta (4,), with the variance of `fit`."""

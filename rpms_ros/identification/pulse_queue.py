@@ -113,6 +113,10 @@ class PulseQueue(Restorable):
         self._merge_arrived()
         due = int(np.searchsorted(self._ordered.onset_ns, until_ns, side='right'))
         train, self._ordered = self._ordered[:due], self._ordered[due:]
+        if self._regular(train):
+            self._last_onset_ns = int(train.onset_ns[-1])
+            self._last_sequence = int(train.sequence[-1])
+            return train.onset_ns, train.intensity
         kept = np.array([self._accept(train, index) for index in range(due)], dtype=np.bool_)
         return train.onset_ns[kept], train.intensity[kept]
 
@@ -150,6 +154,15 @@ class PulseQueue(Restorable):
         if self._arrived:
             self._ordered = _merge([self._ordered, *self._arrived])
             self._arrived = []
+
+    def _regular(self, train: PulseTrain) -> bool:
+        """Return whether there are pulses and every one follows on the one before it."""
+        if not len(train) or self._last_sequence is None or self._last_onset_ns is None:
+            return False
+        onset_ns = np.append(self._last_onset_ns, train.onset_ns)
+        sequence = np.append(self._last_sequence, train.sequence)
+        apart = (np.diff(onset_ns) >= _CLOSEST_NS) & (np.diff(sequence) == 1)
+        return bool(np.all(apart & (train.intensity >= 0.0) & (train.intensity <= 1.0)))
 
     def _accept(self, train: PulseTrain, index: int) -> bool:
         """Compare one pulse with the one before it; return whether it can be used."""

@@ -88,7 +88,7 @@ class _Trace(Monitor):
     def __init__(self) -> None:
         self.cells: list[ProcessedSamples] = []
 
-    def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
+    def processed_all(self, samples: ProcessedSamples) -> Mapping[str, int]:
         self.cells.append(samples)
         return {}
 

@@ -21,7 +21,6 @@ from rpms_ros.identification.estimate import Estimator
 from rpms_ros.identification.estimate import PredictingEstimator
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.monitors import Monitor
-from rpms_ros.identification.monitors import ProcessedSamples
 from rpms_ros.identification.monitors import monitors_by_name
 from rpms_ros.identification.monitors.pipeline import Pipeline
 from rpms_ros.identification.plausibility import RESPONSE_MISFIT
@@ -57,7 +56,7 @@ class IdentificationStream(StreamInput):
     _doubts: Doubts
     _pipeline: Pipeline
     _cell: int | None
-    _monitor_cell: int | None
+    _block: int | None
     _last_ns: int
     _samples: int
     _cells: int
@@ -83,10 +82,15 @@ class IdentificationStream(StreamInput):
         self._doubts = Doubts(shares, lasting=not estimator.on_line)
         self._period_ns = nanoseconds(self.settings.estimate_period)
         self._pipeline = Pipeline(
-            monitors, sinks, self._reorder_delay_ns, self._pulse_look_ahead_ns, self._counter
+            monitors,
+            sinks,
+            self._reorder_delay_ns,
+            self._pulse_look_ahead_ns,
+            self._counter,
+            1 if estimator.on_line else _NOTE_CELLS,
         )
         self._cell = None
-        self._monitor_cell = None
+        self._block = None
         self._finished: list[Estimate] = []
         self._predictor = estimator if isinstance(estimator, PredictingEstimator) else None
         self._last_ns = 0
@@ -134,7 +138,11 @@ class IdentificationStream(StreamInput):
     def advance(self) -> list[Estimate]:
         """Process the samples that have waited long enough; return the estimates due."""
         if self._intake.newest_ns is not None:
-            self._release(self._intake.newest_ns - self._reorder_delay_ns)
+            until_ns = self._intake.newest_ns - self._reorder_delay_ns
+            if not self.estimator.on_line:
+                # complete blocks alone
+                until_ns = until_ns // self._pipeline.block_ns * self._pipeline.block_ns - 1
+            self._release(until_ns)
         finished, self._finished = self._finished, []
         return finished
 
@@ -171,7 +179,7 @@ class IdentificationStream(StreamInput):
         self._queue.exclude(stamp_ns - 1, stamp_ns + self._memory_ns)
         if self._held_ns is not None:
             self._held_ns = stamp_ns - 1
-        self._cell = self._monitor_cell = None
+        self._cell = self._block = None
         self._acting_ns = np.empty(0, dtype=np.int64)
         self._settled_early = np.empty(0, dtype=np.int64), np.empty(0)
 
@@ -189,26 +197,26 @@ class IdentificationStream(StreamInput):
         if self._cell is None:
             self._queue.begin(int(stamps[0]))
         cell = stamps[:due] // self._period_ns
-        monitor_cell = stamps[:due] // self._pipeline.cell_ns
-        starts = np.flatnonzero((np.diff(cell) != 0) | (np.diff(monitor_cell) != 0)) + 1
+        block = stamps[:due] // self._pipeline.block_ns
+        starts = np.flatnonzero((np.diff(cell) != 0) | (np.diff(block) != 0)) + 1
         for first, last in zip((0, *starts.tolist()), (*starts.tolist(), due), strict=True):
-            self._cross_into(int(cell[first]), int(monitor_cell[first]))
+            self._cross_into(int(cell[first]), int(block[first]))
             marks = self._pipeline.examine(stamps, values, first, last, self._predicted)
             self._process(stamps[first:last], values[first:last], marks)
 
-    def _cross_into(self, cell: int, monitor_cell: int) -> None:
-        """Pass a complete cell to the monitors; make an estimate when one is due."""
+    def _cross_into(self, cell: int, block: int) -> None:
+        """Pass a complete block to the monitors; make an estimate when one is due."""
         ends_cell = self._cell is not None and cell != self._cell
-        ends_monitor_cell = self._monitor_cell is not None and monitor_cell != self._monitor_cell
-        if ends_cell or ends_monitor_cell:
+        ends_block = self._block is not None and block != self._block
+        if ends_cell or ends_block:
             # Faults found after the last sample of the old cell count here, however the data are
             # cut into blocks.
             self._count_postponed(self._last_ns)
-        if ends_monitor_cell:
+        if ends_block:
             self._flush()
         if ends_cell:
             self._make_estimate()
-        self._cell, self._monitor_cell = cell, monitor_cell
+        self._cell, self._block = cell, block
 
     def _make_estimate(self) -> None:
         estimate = self.estimate()
@@ -218,7 +226,7 @@ class IdentificationStream(StreamInput):
     def _flush(self) -> None:
         self._samples += self._pipeline.flush()
         self._cells += 1
-        if self._cells % _NOTE_CELLS == 0:
+        if self._cells % _NOTE_CELLS == 0 or not self.estimator.on_line:
             self._doubts.note(self._samples, self._counter.counts())
 
     def _process(self, stamps: IntArray, values: FloatArray, marks: IntArray) -> None:
@@ -234,14 +242,14 @@ class IdentificationStream(StreamInput):
         self._count_marks(stamps, marks, onset)
         self._counter.add(faults.SAMPLES_EXCLUDED, int(np.count_nonzero(~usable)))
         self._last_ns = int(stamps[-1])
-        self._pipeline.add(ProcessedSamples(stamps, values, prediction, usable, onset, intensity))
+        self._pipeline.add(stamps, values, prediction, usable, onset, intensity)
 
     def _settle(self, stamp_ns: int) -> tuple[IntArray, FloatArray]:
         """Pass settled pulses to the estimator; return those since the last sample."""
-        cell_ns = self._pipeline.cell_ns
+        block_ns = self._pipeline.block_ns
         onset, intensity = self._queue.settle(
             stamp_ns + self._pulse_look_ahead_ns,
-            stamp_ns // cell_ns * cell_ns + self._pulse_look_ahead_ns,
+            stamp_ns // block_ns * block_ns + self._pulse_look_ahead_ns,
         )
         self.estimator.add_pulses(onset, intensity)
         before, self._settled_early = self._settled_early, (onset[:0], intensity[:0])
@@ -251,7 +259,9 @@ class IdentificationStream(StreamInput):
         """Return the prediction of samples (samples,) that the estimator has not seen [N]."""
         if self._predictor is None:
             return None
-        self._settled_early = self._settle(int(stamp_ns[0]))
+        # all that is due, and no more: later pulses may still arrive
+        due_ns = max(int(stamp_ns[0]), int(stamp_ns[-1]) - self._pulse_look_ahead_ns)
+        self._settled_early = self._settle(due_ns)
         return self._predictor.predict(stamp_ns)
 
     def _count_marks(self, stamps: IntArray, marks: IntArray, onset_ns: IntArray) -> None:

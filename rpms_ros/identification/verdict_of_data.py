@@ -115,5 +115,6 @@ def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]
 
 def _rate(stamp_ns: IntArray) -> float:
     """Return the rate of stamps (n,) [Hz]; 0 if there are fewer than two."""
-    steps = np.diff(np.unique(stamp_ns))
+    steps = np.diff(np.sort(stamp_ns))
+    steps = steps[steps > 0]
     return NANOSECONDS_PER_SECOND / float(np.median(steps)) if len(steps) else 0.0

@@ -33,6 +33,8 @@ _LEAST_WEIGHT = 0.05
 # In standard deviations; higher for a jump, since it is tried at every place.
 _SURE_SLOPE = 5.0
 _SURE_JUMP = 6.0
+# So many samples tell which law weights the pulses [1].
+_MOST_SAMPLES = 100_000
 
 
 @dataclass(frozen=True)
@@ -88,10 +90,14 @@ def _factors(
     pieces = min(int(time[-1] / _SHORTEST), _MOST_PIECES)
     if pieces < _FEWEST_PIECES:
         return np.empty(0), np.empty(0), np.empty(0)
-    stated = max(
-        (simulated_force(estimate, pulses, stamp_ns, law) for law in LAWS),
-        key=lambda one: _likeness(one, force),
+    some = slice(-_MOST_SAMPLES, None)
+    law = max(
+        LAWS,
+        key=lambda one: _likeness(
+            simulated_force(estimate, pulses, stamp_ns[some], one), force[some]
+        ),
     )
+    stated = simulated_force(estimate, pulses, stamp_ns, law)
     edges = np.searchsorted(time, np.linspace(0.0, time[-1], pieces + 1))
     rows = []
     for start, end in pairwise(edges.tolist()):

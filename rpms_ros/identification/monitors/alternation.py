@@ -13,6 +13,7 @@ from rpms_ros.identification.monitors.interface import Monitor
 from rpms_ros.identification.monitors.interface import Window
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
 
 # Neighbours on either side among which one of the same sensor is sought: two sensors need not
 # alternate strictly.
@@ -30,61 +31,58 @@ class Alternation(Monitor):
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_ALTERNATING: 0.002}
 
-    def examine(self, window: Window) -> Mapping[str, BoolArray]:
-        """Return all samples of the cell if they alternate between two courses."""
-        limit = _LIMIT if len(window.force) >= _MANY_SAMPLES else _LIMIT_OF_FEW
-        if alternation(window.force) >= limit:
+    def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
+        """Return all samples of the cells that alternate between two courses."""
+        sizes = window.edges[3:] - window.edges[:-3]
+        limit = np.where(sizes >= _MANY_SAMPLES, _LIMIT, _LIMIT_OF_FEW)
+        alternates = alternation(window.force, window.edges) < limit
+        if not alternates.any():
             return {}
-        return {faults.FORCE_ALTERNATING: np.ones(window.last - window.first, dtype=np.bool_)}
+        return {faults.FORCE_ALTERNATING: np.repeat(alternates, np.diff(window.edges[1:-1]))}
 
 
 @numba.njit(cache=True)
-def distances(force: FloatArray, nearest: FloatArray, best: FloatArray) -> None:
-    """Write the distance of samples to the line through the nearest two, and to the best line.
-
-    Parameters
-    ----------
-    force : ndarray (samples,)
-        [N]
-    nearest, best : ndarray (samples - 6,)
-        Of all samples but three at each end [N].
-    """
-    for place in range(len(best)):
-        index = place + _REACH
-        here = force[index]
-        nearest[place] = abs(here - 0.5 * (force[index - 1] + force[index + 1]))
-        best[place] = nearest[place]
-        for before in range(1, _REACH + 1):
-            for after in range(1, _REACH + 1):
-                line = after * force[index - before] + before * force[index + after]
-                best[place] = min(best[place], abs(here - line / (before + after)))
-
-
-def alternation(force: FloatArray) -> float:
+def alternation(force: FloatArray, edges: IntArray) -> FloatArray:
     """Return the relative distance of samples from a line through two neighbours.
 
     Parameters
     ----------
     force : ndarray (samples,)
         Force [N].
+    edges : ndarray of int (cells + 3,)
+        Of a `Window`.
 
     Returns
     -------
-    float
-        Mean distance to the best of the lines through one of the three samples before and one of
-        the three after, over the mean distance to the line through the nearest two: 1 on any
-        smooth course, about 0.35 in white noise, 0 where two smooth courses alternate.  1 if
-        there are too few samples.
+    ndarray (cells,)
+        In each cell, the one before and the one after it: mean distance to the best of the lines
+        through one of the three samples before and one of the three after, over the mean distance
+        to the line through the nearest two: 1 on any smooth course, about 0.35 in white noise, 0
+        where two smooth courses alternate.  1 if there are too few samples.
     """
-    if len(force) < _LEAST_SAMPLES:
-        return 1.0
-    count = len(force) - 2 * _REACH
-    nearest, best = np.empty((2, count))
-    distances(force, nearest, best)
-    total = float(nearest.sum())
-    if total == 0.0:
-        return 1.0
-    # With a coarse resolution samples agree by chance: half a digit is added to the distance.
-    steps = np.abs(np.diff(force))
-    level = float(np.min(steps, initial=np.inf, where=steps > 0.0))
-    return min((float(best.sum()) + 0.5 * level * count) / total, 1.0)
+    nearest, best = np.zeros((2, len(force)))
+    for index in range(_REACH, len(force) - _REACH):
+        here = force[index]
+        nearest[index] = abs(here - 0.5 * (force[index - 1] + force[index + 1]))
+        best[index] = nearest[index]
+        for before in range(1, _REACH + 1):
+            for after in range(1, _REACH + 1):
+                line = after * force[index - before] + before * force[index + after]
+                best[index] = min(best[index], abs(here - line / (before + after)))
+    found = np.ones(len(edges) - 3)
+    for cell in range(len(found)):
+        low, high = edges[cell], edges[cell + 3]
+        if high - low < _LEAST_SAMPLES:
+            continue
+        total = nearest[low + _REACH : high - _REACH].sum()
+        # With a coarse resolution samples agree by chance: half a digit is added to the distance.
+        level = np.inf
+        for index in range(low + 1, high):
+            step = abs(force[index] - force[index - 1])
+            if 0.0 < step < level:
+                level = step
+        if total > 0.0:
+            distance = best[low + _REACH : high - _REACH].sum()
+            count = high - low - 2 * _REACH
+            found[cell] = min((distance + 0.5 * level * count) / total, 1.0)
+    return found

@@ -62,7 +62,7 @@ class Outliers(Monitor):
         self._count = 0
         self._recent = deque(maxlen=_RECENT_CELLS)
 
-    def examine(self, window: Window) -> Mapping[str, BoolArray]:
+    def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples that are briefly far from their prediction."""
         known = sum(self._explained) >= _EXPLAINED
         if window.prediction is None or not known:
@@ -72,26 +72,29 @@ class Outliers(Monitor):
         usual = float(np.median(self._largest))
         limit = max(_TIMES * usual, _SHARE * self._range)
         beyond = (np.abs(residual) > limit) & ~window.found
-        found = np.zeros(len(residual), dtype=np.bool_)
+        found = np.zeros_like(window.found)
         if beyond.any():
             stamps = window.stamp_ns[window.first : window.last]
             self._mark_runs(stamps, residual, beyond, found)
         else:
             self._begun_ns = None
         self._before = float(residual[-1])
-        self._recent.append((int(np.count_nonzero(found)), len(found)))
-        marked = sum(count for count, _ in self._recent)
-        share = _FEW_SHARE * sum(samples for _, samples in self._recent)
-        return {faults.FORCE_OUTLIER: found} if 0 < marked <= max(_FEW, share) else {}
+        edges = window.edges[1:-1] - window.first
+        total = np.concatenate(([0], np.cumsum(found)))[edges]
+        counts = zip(np.diff(total).tolist(), np.diff(edges).tolist(), strict=True)
+        for cell, (marked, samples) in enumerate(counts):
+            if samples:
+                self._recent.append((marked, samples))
+            if marked:
+                of_second = np.sum(self._recent, axis=0)
+                if of_second[0] > max(_FEW, _FEW_SHARE * of_second[1]):
+                    found[edges[cell] : edges[cell + 1]] = False
+        return {faults.FORCE_OUTLIER: found} if found.any() else {}
 
-    def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
+    def processed_all(self, samples: ProcessedSamples) -> Mapping[str, int]:
         """Update the usual residuals."""
-        used = samples.usable
-        if used.any():
-            residual = np.abs(samples.force[used] - samples.prediction[used])
-            explained = float(np.ptp(samples.prediction[used]))
-            largest = float(residual.max())
-            follows = explained > 3.0 * float(np.sqrt(np.mean(residual**2)))
+        for _, error, largest, explained in samples.fits:
+            follows = explained > 3.0 * error
             self._largest.append(largest)
             self._explained.append(follows or largest < _SHARE * self._range)
             if follows:

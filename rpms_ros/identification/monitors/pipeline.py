@@ -49,13 +49,15 @@ class Pipeline(Restorable):
         are predicted.
     counter : FaultCounter
         Where faults are counted.
+    cells : int
+        So many cells are examined at a time.
     """
 
     _names: list[str]
-    _cell: int | None
+    _block: int | None
     _marks: IntArray
     _before: tuple[IntArray, FloatArray]
-    _parts: list[ProcessedSamples]
+    _parts: list[tuple[IntArray, FloatArray, FloatArray, BoolArray, IntArray, FloatArray]]
 
     def __init__(
         self,
@@ -64,6 +66,7 @@ class Pipeline(Restorable):
         delay_ns: int,
         look_ahead_ns: int,
         counter: FaultCounter,
+        cells: int = 1,
     ) -> None:
         self._named = tuple(monitors)
         self._monitors = [*monitors, *sinks]
@@ -73,8 +76,11 @@ class Pipeline(Restorable):
         self._predicts = self._examines and look_ahead_ns >= LEAST_DELAY_NS // 2
         if self._predicts:
             self.cell_ns = min(self.cell_ns, look_ahead_ns)
+        self.block_ns = cells * self.cell_ns
+        self._cells = cells
+        self._look_ahead_ns = look_ahead_ns
         self._names = []
-        self._cell = None
+        self._block = None
         self._marks = np.empty(0, dtype=np.int64)
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
         self._parts = []
@@ -99,9 +105,8 @@ class Pipeline(Restorable):
     def _check_restored(self) -> None:
         fits = len(self._before[0]) == len(self._before[1]) and len(self._names) <= _MOST_FAULTS
         for part in self._parts:
-            samples = (part.stamp_ns, part.force, part.prediction, part.usable)
-            fits = fits and len({len(column) for column in samples}) == 1
-            fits = fits and len(part.onset_ns) == len(part.intensity)
+            fits = fits and len({len(column) for column in part[:4]}) == 1
+            fits = fits and len(part[0]) > 0 and len(part[4]) == len(part[5])
         expect(fits, 'Pipeline', 'columns of one length')
 
     def examine(
@@ -112,22 +117,22 @@ class Pipeline(Restorable):
         last: int,
         predicted: Callable[[IntArray], FloatArray | None],
     ) -> IntArray:
-        """Return the faults of samples first .. last - 1 of one cell, one bit each.
+        """Return the faults of samples first .. last - 1 of one block of cells, one bit each.
 
         `stamp_ns` and `force` (samples,) are all waiting samples, ascending; those before `first`
-        have been examined.  `predicted` returns the prediction of the samples of a cell.
+        have been examined.  `predicted` returns the prediction of the samples of a block.
         """
         if not self._examines:
             return np.zeros(last - first, dtype=np.int64)
-        cell = int(stamp_ns[first]) // self.cell_ns
-        if cell != self._cell:
-            self._cell = cell
-            self._marks = self._marks_of(self._window(stamp_ns, force, first, cell, predicted))
+        block = int(stamp_ns[first]) // self.block_ns
+        if block != self._block:
+            self._block = block
+            self._marks = self._marks_of(self._window(stamp_ns, force, first, predicted))
         before = (
             np.concatenate((self._before[0], stamp_ns[first:last])),
             np.concatenate((self._before[1], force[first:last])),
         )
-        kept = int(np.searchsorted(before[0], (cell - 1) * self.cell_ns))
+        kept = int(np.searchsorted(before[0], (block + 1) * self.block_ns - 2 * self.cell_ns))
         self._before = before[0][kept:], before[1][kept:]
         marks, self._marks = self._marks[: last - first], self._marks[last - first :]
         return marks
@@ -141,24 +146,37 @@ class Pipeline(Restorable):
             if found & (1 << bit)
         }
 
-    def add(self, part: ProcessedSamples) -> None:
-        """Keep processed samples until their cell is complete."""
-        self._parts.append(part)
+    def add(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        prediction: FloatArray,
+        usable: BoolArray,
+        onset_ns: IntArray,
+        intensity: FloatArray,
+    ) -> None:
+        """Keep processed samples until their block is complete; see `ProcessedSamples`."""
+        self._parts.append((stamp_ns, force, prediction, usable, onset_ns, intensity))
 
     def flush(self) -> int:
-        """Pass the complete cell to the monitors; return how many samples it had."""
+        """Pass the complete block to the monitors; return how many samples it had."""
         if not self._parts:
             return 0
-        columns = ('stamp_ns', 'force', 'prediction', 'usable', 'onset_ns', 'intensity')
-        whole = ProcessedSamples(
-            *(np.concatenate([getattr(part, name) for part in self._parts]) for name in columns)
-        )
+        one, *others = self._parts
+        columns = one if not others else [np.concatenate(parts) for parts in zip(*self._parts)]
         self._parts = []
+        stamps, onset_ns = columns[0], columns[4]
+        edges = np.searchsorted(stamps, self._grid_ns(int(stamps[0])))
+        edges = np.append(edges[:-1][np.diff(edges) > 0], len(stamps))
+        known_ns = stamps[edges[1:-1] - 1] + self._look_ahead_ns
+        inner = np.searchsorted(onset_ns, known_ns, side='right')
+        pulse_edges = np.concatenate(([0], inner, [len(onset_ns)]))
+        whole = ProcessedSamples(*columns, edges, pulse_edges)
         for monitor in list(self._monitors):
             none: Mapping[str, int] = {}
-            for name, count in self._ask(monitor, monitor.processed, whole, none).items():
+            for name, count in self._ask(monitor, monitor.processed_all, whole, none).items():
                 self._counter.add(name, int(count))
-        return len(whole.stamp_ns)
+        return len(stamps)
 
     def estimated(self, estimate: Estimate) -> None:
         """Pass an estimate to the monitors."""
@@ -167,7 +185,7 @@ class Pipeline(Restorable):
 
     def restart(self) -> None:
         """Forget earlier stamps: the clock has jumped back."""
-        self._cell = None
+        self._block = None
         self._marks = np.empty(0, dtype=np.int64)
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
         for monitor in self._monitors:
@@ -178,29 +196,30 @@ class Pipeline(Restorable):
         stamp_ns: IntArray,
         force: FloatArray,
         first: int,
-        cell: int,
         predicted: Callable[[IntArray], FloatArray | None],
     ) -> Window:
-        """Return the cell that begins with sample `first`, and a cell before and after it."""
-        begin_ns = cell * self.cell_ns
-        stop, high = np.searchsorted(
-            stamp_ns, (begin_ns + self.cell_ns, begin_ns + 2 * self.cell_ns)
-        ).tolist()
-        low = int(np.searchsorted(self._before[0], begin_ns - self.cell_ns))
-        before = len(self._before[0]) - low
+        """Return the block that begins with sample `first`, and a cell before and after it."""
+        grid_ns = self._grid_ns(int(stamp_ns[first]))
+        high = int(np.searchsorted(stamp_ns, grid_ns[-1] + self.cell_ns))
+        low = int(np.searchsorted(self._before[0], grid_ns[0] - self.cell_ns))
+        stamps = np.concatenate((self._before[0][low:], stamp_ns[first:high]))
+        edges = np.concatenate(([0], np.searchsorted(stamps, grid_ns), [len(stamps)]))
         return Window(
-            np.concatenate((self._before[0][low:], stamp_ns[first:high])),
+            stamps,
             np.concatenate((self._before[1][low:], force[first:high])),
-            before,
-            before + stop - first,
-            np.zeros(stop - first, dtype=np.bool_),
-            predicted(stamp_ns[first:stop]) if self._predicts else None,
+            edges,
+            np.zeros(edges[-2] - edges[1], dtype=np.bool_),
+            predicted(stamps[edges[1] : edges[-2]]) if self._predicts else None,
         )
+
+    def _grid_ns(self, stamp_ns: int) -> IntArray:
+        """Return where the cells of the block of a stamp begin, and where the last one ends."""
+        return stamp_ns // self.block_ns * self.block_ns + self.cell_ns * np.arange(self._cells + 1)
 
     def _marks_of(self, window: Window) -> IntArray:
         marks = np.zeros(window.last - window.first, dtype=np.int64)
         for monitor in list(self._monitors):
-            found: Mapping[str, BoolArray] = self._ask(monitor, monitor.examine, window, {})
+            found: Mapping[str, BoolArray] = self._ask(monitor, monitor.examine_all, window, {})
             for name, concerned in found.items():
                 marks[concerned] |= 1 << self._bit(name)
                 window.found[concerned] = True

@@ -39,21 +39,19 @@ class Unexplained(Monitor):
         self._explained = deque(maxlen=_CELLS)
         self._range = 0.0
 
-    def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
+    def processed_all(self, samples: ProcessedSamples) -> Mapping[str, int]:
         """Return the number of used samples if residuals are far larger than usual."""
-        used = samples.usable
-        if not used.any():
-            return {}
-        residual = float(np.sqrt(np.mean((samples.force[used] - samples.prediction[used]) ** 2)))
-        explained = float(np.ptp(samples.prediction[used]))
         known = sum(self._explained) >= _EXPLAINED and len(self._residuals) == _CELLS
         usual = float(np.median(self._residuals)) if known else np.inf
         large = max(_TIMES * usual, _SHARE * self._range)
-        self._residuals.append(residual)
-        self._explained.append(explained > 3.0 * residual)
-        if self._explained[-1]:
-            self._range = max(self._range, explained)
-        return {faults.FORCE_UNEXPLAINED: int(used.sum())} if residual > large else {}
+        count = 0
+        for used, error, _, explained in samples.fits:
+            count += used if error > large else 0
+            self._residuals.append(error)
+            self._explained.append(explained > 3.0 * error)
+            if self._explained[-1]:
+                self._range = max(self._range, explained)
+        return {faults.FORCE_UNEXPLAINED: count} if count else {}
 
     def restart(self) -> None:
         """Forget the usual residual: the muscle may have rested."""

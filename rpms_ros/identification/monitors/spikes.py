@@ -35,51 +35,49 @@ class Spikes(Monitor):
 
     doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_SPIKE: 0.01}
 
-    def examine(self, window: Window) -> Mapping[str, BoolArray]:
+    def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples of excursions."""
-        found = np.zeros(window.last - window.first, dtype=np.bool_)
-        steps = np.abs(np.diff(window.force))
-        if len(steps) >= _LEAST:
-            floor = _STEPS * float(np.median(steps))
-            find_excursions(window.stamp_ns, window.force, window.first, window.last, floor, found)
+        found = np.zeros_like(window.found)
+        find_excursions(window.stamp_ns, window.force, window.edges, found)
         return {faults.FORCE_SPIKE: found} if found.any() else {}
 
 
 @numba.njit(cache=True)
 def find_excursions(
-    stamp_ns: IntArray,
-    force: FloatArray,
-    first: int,
-    last: int,
-    floor: float,
-    found: BoolArray,
+    stamp_ns: IntArray, force: FloatArray, edges: IntArray, found: BoolArray
 ) -> None:
-    """Mark the excursions among samples first .. last - 1 in `found` (last - first,)."""
+    """Mark the excursions of the cells of a `Window` in `found` (last - first,)."""
     near = np.empty(2 * _MOST + 1)
-    for index in range(first, last):
-        low = index
-        while low > 0 and stamp_ns[index] - stamp_ns[low - 1] <= _REACH_NS:
-            low -= 1
-        high = index
-        while high + 1 < len(force) and stamp_ns[high + 1] - stamp_ns[index] <= _REACH_NS:
-            high += 1
-        # As many on either side, so that the median of a slope is its middle.
-        reach = min(index - low, high - index)
-        stride = (reach + _MOST - 1) // _MOST
-        side = reach // stride if stride else 0
-        count = 2 * side + 1
-        if count <= _LEAST:
+    steps = np.abs(np.diff(force))
+    for cell in range(len(edges) - 3):
+        first, last = edges[cell + 1], edges[cell + 2]
+        if first == last or edges[cell + 3] - edges[cell] <= _LEAST:
             continue
-        above = 0
-        below = 0
-        for place in range(count):
-            near[place] = force[index + (place - side) * stride]
-            above += near[place] > force[index] + floor
-            below += near[place] < force[index] - floor
-        # The median is that far away only if more than half of them are; else skip the sorting.
-        if max(above, below) <= side:
-            continue
-        ordered = np.sort(near[:count])
-        spread = ordered[count - 1 - count // 5] - ordered[count // 5]
-        away = abs(force[index] - ordered[side])
-        found[index - first] = away > _SPREADS * spread + floor and away > 0.0
+        floor = _STEPS * np.median(steps[edges[cell] : edges[cell + 3] - 1])
+        for index in range(first, last):
+            low = index
+            while low > 0 and stamp_ns[index] - stamp_ns[low - 1] <= _REACH_NS:
+                low -= 1
+            high = index
+            while high + 1 < len(force) and stamp_ns[high + 1] - stamp_ns[index] <= _REACH_NS:
+                high += 1
+            # As many on either side, so that the median of a slope is its middle.
+            reach = min(index - low, high - index)
+            stride = (reach + _MOST - 1) // _MOST
+            side = reach // stride if stride else 0
+            count = 2 * side + 1
+            if count <= _LEAST:
+                continue
+            above = 0
+            below = 0
+            for place in range(count):
+                near[place] = force[index + (place - side) * stride]
+                above += near[place] > force[index] + floor
+                below += near[place] < force[index] - floor
+            # The median is that far away only if more than half of them are; else skip sorting.
+            if max(above, below) <= side:
+                continue
+            ordered = np.sort(near[:count])
+            spread = ordered[count - 1 - count // 5] - ordered[count // 5]
+            away = abs(force[index] - ordered[side])
+            found[index - edges[1]] = away > _SPREADS * spread + floor and away > 0.0

@@ -16,6 +16,7 @@ from rpms_ros.identification.monitors.interface import Window
 from rpms_ros.identification.saved_state import expect
 from rpms_ros.pulses import BoolArray
 from rpms_ros.pulses import FloatArray
+from rpms_ros.pulses import IntArray
 
 # Shorter repetitions of one value come from the resolution of the sensor.
 _FROZEN_NS = 80_000_000
@@ -60,26 +61,31 @@ class FrozenSensor(Monitor):
         self._value = float('nan')
         self._steep = False
 
-    def examine(self, window: Window) -> Mapping[str, BoolArray]:
+    def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples that repeat a frozen value."""
-        cell = window.force[window.first : window.last]
-        found = np.zeros(len(cell), dtype=np.bool_)
+        found = np.zeros_like(window.found)
         changes = window.force[1:] != window.force[:-1]
         begins = np.concatenate(([0], np.flatnonzero(changes) + 1))
         ends = np.append(begins[1:], len(window.force))
-        # Most values occur once; the last one of the cell may occur again after it.
-        again = (ends - begins > 1) | (ends == window.last)
+        # Most values occur once; the first may have begun before, the last may occur again.
+        again = window.stamp_ns[ends - 1] - window.stamp_ns[begins] >= _FROZEN_NS
+        again |= (begins < window.first) | (ends >= window.last)
         again &= (ends > window.first) & (begins < window.last)
         for begin, end in zip(begins[again].tolist(), ends[again].tolist(), strict=True):
             begun_ns, steep = self._beginning(window, begin)
             if steep and window.stamp_ns[end - 1] - begun_ns >= _FROZEN_NS:
                 found[max(begin - window.first, 0) : end - window.first] = True
             if end > window.last - 1:
-                self._begun_ns, self._value, self._steep = begun_ns, float(cell[-1]), steep
-        steps = np.abs(cell[1:] - cell[:-1])
-        if len(steps) and not found.any():
-            share = _MEMORY_OF_STEPS if self._step else 1.0
-            self._step += share * (float(np.median(steps)) - self._step)
+                self._begun_ns, self._steep = begun_ns, steep
+                self._value = float(window.force[window.last - 1])
+        steps = np.abs(np.diff(window.force))
+        edges = window.edges[1:-1]
+        frozen = np.concatenate(([0], np.cumsum(found)))[edges - window.first]
+        steps = medians(steps, edges[:-1], edges[1:] - 1)
+        for step in steps[np.diff(frozen) == 0].tolist():
+            if not math.isnan(step):
+                share = _MEMORY_OF_STEPS if self._step else 1.0
+                self._step += share * (step - self._step)
         return {faults.FORCE_FROZEN: found} if found.any() else {}
 
     def restart(self) -> None:
@@ -125,29 +131,34 @@ class ClippedSensor(Monitor):
         fits = fits and self._moments.shape == (3, 3)
         expect(fits, 'ClippedSensor', 'records of six numbers and moments of three')
 
-    def examine(self, window: Window) -> Mapping[str, BoolArray]:
+    def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples at an end of the range."""
-        cell = window.force[window.first : window.last]
+        force = window.force[window.first : window.last]
         if self._rest is None:
-            self._rest = float(np.median(cell))
-        count_extremes(cell, self._highest)
-        count_extremes(-cell, self._lowest)
-        found = np.zeros(len(cell), dtype=np.bool_)
+            first, _ = next(window.cells())
+            self._rest = float(np.median(force[first]))
+        count_extremes(force, self._highest)
+        count_extremes(-force, self._lowest)
+        found = np.zeros_like(window.found)
         span = self._highest[_TOP] + self._lowest[_TOP]
         pull = self._pull()
         for sign, record in ((1.0, self._highest), (-1.0, self._lowest)):
             away_from_rest = record[_TOP] - sign * self._rest > 0.5 * span
             pulled = sign * pull > 0.0 if pull else away_from_rest
             if pulled and _cut_off(record, span):
-                found |= cell == sign * record[_TOP]
+                found |= force == sign * record[_TOP]
         return {faults.FORCE_CLIPPED: found} if found.any() else {}
 
-    def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
+    def processed_all(self, samples: ProcessedSamples) -> Mapping[str, int]:
         """Learn in which direction pulses pull."""
-        # Pulses are known a tenth of a second ahead: what acts here came with the cells before.
-        one = np.array([1.0, self._acting, np.median(samples.force)])
-        self._moments += np.outer(one, one)
-        self._acting = _MEMORY_OF_PULSES * self._acting + float(samples.intensity.sum())
+        dose = np.diff(np.concatenate(([0.0], np.cumsum(samples.intensity)))[samples.pulse_edges])
+        rows = np.ones((3, len(dose)))
+        rows[2] = medians(samples.force, samples.edges[:-1], samples.edges[1:])
+        for cell, added in enumerate(dose.tolist()):
+            # Pulses are known a tenth of a second ahead: what acts here came with those before.
+            rows[1, cell] = self._acting
+            self._acting = _MEMORY_OF_PULSES * self._acting + added
+        self._moments += rows @ rows.T
         return {}
 
     def _pull(self) -> float:
@@ -182,8 +193,8 @@ class ConstantForce(Monitor):
         self._value = float('nan')
         self._since_ns = 0
 
-    def processed(self, samples: ProcessedSamples) -> Mapping[str, int]:
-        """Return how many samples of the cell equal those of the three seconds before."""
+    def processed_all(self, samples: ProcessedSamples) -> Mapping[str, int]:
+        """Return how many samples equal those of the three seconds before."""
         changes = np.flatnonzero(np.diff(samples.force, prepend=self._value) != 0.0)
         end = int(changes[0]) if len(changes) else len(samples.force)
         count = int(np.count_nonzero(samples.stamp_ns[:end] - self._since_ns >= _CONSTANT_NS))
@@ -195,6 +206,16 @@ class ConstantForce(Monitor):
     def restart(self) -> None:
         """Forget since when the force has been constant."""
         self._value = float('nan')
+
+
+@numba.njit(cache=True)
+def medians(values: FloatArray, begin: IntArray, end: IntArray) -> FloatArray:
+    """Return the medians of the parts of values (n,) from `begin` to `end`; NaN of empty ones."""
+    found = np.full(len(begin), np.nan)
+    for part in range(len(begin)):
+        if begin[part] < end[part]:
+            found[part] = np.median(values[begin[part] : end[part]])
+    return found
 
 
 @numba.njit(cache=True)
