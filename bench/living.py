@@ -1,8 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of `tracking` on a muscle that changes, beside an oracle that is told of the change.
+"""Errors of `tracking` on a muscle that changes.
 
-`python bench/living.py [--seeds 20] [--told 20] [--hours 1] [--excitation sinusoid] [kinds ...]`
+`python bench/living.py [--seeds 20] [--hours 1] [--excitation sinusoid] [kinds ...]`
 
 Sessions of 90 s at 20 Hz with 0.5 % noise, latency 9 ms, all unknown to the estimator.
 Errors are those of the recruitment curve against its maximum, from 15 s on; coverage is the share
@@ -24,7 +24,6 @@ import numpy as np
 
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.tracking.estimator import TrackingEstimator
-from rpms_ros.identification.tracking.settings import TrackingSettings
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from living_sessions import MOVED_AT
@@ -42,15 +41,13 @@ RIGHT = {'coil moved': 'thresholds', 'gain step': 'gain', 'slower': 'dynamics'}
 class Outcome:
     """Results of an estimator, every half second."""
 
-    def __init__(self, estimator, recording, told=None):
+    def __init__(self, estimator, recording):
         estimator.add_pulses(recording.onset_ns, recording.intensity)
         self.errors, self.held, self.changes, self.rates = [], [], [], []
         half = len(recording.stamp_ns) // len(recording.noted_s)
         started = time.process_time()
-        for index, noted in enumerate(recording.noted_s):
+        for index in range(len(recording.noted_s)):
             part = slice(index * half, (index + 1) * half)
-            if told is not None and noted == told[0] + 0.5:
-                estimator.tell_change(told[1])
             every = np.ones(half, dtype=bool)
             estimator.update(recording.stamp_ns[part], recording.force[part], every)
             estimate = estimator.estimate(int(recording.stamp_ns[part][-1]), {})
@@ -107,27 +104,24 @@ def row(name, outcomes):
     )
 
 
-def outcomes_of(kind, excitation, seeds, estimator=TrackingEstimator, told=None):
+def outcomes_of(kind, excitation, seeds, estimator=TrackingEstimator):
     """Return the outcomes of so many sessions of a kind; none is kept."""
     outcomes = []
     for seed in range(seeds):
-        outcomes.append(Outcome(estimator(), session(kind, excitation, seed), told))
+        outcomes.append(Outcome(estimator(), session(kind, excitation, seed)))
         session.cache_clear()
     return outcomes
 
 
-def changing(kind, excitation, outcomes, seeds):
-    """Print when a change was found and its kind, and the same of the oracle."""
+def changing(kind, outcomes):
+    """Print when a change was found and its kind."""
     found = np.array([one.found_after for one in outcomes])
     named = [one.kinds[-1:] == (RIGHT[kind],) for one in outcomes]
     back = np.array([one.back_after for one in outcomes])
-    told = outcomes_of(kind, excitation, seeds, blind_estimator, (MOVED_AT, RIGHT[kind]))
-    told = np.array([one.back_after for one in told])
     print(
         f'    found after {np.median(found):.1f} s, worst {found.max():.1f} s; named right in '
         f'{sum(named)} of {len(named)}; within 1 % after {np.median(back):.1f} s, worst '
-        f'{back.max():.1f} s; told of it ({seeds} seeds): {np.median(told):.1f} s, '
-        f'worst {told.max():.1f} s',
+        f'{back.max():.1f} s',
         flush=True,
     )
 
@@ -144,11 +138,6 @@ def rates(outcomes):
         f'{np.percentile(errors, 90):.0f} % in a tenth of the estimates',
         flush=True,
     )
-
-
-def blind_estimator():
-    """Return an estimator that looks for no change."""
-    return TrackingEstimator(TrackingSettings(find_changes=False))
 
 
 def horizon():
@@ -189,9 +178,6 @@ def main():
     parser.add_argument('kinds', nargs='*', choices=[[], *KINDS, 'dynamics'], default=[])
     parser.add_argument('--seeds', type=int, default=5)
     parser.add_argument(
-        '--told', type=int, default=20, help='largest number of seeds of the oracle'
-    )
-    parser.add_argument(
         '--hours', type=float, default=0.0, help='of false alarms, each excitation'
     )
     parser.add_argument('--excitation', choices=EXCITATIONS)
@@ -212,7 +198,7 @@ def main():
             if kind == 'fatigue':
                 rates(outcomes)
             if kind in RIGHT:
-                changing(kind, excitation, outcomes, min(seeds, arguments.told))
+                changing(kind, outcomes)
             if kind == 'steady':
                 before = outcomes_of(kind, excitation, seeds, horizon)
                 row(f'{kind}, {excitation}: horizon', before)

@@ -109,6 +109,8 @@ def _lacking(error: ModuleNotFoundError, root: str, command: str) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
+    # before NumPy is imported: its matrices are small, and threads that wait take processor time
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     texts = list(sys.argv[1:] if argv is None else argv)
     if texts[:1] == ['help']:
         texts = [*texts[1:], '--help']

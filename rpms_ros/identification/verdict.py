@@ -50,6 +50,8 @@ _SPAN_NS = 20 * NANOSECONDS_PER_SECOND
 _AFTER_NS = NANOSECONDS_PER_SECOND // 2
 # The estimate after this share of the session has to predict the rest.
 _LEARNT_SHARE = 0.8
+# A force that rose by more than this share of itself was none before [1].
+_FROM_NOTHING = 10.0
 _HINT = f'; --estimator {FOLLOWER} tells a muscle that changes, efforts and tremor apart'
 _DYNAMICS_ONLY = 'dynamics only: one intensity shows no recruitment curve'
 # With so many estimates there is one close to that time.
@@ -196,7 +198,9 @@ def _of_one_muscle(
     change = change_over(session, pulses)
     if change is None or abs(change.share) < settings.largest_change:
         return
-    how = 'fell' if change.share < 0.0 else 'rose'
+    how = f'{"fell" if change.share < 0.0 else "rose"} by {100 * abs(change.share):.0f} %'
+    if change.share > _FROM_NOTHING:
+        how = 'rose from next to nothing'
     when = 'over the session'
     if change.sudden_at_s is not None:
         when = f'at about {change.sudden_at_s:.0f} s'
@@ -204,7 +208,7 @@ def _of_one_muscle(
         DOUBTFUL,
         (
             f'the muscle changed: the {QUANTITIES[last.unit]} that pulses cause '
-            f'{how} by {100 * abs(change.share):.0f} % {when}, '
+            f'{how} {when}, '
             f'and {last.estimator} takes the muscle for constant; '
             f'--estimator {FOLLOWER} follows it'
         ),

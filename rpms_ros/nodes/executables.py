@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The executables: each runs its node, or says in one line that ROS is missing."""
 
+import os
 import sys
 from importlib import import_module
 
@@ -42,6 +43,8 @@ def live_page() -> int:
 
 
 def _run(name: str) -> int:
+    # before NumPy is imported: its matrices are small, and threads that wait take processor time
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     try:
         module = import_module(f'rpms_ros.nodes.{name}')
     except ModuleNotFoundError as error:

@@ -86,3 +86,25 @@ def test_a_reader_that_leaves_early_is_no_error(short_session: Path) -> None:
             check=False,
         )
     assert (done.returncode, done.stderr) == (0, '')
+
+
+@pytest.mark.parametrize(
+    'started',
+    [
+        'import rpms_ros.cli as one\nwith suppress(SystemExit): one.main(["--help"])',
+        # up to the import of the node
+        'import rpms_ros.nodes.executables as one\nwith suppress(ImportError): one._run("x.y")',
+    ],
+    ids=['rpms', 'node'],
+)
+def test_linear_algebra_has_one_thread(started: str) -> None:
+    code = (
+        f'import os, sys\nfrom contextlib import suppress\n{started}\nimport numpy\n'
+        'numpy.ones((900, 900)) @ numpy.ones((900, 900))\n'
+        'print(len(os.listdir("/proc/self/task")))'
+    )
+    environment = {k: v for k, v in os.environ.items() if not k.endswith('_NUM_THREADS')}
+    done = subprocess.run(
+        [sys.executable, '-c', code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split()[-1] == '1', done.stderr

@@ -185,6 +185,21 @@ def test_a_session_too_short_for_pieces_tells_no_change() -> None:
     assert force_change(session.last, pulses, forces.stamp_ns, dead) is None
 
 
+@pytest.mark.parametrize('before', [0.0, -0.001])
+def test_force_that_pulses_did_not_cause_at_first_rose_from_nothing(
+    trial: Trial, before: float
+) -> None:
+    pulses, forces = trial
+    session = identify(estimator_by_name('batch'), pulses, forces)
+    force = np.where(np.arange(len(forces)) < len(forces) // 2, before, 1.0) * forces.force
+    found = force_change(session.last, pulses, forces.stamp_ns, force)
+    assert found is not None
+    assert found.share == np.inf
+    silent = with_force(trial, lambda known: np.where(force == known, known, before * known))
+    (reason,) = (text for text in judged(silent).reasons if 'the muscle changed' in text)
+    assert 'rose from next to nothing at about' in reason
+
+
 def test_what_an_estimator_that_follows_has_named_is_no_doubt(trial: Trial) -> None:
     pulses, forces = trial
     session = identify(estimator_by_name('batch'), pulses, forces)

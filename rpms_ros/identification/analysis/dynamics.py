@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import ndtri
+from scipy.special import stdtrit
 
 from rpms_ros.identification.analysis.force_onset import ForceOnset
 from rpms_ros.identification.analysis.force_onset import force_onset
@@ -167,11 +168,9 @@ def _stated(values: FloatArray, deviations: FloatArray, by_model: float) -> Boun
     own = float(np.sqrt(np.mean(np.square(deviations)) / count))
     scatter = float(np.std(values, ddof=1)) / np.sqrt(count) if count > 1 else 0.0
     quantile = (
-        student.ppf(0.5 + CONFIDENCE / 2, count - 1)
-        if count > 1
-        else student.ppf(0.5 + CONFIDENCE / 2, np.inf)
+        stdtrit(count - 1, 0.5 + CONFIDENCE / 2) if count > 1 else ndtri(0.5 + CONFIDENCE / 2)
     )
-    normal = student.ppf(0.5 + CONFIDENCE / 2, np.inf)
+    normal = ndtri(0.5 + CONFIDENCE / 2)
     # as far as the interval of the other model goes
     half = max(float(normal) * own, float(quantile) * scatter) + by_model
     mean = float(values.mean())

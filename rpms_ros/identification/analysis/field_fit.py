@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis import field_model
@@ -164,7 +164,7 @@ def _described(
     # The error of a baseline is common to all levels between two rests and does not average out.
     common = inverse @ (jacobian[: len(points)].T @ _baselines(points)) / top
     covariance[np.ix_(free, free)] = inverse * variance + common @ common.T
-    reach = float(student.ppf(0.5 + CONFIDENCE / 2, spare))
+    reach = float(stdtrit(spare, 0.5 + CONFIDENCE / 2))
     by_intensity, by_rate = field_model.as_recruitment(theta[1:])
     rows, share, columns, other = rising_product(intensity, rate, force / top)
     return FieldAnalysis(

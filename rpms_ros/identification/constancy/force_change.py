@@ -44,7 +44,8 @@ class ForceChange:
     Attributes
     ----------
     share : float
-        Force at the end minus that at the beginning, as a share of that at the beginning [1].
+        Force at the end minus that at the beginning, as a share of that at the beginning [1];
+        infinite if pulses caused none at the beginning.
     sudden_at_s : float or None
         Time of a jump after the first sample [s]; None for a slow change.
     """
@@ -74,12 +75,17 @@ def force_change(
     jump, sure_jump, left_by_jump, place = _jump(factor, weight)
     if left_by_jump < left_by_slope and sure_jump > _SURE_JUMP:
         before = float(np.average(factor[:place], weights=weight[:place]))
-        return ForceChange(jump / before, float(0.5 * (time[place - 1] + time[place])))
+        return ForceChange(_share(jump, before), float(0.5 * (time[place - 1] + time[place])))
     if sure_slope > _SURE_SLOPE:
         middle = float(np.average(factor, weights=weight))
         begin = middle - slope * (float(np.average(time, weights=weight)) - float(time[0]))
-        return ForceChange(slope * float(time[-1] - time[0]) / begin, None)
+        return ForceChange(_share(slope * float(time[-1] - time[0]), begin), None)
     return None
+
+
+def _share(change: float, begin: float) -> float:
+    """Return a change as a share of the beginning; infinite if there was nothing."""
+    return max(change / begin, -1.0) if begin > 0.0 else math.inf
 
 
 def _factors(

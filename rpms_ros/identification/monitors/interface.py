@@ -154,8 +154,8 @@ class Monitor(Restorable):
 
     `examine` and `processed` are called with single cells, in order and each cell once, so that
     the result cannot depend on how messages arrive or are cut into blocks.  To be faster, override
-    `examine_all` and `processed_all`, which get all cells that are examined at a time.  A monitor that raises is removed, and
-    `monitor_failed` is counted.
+    `examine_all` and `processed_all`, which get all cells that are examined at a time.  A monitor
+    that raises is removed, and `monitor_failed` is counted.
 
     Attributes that are kept between calls are annotated in the body of the class, so that they
     are part of a saved state (`rpms_ros.identification.saved_state`).

@@ -162,8 +162,7 @@ class Pipeline(Restorable):
         """Pass the complete block to the monitors; return how many samples it had."""
         if not self._parts:
             return 0
-        one, *others = self._parts
-        columns = one if not others else [np.concatenate(parts) for parts in zip(*self._parts)]
+        columns = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
         self._parts = []
         stamps, onset_ns = columns[0], columns[4]
         edges = np.searchsorted(stamps, self._grid_ns(int(stamps[0])))
@@ -171,7 +170,7 @@ class Pipeline(Restorable):
         known_ns = stamps[edges[1:-1] - 1] + self._look_ahead_ns
         inner = np.searchsorted(onset_ns, known_ns, side='right')
         pulse_edges = np.concatenate(([0], inner, [len(onset_ns)]))
-        whole = ProcessedSamples(*columns, edges, pulse_edges)
+        whole = ProcessedSamples(*columns, edges=edges, pulse_edges=pulse_edges)
         for monitor in list(self._monitors):
             none: Mapping[str, int] = {}
             for name, count in self._ask(monitor, monitor.processed_all, whole, none).items():
@@ -214,7 +213,8 @@ class Pipeline(Restorable):
 
     def _grid_ns(self, stamp_ns: int) -> IntArray:
         """Return where the cells of the block of a stamp begin, and where the last one ends."""
-        return stamp_ns // self.block_ns * self.block_ns + self.cell_ns * np.arange(self._cells + 1)
+        begin_ns = stamp_ns // self.block_ns * self.block_ns
+        return begin_ns + self.cell_ns * np.arange(self._cells + 1, dtype=np.int64)
 
     def _marks_of(self, window: Window) -> IntArray:
         marks = np.zeros(window.last - window.first, dtype=np.int64)

@@ -99,5 +99,5 @@ class ChangeTest(Restorable):
         self._blocks = min(self._blocks + 1.0, _BLOCKS)
         away = value - self._mean
         self._mean += away / self._blocks
-        self._variance += (away * away - self._variance) / self._blocks
+        self._variance += (away * (value - self._mean) - self._variance) / self._blocks
         return False

@@ -41,9 +41,7 @@ from rpms_ros.identification.tracking.change_watch import ChangeWatch
 from rpms_ros.identification.tracking.change_watch import first_block_after
 from rpms_ros.identification.tracking.change_watch import origin_of
 from rpms_ros.identification.tracking.changes import DYNAMICS
-from rpms_ros.identification.tracking.changes import MUSCLE
 from rpms_ros.identification.tracking.changes import Explanation
-from rpms_ros.identification.tracking.changes import after
 from rpms_ros.identification.tracking.changes import snapshot
 from rpms_ros.identification.tracking.intervals import Origin
 from rpms_ros.identification.tracking.intervals import no_change
@@ -234,30 +232,6 @@ class TrackingEstimator(ProjectionEstimator):
             reference=np.concatenate((coordinates(theta), known.linear)),
         )
         self._from_before = True
-
-    def tell_change(self, kind: str) -> None:
-        """Tell the estimator that the muscle has changed after the newest sample.
-
-        Parameters
-        ----------
-        kind : str
-            `gain`, `thresholds` (the coil was moved) or `dynamics`.
-
-        Raises
-        ------
-        IdentificationError
-            If there is no such kind, or the muscle is not known yet.
-        """
-        if kind not in MUSCLE:
-            raise IdentificationError(f'expected a change of {", ".join(MUSCLE)}, got {kind!r}')
-        if self._last_ns is None or not self._window.shows_response:
-            raise IdentificationError('expected a known muscle before it changes, got none')
-        before = snapshot(self._window, self._last_ns)
-        self._watch.forget()
-        self._knowledge = after(before, kind, self._prior, 0.0)
-        self._origin = origin_of(before)
-        size = int(self._problem.blocks.size[0])
-        self._problem = self._problem._replace(first=size)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""

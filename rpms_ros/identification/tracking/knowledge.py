@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from rpms_ros.identification.projection.problem import PARAMETERS
 from rpms_ros.identification.projection.settings import ProjectionSettings
@@ -203,7 +203,7 @@ class Knowledge:
             explanations far from each other, so the likelihoods are compared, not the muscles.
         """
         gain = 2.0 * (alone.likelihood - fit.likelihood)
-        return gain > float(chi2.ppf(_CONTRADICTED, len(self.reference)))
+        return gain > float(chdtri(len(self.reference), 1.0 - _CONTRADICTED))
 
     def converted(self, matrix: FloatArray, size: float) -> 'Knowledge':
         """Return the prior in other coordinates of [theta, w], `matrix` times these.

@@ -19,6 +19,7 @@ from rpms_ros.identification.projection.problem import Prior
 from rpms_ros.identification.projection.problem import Problem
 from rpms_ros.identification.projection.problem import pass_arrays
 from rpms_ros.identification.saved_state import Restorable
+from rpms_ros.identification.saved_state import expect
 from rpms_ros.identification.tracking.tremor import polynomials
 from rpms_ros.identification.tracking.tremor import seconds
 from rpms_ros.identification.tracking.tremor import waves
@@ -48,6 +49,12 @@ class RawSamples(Restorable):
 
     def __init__(self) -> None:
         self.forget()
+
+    def _check_restored(self) -> None:
+        samples = {len(getattr(self, name)) for name in _ARRAYS}
+        pulses = {len(self._onset_ns), len(self._intensity), len(self._weight)}
+        fits = len(samples) == len(pulses) == 1 and 0 <= self._size <= len(self._force)
+        expect(fits, 'RawSamples', 'as many forces as stamps')
 
     def forget(self) -> None:
         """Forget everything."""

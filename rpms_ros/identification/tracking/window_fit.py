@@ -63,6 +63,8 @@ _LIKELY = 4.0
 # Degrees of freedom of the Student distribution of the second differences of the disturbance:
 # mostly small, some of them large.
 _FREEDOM = 1.0
+# Variance of unknowns that could not be solved for.
+_UNKNOWN = 1e12
 # Second difference, relative to its deviation, that is assumed where none was estimated yet.
 _UNKNOWN_BEND = 5.0
 
@@ -405,6 +407,9 @@ def improved(
             fit.scales, solution, tried = _best_scales(at, fit.weighed, fit.scales)
         except np.linalg.LinAlgError:
             fit.failures += 1
+            # an older covariance would claim that these samples were understood
+            unknowns = PARAMETERS + len(fit.point.linear) + 2 * len(fit.point.gain) + SLOPES
+            fit.covariance = _UNKNOWN * np.eye(unknowns)
             return
         _move(fit, at, solution, *_averaged(solution, tried))
         fit.variance, fit.together = noise_of(

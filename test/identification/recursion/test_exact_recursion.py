@@ -18,6 +18,7 @@ from rpms_ros.identification import NOT_INFORMED
 from rpms_ros.identification import PEOPLE
 from rpms_ros.identification import ExactRecursion
 from rpms_ros.identification import ExactRecursionSettings
+from rpms_ros.identification.recursion.change import ChangeTest
 from rpms_ros.muscle import average_subject
 from rpms_ros.muscle import simulation_subject
 
@@ -262,3 +263,16 @@ def test_samples_are_predicted_as_they_will_be_taken(session) -> None:
         assert repr(estimator.state()) == state
         taken = estimator.update(found.stamp_ns[part], found.force[part], none)
     np.testing.assert_allclose(predicted, taken, atol=1e-9 * np.abs(found.force).max())
+
+
+@pytest.mark.parametrize('scale', [1e-3, 1e3])
+def test_the_unit_of_force_changes_no_time_of_a_change(scale: float) -> None:
+    square = np.random.default_rng(0).chisquare(50, 400) / 50.0
+    square[200:] *= 4.0
+
+    def found(unit: float) -> list[int]:
+        test = ChangeTest()
+        return [at for at, one in enumerate(square) if test.take(at, 0.05, unit**2 * one)]
+
+    assert found(1.0)[0] in range(205, 230)
+    assert found(scale) == found(1.0)

@@ -14,6 +14,7 @@ from rpms_ros.identification.checkpoint import load
 from rpms_ros.identification.checkpoint import save
 from rpms_ros.identification.estimate import CONVERGED
 from rpms_ros.identification.stream import IdentificationStream
+from rpms_ros.identification.tracking import window_fit
 from rpms_ros.identification.tracking.estimator import TrackingEstimator
 from rpms_ros.identification.tracking.settings import TrackingSettings
 from rpms_ros.muscle import Contraction
@@ -339,28 +340,6 @@ def test_nothing_is_looked_for_where_it_is_turned_off(living_sessions):
     assert estimates[-1].changes == 0
 
 
-def test_a_change_that_is_told_need_not_be_found(living_sessions):
-    session = living_sessions.session('coil moved', 'random', 0, 48.0)
-    estimator = TrackingEstimator(TrackingSettings(find_changes=False))
-    estimator.add_pulses(session.onset_ns, session.intensity)
-    usable = np.ones(len(session.stamp_ns), dtype=bool)
-    for part in (slice(0, 40_000), slice(40_000, 45_000)):
-        if part.start:
-            estimator.tell_change('thresholds')
-        estimator.update(session.stamp_ns[part], session.force[part], usable[part])
-    curve = session.curve[-1]
-    found = estimator.estimate(0, {}).curve_force
-    assert np.abs(found - curve).max() < 0.01 * curve.max()
-
-
-def test_what_cannot_have_changed_is_refused():
-    estimator = TrackingEstimator()
-    with pytest.raises(IdentificationError, match='expected a known muscle before it changes'):
-        estimator.tell_change('gain')
-    with pytest.raises(IdentificationError, match=r"a change of gain, .* got 'coil'"):
-        estimator.tell_change('coil')
-
-
 def test_a_rest_of_exactly_zero_before_the_first_pulse_does_not_end_it():
     intensity = np.random.default_rng(1).uniform(0.0, 1.0, 60)
     pulses = PulseTrain.regular(intensity, 20.0, 500_000_000)
@@ -370,3 +349,28 @@ def test_a_rest_of_exactly_zero_before_the_first_pulse_does_not_end_it():
     found = identify(TrackingEstimator(), pulses, ForceTrace(stamp_ns, muscle.force(stamp_ns)))
     # the subject pulls 10 N, without noise; 3 s of pulses
     assert found.estimates[-1].curve_force[-1] == pytest.approx(10.0, rel=0.05)
+
+
+def test_a_fit_that_cannot_be_solved_knows_nothing_and_is_counted(living_sessions, monkeypatch):
+    session = living_sessions.session('steady', 'random', 0, 10.0)
+    estimator, before = run(session)
+
+    def unsolved(*_):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(window_fit, '_best_scales', unsolved)
+    stamp_ns = session.stamp_ns[-1] + 1_000_000 * np.arange(1, 501)
+    usable = np.ones(len(stamp_ns), dtype=bool)
+    estimator.update(stamp_ns, np.zeros(len(stamp_ns)), usable)
+    after = estimator.estimate(int(stamp_ns[-1]), {})
+    assert after.faults['factorisation_failed'] > 0
+    known = np.max(before[-1].curve_upper - before[-1].curve_lower)
+    width = after.curve_upper - after.curve_lower
+    assert not len(width) or np.max(width) > 1e3 * known
+
+
+def test_a_state_with_fewer_forces_than_stamps_is_refused():
+    state = TrackingEstimator().state()
+    state['_raw']['_measured'] = np.zeros(10)
+    with pytest.raises(IdentificationError, match='as many forces as stamps in the saved Raw'):
+        TrackingEstimator().restore(state)
