@@ -162,15 +162,17 @@ class Pipeline(Restorable):
         """Pass the complete block to the monitors; return how many samples it had."""
         if not self._parts:
             return 0
-        columns = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
+        columns: list[Any] = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
         self._parts = []
-        stamps, onset_ns = columns[0], columns[4]
+        stamps, force, prediction, usable, onset_ns, intensity = columns
         edges = np.searchsorted(stamps, self._grid_ns(int(stamps[0])))
         edges = np.append(edges[:-1][np.diff(edges) > 0], len(stamps))
         known_ns = stamps[edges[1:-1] - 1] + self._look_ahead_ns
         inner = np.searchsorted(onset_ns, known_ns, side='right')
         pulse_edges = np.concatenate(([0], inner, [len(onset_ns)]))
-        whole = ProcessedSamples(*columns, edges=edges, pulse_edges=pulse_edges)
+        whole = ProcessedSamples(
+            stamps, force, prediction, usable, onset_ns, intensity, edges, pulse_edges
+        )
         for monitor in list(self._monitors):
             none: Mapping[str, int] = {}
             for name, count in self._ask(monitor, monitor.processed_all, whole, none).items():
