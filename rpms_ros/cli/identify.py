@@ -265,7 +265,7 @@ def _dynamics(found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
             f'T_a, {found["model"]}',
             f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}',
         ),
-        (f'latency, {found["model"]}', _milliseconds(found['latency_s'])),
+        (f'delay of the model, {found["model"]}', _milliseconds(found['latency_s'])),
         ('fit', f'{_fits(found)} (100 (1 - |residual| / |force - mean|))'),
     ]
     if found['law']:
@@ -292,7 +292,7 @@ def _output_error(document: dict[str, Any]) -> str:
     """Return the output error in words."""
     newton, of_range = document['output_error_n'], document['output_error_of_range']
     if newton is None:
-        return f'no usable {QUANTITIES[document["unit"]]}'
+        return 'unknown: no usable sample was predicted before it was learnt'
     what = QUANTITIES[document['unit']]
     share = (
         f'no {what}' if of_range is None else f'{100 * of_range:.3g} % of the range of the {what}'

@@ -43,16 +43,16 @@ def output_error(
     Parameters
     ----------
     stamp_ns, force, prediction : ndarray (samples,)
-        In the order in which they were processed [ns], [N], [N].
+        In the order in which they were processed [ns], [N], [N]; NaN where nothing was predicted.
     usable : ndarray of bool (samples,)
         Samples that could be learnt from.
 
     Returns
     -------
     OutputError
-        NaN without a usable sample, or with a constant force.
+        NaN without a usable sample that was predicted, or with a constant force.
     """
-    kept = settled(stamp_ns) & usable
+    kept = settled(stamp_ns) & usable & np.isfinite(prediction)
     if not kept.any():
         return OutputError(math.nan, math.nan)
     # Not by BLAS, whose last bits depend on the number of its threads: the results of a study

@@ -79,7 +79,7 @@ class IdentifiedSession:
     @property
     def output_error(self) -> OutputError:
         """Error of the a-priori predictions over the whole session after settling."""
-        return output_error(self.stamp_ns, self.force, self.prediction, self.usable)
+        return output_error(self.stamp_ns, self.force, self.shown_prediction, self.usable)
 
 
 class _Trace(Monitor):

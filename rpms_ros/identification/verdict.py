@@ -226,10 +226,13 @@ def _of_the_fit(
     """Yield reasons from residual, held-out error and baseline."""
     force, stamps = session.force, session.stamp_ns
     span = float(np.ptp(force[session.usable]))
-    late = part & settled(stamps)
+    predicted = np.isfinite(session.shown_prediction)
+    late = part & settled(stamps) & predicted
+    if not late.any():
+        yield (DOUBTFUL, 'too short: no sample was predicted before it was learnt')
     residual = (force - session.prediction)[late]
     error = float(np.sqrt(np.mean(np.square(residual)))) if len(residual) else 0.0
-    slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5
+    slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5 if error else 0.0
     if slow > settings.largest_residual * span:
         yield (
             DOUBTFUL,

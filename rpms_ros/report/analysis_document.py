@@ -8,6 +8,7 @@ from rpms_ros.identification.analysis import FieldAnalysis
 from rpms_ros.identification.analysis import MuscleAnalysis
 from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.identification.analysis import TwitchAnalysis
+from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.analysis.summation import TrainAnalysis
 from rpms_ros.schema import plain
 
@@ -31,6 +32,7 @@ def analysis_document(analysis: MuscleAnalysis) -> Document:
                 'clock_offset': clocks.clock_offset,
             },
             'twitches': analysis.twitches and _twitches(analysis.twitches),
+            'dynamics': train_dynamics(analysis),
             'summation': analysis.summation and _summation(analysis.summation),
             'steady': analysis.steady,
             'recruitment': analysis.recruitment and _field(analysis.recruitment),

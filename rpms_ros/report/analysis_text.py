@@ -11,10 +11,15 @@ from rpms_ros.identification.analysis import FieldAnalysis
 from rpms_ros.identification.analysis import MuscleAnalysis
 from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.identification.analysis import TwitchAnalysis
+from rpms_ros.identification.analysis.dynamics import HISTORY_LAW
+from rpms_ros.identification.analysis.dynamics import TrainDynamics
+from rpms_ros.identification.analysis.dynamics import train_dynamics
 from rpms_ros.identification.analysis.field_fit import Interval
 from rpms_ros.identification.analysis.latency import LatencyTable
 from rpms_ros.report.text import labelled
 from rpms_ros.report.text import table
+from rpms_ros.report.text import with_interval
+from rpms_ros.schema import plain
 
 Row = tuple[str, str]
 Columns = dict[str, str]
@@ -67,8 +72,8 @@ def _twitch_columns(analysis: MuscleAnalysis) -> Columns:
         'rejected': str(sum(found.rejected.values())),
         'order': str(found.choice.order),
         'T_a [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
-        'latency [ms]': _milliseconds(found.latency.mean, found.latency.spread),
-        'latency, paper [ms]': _milliseconds(
+        'model delay [ms]': _milliseconds(found.latency.mean, found.latency.spread),
+        'onset, paper [ms]': _milliseconds(
             found.crossing_latency.mean, found.crossing_latency.spread
         ),
     }
@@ -81,7 +86,7 @@ def _train_columns(analysis: MuscleAnalysis) -> Columns:
     return {
         'number': str(len(found.trains)),
         'T_a, equal [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
-        'T_l, equal [ms]': _milliseconds(found.latency, found.latency_spread),
+        'delay [ms]': _milliseconds(found.latency, found.latency_spread),
         'onset [ms]': _onset(found).removesuffix(' ms'),
         **{
             label: f'{found.mean_fit(model):.1f}'
@@ -126,7 +131,7 @@ def _rows(analysis: MuscleAnalysis) -> list[Row]:
     if analysis.twitches:
         rows += _twitch_rows(analysis.twitches)
     if analysis.summation:
-        rows += _train_rows(analysis.summation)
+        rows += _train_rows(analysis.summation, train_dynamics(analysis))
     if analysis.recruitment:
         rows += _field_rows(analysis.recruitment, analysis.unit)
     return rows
@@ -164,8 +169,8 @@ def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
             _spread(shared.time_constant, shared.time_constant_deviation, 3),
         )
     )
-    rows += _latency_rows('latency', found.latency)
-    return rows + _latency_rows('latency, paper', found.crossing_latency)
+    rows += _latency_rows('delay of the model', found.latency)
+    return rows + _latency_rows('onset, paper', found.crossing_latency)
 
 
 def _latency_rows(label: str, found: LatencyTable) -> list[Row]:
@@ -182,14 +187,15 @@ def _latency_rows(label: str, found: LatencyTable) -> list[Row]:
     return rows
 
 
-def _train_rows(found: SummationAnalysis) -> list[Row]:
+def _train_rows(found: SummationAnalysis, stated: TrainDynamics | None) -> list[Row]:
     rejected = ', '.join(f'{count} x {reason}' for reason, count in found.rejected.items())
     rows = [
         ('trains', f'{len(found.trains)}, rejected: {rejected or "none"}'),
         ('onset of force in trains', _onset(found)),
+        *_stated_rows(stated),
         # Those of the history law are others: each belongs to its model.
         ('T_a, equal pulses', _spread(found.time_constant, found.time_constant_spread)),
-        ('latency, equal pulses', _spread(found.latency, found.latency_spread)),
+        ('delay of the model, equal pulses', _spread(found.latency, found.latency_spread)),
         ('fit, equal pulses', f'{found.mean_fit("equal"):.1f} %'),
         ('fit, a gain a pulse', f'{found.mean_fit("gains"):.1f} %'),
     ]
@@ -206,6 +212,19 @@ def _train_rows(found: SummationAnalysis) -> list[Row]:
                 )
             )
     return rows
+
+
+def _stated_rows(stated: TrainDynamics | None) -> list[Row]:
+    """Return the rows of the model that `rpms identify` states, if that is not equal pulses."""
+    if stated is None or stated.model != HISTORY_LAW:
+        return []
+    named = (
+        ('T_a', stated.twitch_time_constant_s),
+        ('delay of the model', stated.latency_s),
+    )
+    return [
+        (f'{name}, {stated.model}', with_interval(plain(one), 1e3, ' ms')) for name, one in named
+    ]
 
 
 def _onset(found: SummationAnalysis) -> str:

@@ -18,7 +18,7 @@ _WORDS = {
     'alpha_thr': 'sharpness alpha_thr',
     'alpha_sat': 'sharpness alpha_sat',
     'twitch_time_constant_s': 'time constant T_a',
-    'latency_s': 'latency',
+    'latency_s': 'delay of the model',
     'order': 'order of the twitch',
     'twitch_peak_n': 'peak of the twitch',
 }

@@ -3,6 +3,7 @@
 """rpms analyze and the protocols for it."""
 
 import json
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,8 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording
 from rpms_ros.recording import write_recording
 
+FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / '../shared/data'))
+TRIAL = FOLDER / 'rat_gastrocnemius' / 'GMe1_ISOM01_OR.csv'
 Rpms = Callable[..., tuple[int, str, str]]
 
 
@@ -132,3 +135,15 @@ def test_a_protocol_takes_another_rate(rpms: Rpms, tmp_path: Path) -> None:
     code, out, _ = rpms('protocol', 'recruitment', '--rate', 20, '--out', tmp_path / 'r.yaml')
     assert code == 0
     assert 'at most 20 Hz' in out
+
+
+@pytest.mark.skipif(not TRIAL.exists(), reason='no recordings (set RPMS_RECORDINGS)')
+def test_identify_and_analyze_state_the_same_of_a_trial(rpms: Rpms) -> None:
+    one = json.loads(rpms('identify', TRIAL, '--force', 'fGM [N]', '--json')[1])['dynamics']
+    other = json.loads(rpms('analyze', TRIAL, '--force', 'fGM [N]', '--json')[1])['dynamics']
+    assert one == other
+    # the force begins 4.0 ms after the pulse, and no model says when
+    assert one['onset_s']['value'] == pytest.approx(4.0e-3, abs=1e-6)
+    shown = ' '.join(rpms('analyze', TRIAL, '--force', 'fGM [N]')[1].split())
+    constant = f'{1e3 * one["twitch_time_constant_s"]["value"]:.2f} ms'
+    assert f'onset of force in trains 4.00 ms T_a, history law {constant}' in shown

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
+import rpms_ros
 from rpms_ros.cli import main
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import checkpoint
@@ -107,7 +108,7 @@ def test_no_latency_is_below_zero(rpms: Rpms, as_json: AsJson, short_session: Pa
     # a tenth of a sample
     assert found['latency_s']['value'] < 1e-4
     _, out, _ = rpms('identify', short_session)
-    assert re.search(r'latency +at most \d\.\d+ ms\n', out), out
+    assert re.search(r'delay of the model +at most \d\.\d+ ms\n', out), out
 
 
 def test_curve_scales_with_the_rate_it_is_stated_for(as_json: AsJson, short_session: Path) -> None:
@@ -349,9 +350,10 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
     assert '1 of 8 pulses at 50 Hz' in out
     words = ' '.join(out.split())
     # each number with the model it belongs to: that of the history law has another T_a
-    assert re.search(r'T_a, equal pulses 1\d\.\d+ ms .*latency, equal pulses [89]\.\d+ ms', words)
+    delay = r'delay of the model, equal pulses [89]\.\d+ ms'
+    assert re.search(rf'T_a, equal pulses 1\d\.\d+ ms .*{delay}', words)
     analyzed = ' '.join(rpms('analyze', tmp_path / 'train')[1].split())
-    assert re.search(r'T_a, equal pulses 1\d\.\d+ ms latency, equal pulses [89]\.\d+ ms', analyzed)
+    assert re.search(rf'T_a, equal pulses 1\d\.\d+ ms {delay}', analyzed)
     assert 'verdict good: dynamics only' in words
     assert re.search(r'fit equal pulses \d+\.\d %, a gain a pulse \d+\.\d %', words)
     assert '(100 (1 - |residual| / |force - mean|))' in words
@@ -454,3 +456,19 @@ def test_an_estimator_that_follows_tells_whether_the_muscle_stayed_the_same(
     _, out, _ = rpms('identify', short_session, '--estimator', 'tracking')
     assert 'the muscle' in out
     assert 'The muscle stayed the same within' in out
+
+
+def test_what_was_not_predicted_is_no_error_of_prediction(rpms: Rpms, tmp_path: Path) -> None:
+    session = rpms_ros.simulate(duration=1.0, seed=2, noise=0.02)
+    session.between(0.0, 0.6).save(tmp_path / 'short')
+    code, out, _ = rpms('identify', tmp_path / 'short', '--json')
+    document = json.loads(out)
+    assert code == 1
+    assert document['output_error_n'] is None
+    assert document['verdict']['reasons'] == [
+        'too short: no sample was predicted before it was learnt'
+    ]
+    _, out, _ = rpms('identify', tmp_path / 'short')
+    told = 'unknown: no usable sample was predicted before it was learnt'
+    assert told in ' '.join(out.split())
+    assert rpms('report', tmp_path / 'short', '--out', tmp_path / 'report.html')[0] == 1

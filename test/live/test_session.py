@@ -215,7 +215,7 @@ def test_quantities_have_words_and_units(session, make_estimate):
     view = valid(session.frame(Cursor())[1])['estimate']
     assert view['physiology'] == [
         ['time constant T_a [ms]', 45.0, 40.5, 49.5],
-        ['latency [ms]', 8.0, 7.2, 8.8],
+        ['delay of the model [ms]', 8.0, 7.2, 8.8],
         ['order of the twitch', 3.0, 2.7, 3.3],
         ['peak of the twitch [N m]', 2.5, 2.25, 2.75],
     ]

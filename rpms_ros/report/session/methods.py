@@ -8,6 +8,8 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 from typing import Any
 
+import numpy as np
+
 from rpms_ros import __version__
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.printable import counted
@@ -68,6 +70,8 @@ def _sentence(analysis: 'SessionAnalysis') -> str:
     text = ' '.join(parts) + f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
     if result.confidence:
         text += f' with intervals of {100 * result.confidence:g} %'
+    if not np.isfinite(result.output_error_n):
+        return f'{text}. No sample was predicted before it was learnt.'
     return (
         f'{text}. The root mean square of measured minus predicted {what} was '
         f'{result.output_error_n:.2g} {result.unit} ({100 * result.output_error_of_range:.2g} % '
