@@ -228,7 +228,7 @@ def _of_the_fit(
     span = float(np.ptp(force[session.usable]))
     predicted = np.isfinite(session.shown_prediction)
     late = part & settled(stamps) & predicted
-    if not late.any():
+    if session.last.curve_known and not late.any():
         yield (DOUBTFUL, 'too short: no sample was predicted before it was learnt')
     residual = (force - session.prediction)[late]
     error = float(np.sqrt(np.mean(np.square(residual)))) if len(residual) else 0.0
