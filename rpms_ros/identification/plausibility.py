@@ -31,6 +31,10 @@ BAND_WIDER_THAN_CURVE = 'band_wider_than_curve'
 NO_CONSTANT_MUSCLE = 'no_constant_muscle'
 RESPONSE_MISFIT = 'response_misfit'
 RESIDUALS_ALIKE = 'residuals_alike'
+CLOCKS_DIFFER = 'clocks_differ'
+FORCE_WITHOUT_PULSES = 'force_without_pulses'
+OF_TIME = (CLOCKS_DIFFER, FORCE_WITHOUT_PULSES)
+"""Doubts whether pulses and force belong together."""
 
 REASON: Mapping[str, str] = MappingProxyType(
     {
@@ -47,9 +51,17 @@ REASON: Mapping[str, str] = MappingProxyType(
         'model, or the muscle changes',
         RESIDUALS_ALIKE: 'what the muscle leaves of neighbouring samples is alike, as with a '
         'sensor that filters its noise: the curve may be wrong by more than its interval',
+        CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',
+        FORCE_WITHOUT_PULSES: 'the force goes on at the rate of the pulses where there are none',
     }
 )
 """Explanation of each doubt, by its name."""
+
+
+def stated_doubt(estimate: Estimate, name: str) -> str:
+    """Return a doubt of an estimate by name, with its own reason or else what it means."""
+    own = (reason for reason in estimate.reasons if reason.startswith(f'{name}: '))
+    return next(own, f'{name}: {meaning_of_doubt(name)}')
 
 
 def meaning_of_doubt(name: str) -> str:

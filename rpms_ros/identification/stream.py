@@ -24,6 +24,7 @@ from rpms_ros.identification.monitors import Monitor
 from rpms_ros.identification.monitors import monitors_by_name
 from rpms_ros.identification.monitors.pipeline import Pipeline
 from rpms_ros.identification.plausibility import RESPONSE_MISFIT
+from rpms_ros.identification.pulse_checks import Alignment
 from rpms_ros.identification.response_misfit import ResponseMisfit
 from rpms_ros.identification.saved_state import State
 from rpms_ros.identification.saved_state import described
@@ -38,6 +39,8 @@ from rpms_ros.pulses import nanoseconds
 _ARTIFACT_NS = 10_000_000
 # Cells of the monitors' grid between two records of the counts of faults.
 _NOTE_CELLS = 10
+# The same between two looks at how pulses and force belong together.
+_ALIGN_CELLS = 50
 
 
 class IdentificationStream(StreamInput):
@@ -79,6 +82,7 @@ class IdentificationStream(StreamInput):
             shares |= monitor.doubtful
         super().__init__(settings, estimator.memory, FaultCounter(further))
         self.estimator = estimator
+        self._alignment = Alignment(lasting=not estimator.on_line)
         self._doubts = Doubts(shares, lasting=not estimator.on_line)
         self._period_ns = nanoseconds(self.settings.estimate_period)
         self._pipeline = Pipeline(
@@ -151,6 +155,7 @@ class IdentificationStream(StreamInput):
         self._intake.drop_alone()
         self._end_of_line()
         if self._intake.newest_ns is not None:
+            self._alignment.judge(self._intake.newest_ns)
             self._make_estimate()
         finished, self._finished = self._finished, []
         return finished
@@ -162,7 +167,9 @@ class IdentificationStream(StreamInput):
         doubts = (*self._doubts.names(self._samples, counts), *estimate.doubts)
         if self._misfit.doubted and estimate.curve_known:
             doubts = (*doubts, RESPONSE_MISFIT)
-        return replace(estimate, doubts=doubts)
+        found = self._alignment.found
+        reasons = (*estimate.reasons, *found.values())
+        return replace(estimate, doubts=(*found, *doubts), reasons=reasons)
 
     def jump_back(self, stamp_ns: int) -> None:
         """Start a new time line; waiting samples belong to the old one."""
@@ -175,6 +182,7 @@ class IdentificationStream(StreamInput):
         self._queue.add(overtaking, stamp_ns)
         self._pipeline.restart()
         self._misfit.restart()
+        self._alignment.restart()
         self.estimator.forget_pulses()
         self._queue.exclude(stamp_ns - 1, stamp_ns + self._memory_ns)
         if self._held_ns is not None:
@@ -228,6 +236,8 @@ class IdentificationStream(StreamInput):
         self._cells += 1
         if self._cells % _NOTE_CELLS == 0 or not self.estimator.on_line:
             self._doubts.note(self._samples, self._counter.counts())
+        if self._cells % _ALIGN_CELLS == 0:
+            self._alignment.judge(self._last_ns)
 
     def _process(self, stamps: IntArray, values: FloatArray, marks: IntArray) -> None:
         onset, intensity = self._settle(int(stamps[-1]))
@@ -242,6 +252,7 @@ class IdentificationStream(StreamInput):
         self._count_marks(stamps, marks, onset)
         self._counter.add(faults.SAMPLES_EXCLUDED, int(np.count_nonzero(~usable)))
         self._last_ns = int(stamps[-1])
+        self._alignment.add(stamps, values, onset, intensity)
         self._pipeline.add(stamps, values, prediction, usable, onset, intensity)
 
     def _settle(self, stamp_ns: int) -> tuple[IntArray, FloatArray]:

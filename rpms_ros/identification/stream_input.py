@@ -11,6 +11,7 @@ from rpms_ros.identification.far_pulses import FAR_NS
 from rpms_ros.identification.faults import FaultCounter
 from rpms_ros.identification.force_intake import ForceIntake
 from rpms_ros.identification.postponed import PostponedFaults
+from rpms_ros.identification.pulse_checks import Alignment
 from rpms_ros.identification.pulse_queue import PulseQueue
 from rpms_ros.identification.saved_state import RestorableWithSettings
 from rpms_ros.identification.stray_pulses import StrayPulses
@@ -42,6 +43,7 @@ class StreamInput(RestorableWithSettings):
     _strays: StrayPulses
     _postponed: PostponedFaults
     _intake: ForceIntake
+    _alignment: Alignment
     # samples after this stamp are predicted and not learnt from [ns]
     _held_ns: int | None
 
@@ -76,6 +78,8 @@ class StreamInput(RestorableWithSettings):
             return
         used_ns = newest_ns - self._reorder_delay_ns
         late = pulses.onset_ns <= used_ns + self._pulse_look_ahead_ns
+        apart = late | (pulses.onset_ns > newest_ns + FAR_NS)
+        self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
         self._queue.add(pulses[~late], newest_ns)
         # Far too late for this time line; they belong to the next one if the clock has jumped.
         stray = pulses.onset_ns < newest_ns - self._intake.gap_ns

@@ -23,6 +23,9 @@ from rpms_ros.identification.constancy.answer import FOLLOWER
 from rpms_ros.identification.constancy.answer import change_over
 from rpms_ros.identification.faults import PULSE_INTENSITY_INVALID
 from rpms_ros.identification.output_error import settled
+from rpms_ros.identification.plausibility import CLOCKS_DIFFER
+from rpms_ros.identification.plausibility import OF_TIME
+from rpms_ros.identification.plausibility import stated_doubt
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.simulated_fit import SimulatedFit
 from rpms_ros.identification.simulated_fit import simulated_fit
@@ -121,6 +124,12 @@ def verdict_of(
             pulses, forces, settings.expected_force, settings.least_force, unit
         )
     )
+    if not any(grade == NO for grade, _ in reasons):
+        reasons += [
+            (NO if name == CLOCKS_DIFFER else DOUBTFUL, stated_doubt(session.last, name))
+            for name in OF_TIME
+            if name in session.last.doubts
+        ]
     if any(grade == NO for grade, _ in reasons):
         return of_reasons(reasons, '')
     if dynamics is not None and not session.last.curve_known:

@@ -8,6 +8,7 @@ import numpy as np
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification.faults import PULSE_INTENSITY_INVALID
+from rpms_ros.identification.plausibility import CLOCKS_DIFFER
 from rpms_ros.identification.pulse_checks import no_overlap
 from rpms_ros.identification.pulse_checks import outside_shares
 from rpms_ros.identification.pulse_checks import range_outside
@@ -57,7 +58,7 @@ def reasons(
         yield 'no', 'there is no pulse above intensity 0'
         return
     if (apart := no_overlap(pulses.onset_ns, forces.stamp_ns)) is not None:
-        yield 'no', apart
+        yield 'no', f'{CLOCKS_DIFFER}: {apart}'
         return
     if span == 0.0:
         yield (

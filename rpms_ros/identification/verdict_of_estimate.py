@@ -12,7 +12,8 @@ from rpms_ros.identification.estimate import Estimate
 from rpms_ros.identification.faults import FORCE_UNEXPLAINED
 from rpms_ros.identification.faults import PULSE_INTENSITY_INVALID
 from rpms_ros.identification.faults import SAMPLES_EXCLUDED
-from rpms_ros.identification.plausibility import meaning_of_doubt
+from rpms_ros.identification.plausibility import OF_TIME
+from rpms_ros.identification.plausibility import stated_doubt
 from rpms_ros.identification.session import IdentifiedSession
 from rpms_ros.identification.simulated_fit import SimulatedFit
 from rpms_ros.identification.verdict_of_data import invalid_intensities
@@ -109,7 +110,7 @@ def of_the_estimator(
         Whether the estimate, as it stands, explains the force of the last seconds.
     """
     last, first = session.last, session.estimates[0]
-    for name in last.doubts:
+    for name in (one for one in last.doubts if one not in OF_TIME):
         # One that follows changes and efforts names them; what counts is the muscle of the end.
         if name == FORCE_UNEXPLAINED and last.rate_names and explained:
             continue
@@ -118,7 +119,7 @@ def of_the_estimator(
             cause = invalid_intensities(pulses)
             yield DOUBTFUL, f'{cause}; where these act nothing is learnt ({SAMPLES_EXCLUDED})'
             continue
-        yield DOUBTFUL, f'{name}: {meaning_of_doubt(name)}'
+        yield DOUBTFUL, stated_doubt(last, name)
     if not last.curve_known:
         return
     if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):

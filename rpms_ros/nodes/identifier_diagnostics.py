@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpms_ros.identification import Estimate
-from rpms_ros.identification.plausibility import meaning_of_doubt
+from rpms_ros.identification.plausibility import stated_doubt
 from rpms_ros.nodes.diagnostics import Health
 
 
@@ -43,5 +43,6 @@ def identifier_health(
 
 def doubts_in_words(estimate: Estimate | None) -> str:
     """Return why an estimate is not to be trusted; empty if nothing speaks against it."""
-    doubts = estimate.doubts if estimate is not None else ()
-    return '; '.join(f'{name}: {meaning_of_doubt(name)}' for name in doubts)
+    if estimate is None:
+        return ''
+    return '; '.join(stated_doubt(estimate, name) for name in estimate.doubts)

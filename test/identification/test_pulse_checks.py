@@ -2,18 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pulses on another clock, and intensities that are no shares of the maximum."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from rpms_ros.identification import StreamSettings
+from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification import identify
+from rpms_ros.identification.plausibility import CLOCKS_DIFFER
+from rpms_ros.identification.plausibility import FORCE_WITHOUT_PULSES
+from rpms_ros.identification.plausibility import stated_doubt
 from rpms_ros.identification.pulse_checks import no_overlap
 from rpms_ros.identification.pulse_checks import of_one_intensity
 from rpms_ros.identification.pulse_checks import range_outside
+from rpms_ros.identification.verdict import verdict_of
 from rpms_ros.identification.verdict_of_data import reasons
+from rpms_ros.muscle import Contraction
+from rpms_ros.muscle import simulation_subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
 
+SELDOM = StreamSettings(estimate_period=2.0)
 HOUR_NS = 3_600_000_000_000
 STAMPS = 10**18 + 1_000_000 * np.arange(10_000)
 FORCES = ForceTrace(STAMPS, np.sin(0.01 * np.arange(10_000)))
@@ -39,7 +51,7 @@ def test_pulses_on_another_clock_are_told_with_both_times(late_ns: int, spans: s
     pulses = pulses_of(RANDOM, late_ns)
     text = f'pulses are {spans}: they do not overlap'
     assert no_overlap(pulses.onset_ns, STAMPS) == text
-    assert reasons_of(pulses) == [('no', text)]
+    assert reasons_of(pulses) == [('no', f'{CLOCKS_DIFFER}: {text}')]
 
 
 def test_pulses_that_begin_before_the_force_overlap_with_it() -> None:
@@ -103,3 +115,86 @@ def test_a_force_that_no_sensor_resolves_may_be_in_kilonewtons() -> None:
 )
 def test_one_intensity_is_that_of_the_pulses_that_were_used(pulses: PulseTrain, one: bool) -> None:
     assert of_one_intensity(pulses, STAMPS) is one
+
+
+def answered(
+    intensity: np.ndarray, seconds: float, rate: float = 20.0
+) -> tuple[PulseTrain, ForceTrace]:
+    """Pulses from 1 s on, and the noisy force that a muscle answers with."""
+    pulses = PulseTrain.regular(intensity, rate, NANOSECONDS_PER_SECOND)
+    muscle = Contraction(simulation_subject())
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = np.arange(round(1000 * seconds), dtype=np.int64) * 1_000_000
+    noise = 0.05 * np.random.default_rng(2).standard_normal(len(stamps))
+    return pulses, ForceTrace(stamps, muscle.force(stamps) + noise)
+
+
+def shifted(forces: ForceTrace, seconds: float) -> ForceTrace:
+    return ForceTrace(forces.stamp_ns + round(seconds * NANOSECONDS_PER_SECOND), forces.force)
+
+
+@pytest.fixture(scope='module')
+def random_session() -> tuple[PulseTrain, ForceTrace]:
+    return answered(np.random.default_rng(1).uniform(0.0, 1.0, 290), 17.0)
+
+
+@pytest.mark.parametrize(
+    ('ahead', 'said'),
+    [
+        (5.0, 'pulses are stamped 5.* s before the force'),
+        (0.3, r'pulses are stamped 0\.3\d* s before the force'),
+        (0.1, r'pulses are stamped 0\.1\d* s before the force'),
+        (-0.05, r'the force answers 0\.04\d* s before the pulses'),
+        (-0.1, r'the force answers 0\.09\d* s before the pulses'),
+        (-5.0, r'the force answers (4\.99|5)\d* s before the pulses'),
+        (0.06, r'the force answers 0\.06\d* s after the pulses'),
+        (-1e5, 'pulses are stamped 1e.05 s after the force'),
+    ],
+)
+@pytest.mark.parametrize('name', ['recursive', 'batch'])
+def test_a_sensor_of_another_clock_is_said_with_the_distance(
+    random_session, name: str, ahead: float, said: str
+) -> None:
+    pulses, forces = random_session
+    # the order of arrival is that of the events, whatever the stamps say
+    before = np.searchsorted(forces.stamp_ns, pulses.onset_ns) + 5
+    moved = shifted(forces, ahead)
+    found = identify(estimator_by_name(name), pulses, moved, SELDOM, samples_before_pulse=before)
+    assert CLOCKS_DIFFER in found.last.doubts
+    assert re.search(said, stated_doubt(found.last, CLOCKS_DIFFER))
+    verdict = verdict_of(found, pulses, moved)
+    assert verdict.grade == 'no'
+    assert CLOCKS_DIFFER in verdict.line
+
+
+@pytest.mark.parametrize('ahead', [5.0, 0.3, -0.1])
+def test_without_an_order_of_arrival_the_force_tells_the_clock(
+    random_session, ahead: float
+) -> None:
+    pulses, forces = random_session
+    found = identify(estimator_by_name('batch'), pulses, shifted(forces, ahead))
+    assert CLOCKS_DIFFER in found.last.doubts
+
+
+def test_pulses_that_are_held_up_once_are_of_no_other_clock(random_session) -> None:
+    pulses, forces = random_session
+    before = np.searchsorted(forces.stamp_ns, pulses.onset_ns) + 5
+    before[100:120] = before[120]
+    found = identify(estimator_by_name('recursive'), pulses, forces, samples_before_pulse=before)
+    assert all(CLOCKS_DIFFER not in one.doubts for one in found.estimates)
+    assert found.last.faults['pulse_late'] > 10
+
+
+@pytest.mark.parametrize('known', [slice(30), slice(60, 100)])
+def test_pulses_missing_at_an_end_are_said(known: slice) -> None:
+    pulses, forces = answered(np.full(100, 0.8), 8.0)
+    for name in ('batch', 'recursive'):
+        found = identify(estimator_by_name(name), pulses[known], forces)
+        assert FORCE_WITHOUT_PULSES in found.last.doubts
+        verdict = verdict_of(found, pulses[known], forces)
+        assert verdict.grade != 'good'
+        assert 'without a pulse the force goes on at the rate of the pulses' in verdict.line
+    assert (
+        FORCE_WITHOUT_PULSES
+        not in identify(estimator_by_name('batch'), pulses, forces).last.doubts
+    )
