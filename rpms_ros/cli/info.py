@@ -126,7 +126,9 @@ def as_text(facts: 'RecordingFacts') -> str:
     rows = []
     for topic in facts.topics:
         duration = (topic.last_ns - topic.first_ns) / NANOSECONDS_PER_SECOND
-        rate = f'{(topic.count - 1) / duration:.1f} Hz' if duration > 0 else ''
+        silent = topic.silent_ns / NANOSECONDS_PER_SECOND
+        rate = f'{(topic.count - 1) / (duration - silent):.1f} Hz' if duration > silent else ''
+        rate += f', {silent:.3f} s without' if silent else ''
         rows.append((topic.name, topic.type_name, str(topic.count), f'{duration:.3f} s', rate))
     topics = table(('topic', 'type', 'messages', 'duration', 'rate'), rows, texts=2)
     told = [('accepted', str(schedule)) for schedule in facts.schedules]

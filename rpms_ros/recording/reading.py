@@ -35,6 +35,15 @@ from rpms_ros.recording.topic_reading import TopicReading
 from rpms_ros.recording.topic_reading import TopicValues
 
 DEFAULT_FRAME = 'force_sensor'
+DAMAGE = {
+    'damaged_chunk',
+    'damaged_record',
+    'missing_file',
+    'truncated_file',
+    'undecodable_message',
+    'unreadable_file',
+}
+"""Faults of a recording of which a part is lost."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +135,19 @@ class Recording:
     def unit(self) -> str:
         """Unit of the forces: ``N`` or ``N m``."""
         return UNITS[self.quantity]
+
+    @property
+    def loss(self) -> str | None:
+        """What damage has cost, in words; None for an undamaged recording."""
+        if not DAMAGE & self.facts.faults.keys():
+            return None
+        steps = np.diff(np.sort(self.forces.stamp_ns))
+        gaps = steps[steps > 2 * np.median(steps)] if len(steps) else steps
+        share = 100.0 * float(gaps.sum()) / max(float(steps.sum()), 1.0)
+        return (
+            f'the recording is damaged: {share:.2g} % of the time between first and last sample '
+            f'has no force, up to {gaps.max(initial=0) * 1e-9:.3g} s at once'
+        )
 
 
 def read_facts(

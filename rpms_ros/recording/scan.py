@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording.batches import Batch
 from rpms_ros.recording.budget import Budget
 from rpms_ros.recording.checksums import file_crc32
@@ -29,6 +30,8 @@ from rpms_ros.recording.records import gather
 Progress = Callable[[int], None]
 """Is told how many messages were read since the last call."""
 
+_SILENT_NS = NANOSECONDS_PER_SECOND // 2
+
 
 @dataclass(frozen=True)
 class TopicFacts:
@@ -42,6 +45,8 @@ class TopicFacts:
         Number of messages.
     first_ns, last_ns : int
         When the first and the last of them were received [ns]; 0 if there are none.
+    silent_ns : int
+        Sum of the gaps of more than half a second between them [ns].
     """
 
     name: str
@@ -49,16 +54,20 @@ class TopicFacts:
     count: int = 0
     first_ns: int = 0
     last_ns: int = 0
+    silent_ns: int = 0
 
     def with_records(self, records: Records) -> 'TopicFacts':
         """Return the facts with more messages."""
         first, last = int(records.time_ns.min()), int(records.time_ns.max())
+        times = np.append(records.time_ns, self.last_ns if self.count else first)
+        steps = np.diff(np.sort(times))
         return TopicFacts(
             self.name,
             self.type_name,
             self.count + len(records),
             min(first, self.first_ns) if self.count else first,
             max(last, self.last_ns) if self.count else last,
+            self.silent_ns + int(steps[steps > _SILENT_NS].sum()),
         )
 
 

@@ -24,6 +24,7 @@ from rpms_ros.recording.checksums import SUMS_NAME
 from rpms_ros.recording.checksums import read_checksums
 from rpms_ros.recording.checksums import sha256
 from rpms_ros.recording.checksums import signature_fits
+from rpms_ros.recording.reading import DAMAGE
 from rpms_ros.recording.reading import Recording
 from rpms_ros.recording.reading import RecordingFacts
 from rpms_ros.recording.reading import Topics
@@ -102,6 +103,9 @@ def verify(
     findings += [*_doubles(recording), *_values(recording)]
     if audit is not None:
         findings += _audit(recording, audit)
+    if DAMAGE & facts.faults.keys():
+        text = f'{session_hash(recording)} of what could be read, not of all that was recorded'
+        return [*findings, Finding('hash', FAULT, text)]
     return [*findings, Finding('hash', OK, session_hash(recording))]
 
 

@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -28,6 +29,8 @@ from rpms_ros.identification.pulse_checks import outside_shares
 from rpms_ros.identification.simulated_fit import weight_at_own_rate
 from rpms_ros.identification.verdict import Verdict
 from rpms_ros.identification.verdict import verdict_of
+from rpms_ros.identification.verdict_settings import DOUBTFUL
+from rpms_ros.identification.verdict_settings import GOOD
 from rpms_ros.identification.verdict_settings import VerdictSettings
 from rpms_ros.muscle import RecruitmentParameters
 from rpms_ros.muscle import identified_recruitment
@@ -211,8 +214,19 @@ def result_of(
             *([ONE_INTENSITY] if not known and of_one_intensity(recording.pulses, stamps) else []),
             *([FOLLOWED] if FOLLOWED in last.reasons else []),
         ],
-        verdict=verdict_of(session, recording.pulses, recording.forces, settings, dynamics),
+        verdict=_of_the_file(
+            verdict_of(session, recording.pulses, recording.forces, settings, dynamics), recording
+        ),
     )
+
+
+def _of_the_file(verdict: Verdict, recording: Recording) -> Verdict:
+    """Return the verdict, at most doubtful where a part of the recording is lost."""
+    if recording.loss is None:
+        return verdict
+    if verdict.grade == GOOD:
+        return Verdict(grade=DOUBTFUL, reasons=(recording.loss,))
+    return replace(verdict, reasons=(*verdict.reasons, recording.loss))
 
 
 def _dynamics(recording: Recording) -> TrainDynamics | None:

@@ -3,6 +3,7 @@
 """rpms verify: one line a finding, and the exit code."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -148,3 +149,23 @@ def test_what_cannot_be_read(rpms: Rpms, tmp_path: Path) -> None:
     code, out, err = rpms('info', tmp_path / 'bag', '--max-memory', '1e-9')
     assert (code, out) == (2, '')
     assert 'read within 1e-09 GB (--max-memory allows more), got a chunk of' in err
+
+
+def test_a_damaged_chunk_is_told_by_every_command(rpms: Rpms, tmp_path: Path) -> None:
+    path = tmp_path / 'session'
+    rpms('simulate', '--out', path, '--duration', 30, '--quiet')
+    (storage,) = path.glob('*.mcap')
+    content = bytearray(storage.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    storage.write_bytes(content)
+    code, out, _ = rpms('verify', path)
+    assert code == 1
+    assert 'FAULT    ' in lines_of(out)['hash']
+    assert 'of what could be read' in lines_of(out)['hash']
+    (line,) = (line for line in rpms('info', path)[1].splitlines() if '/force ' in line)
+    assert re.search(r' (9\d\d|1000)\.\d Hz, \d+\.\d{3} s without', line), line
+    code, out, _ = rpms('identify', path)
+    assert code != 0
+    said = ' '.join(out.split())
+    assert re.search(r'the recording is damaged: \d+ % of the time .* has no force', said)
+    assert 'verdict good' not in said
