@@ -33,7 +33,7 @@ _FEW_APART, _STRANGE = 5, 200
 # Peak of a correlation in standard deviations of the rest of it.
 _CLEAR = 6.0
 # When the force may begin after its pulse [s]: latency of a muscle, and the delay of a filter.
-_ONSET = (-0.01, 0.05)
+_ONSET = (-0.02, 0.05)
 # The response to a pulse is over after 0.6 s; rest of 1 s tells something.
 _RESPONSE_BINS, _LEAST_REST = 120, 200
 # Share of what pulses cause that is no chance, and how many standard deviations of chance.
@@ -177,7 +177,7 @@ class Alignment(Restorable):
                 mean = force[known] / samples[known]
                 step = np.diff(np.interp(np.arange(_BINS), known, mean))
                 found = {} if not self._lasting else found
-                found |= _answered_apart(step, intensity[:-1], pulses[:-1])
+                found |= _answered_apart(step, intensity[:-1], pulses[:-1], known[0], known[-1])
                 found |= _going_on(step, pulses[:-1], known[0], known[-1])
         apart = [one for one in self._strange if one[0] <= until_ns]
         if len(apart) >= _FEW_APART:
@@ -197,7 +197,9 @@ def _apart(seconds: float, what: str, other: str) -> str:
     )
 
 
-def _answered_apart(step: FloatArray, intensity: FloatArray, pulses: FloatArray) -> dict[str, str]:
+def _answered_apart(
+    step: FloatArray, intensity: FloatArray, pulses: FloatArray, first: int, last: int
+) -> dict[str, str]:
     """Return a doubt if the increments of the force (bins,) do not follow the pulses (bins,)."""
     step = np.clip(step, *np.quantile(step, (0.005, 0.995)))
     places = np.flatnonzero(pulses)
@@ -210,13 +212,15 @@ def _answered_apart(step: FloatArray, intensity: FloatArray, pulses: FloatArray)
         # what the pulse before does not tell, or levels that are held would answer ahead
         drive[:] = 0.0
         drive[places[1:]] = given[1:] - alike * given[:-1]
-    size = 4 * _BINS
-    spectrum = np.fft.rfft(step - step.mean(), size) * np.conj(np.fft.rfft(drive, size))
-    together = np.fft.irfft(spectrum, size)
-    together = np.concatenate((together[-_LAGS:], together[: _LAGS + 1]))
+    known = (np.arange(len(step)) >= first) & (np.arange(len(step)) < last)
+    room = _correlated(known.astype(float), np.square(drive))
+    # lags at which little is left to compare are no measure of chance
+    enough = room >= 0.25 * room.max()
+    together = np.where(enough, _correlated(step - step[known].mean() * known, drive), 0.0)
+    together /= np.sqrt(np.where(enough, room, 1.0))
     peak = int(np.argmax(np.abs(together)))
     together *= np.sign(together[peak])
-    if together[peak] <= _CLEAR * 1.4826 * float(np.median(np.abs(together))):
+    if together[peak] <= _CLEAR * 1.4826 * float(np.median(np.abs(together[enough]))):
         return {}
     # where pulses are alike, other lags explain as much: none of them may be possible
     high = np.flatnonzero(together >= 0.6 * together[peak])
@@ -227,6 +231,14 @@ def _answered_apart(step: FloatArray, intensity: FloatArray, pulses: FloatArray)
         return {}
     nearest = float(onset[np.argmin(np.abs(onset))])
     return {CLOCKS_DIFFER: _apart(nearest, 'the force answers', 'the pulses')}
+
+
+def _correlated(course: FloatArray, drive: FloatArray) -> FloatArray:
+    """Return the correlation of a course with a drive (bins,) by lag, that of 0 in the middle."""
+    size = 4 * _BINS
+    spectrum = np.fft.rfft(course, size) * np.conj(np.fft.rfft(drive, size))
+    by_lag = np.fft.irfft(spectrum, size)
+    return np.concatenate((by_lag[-_LAGS:], by_lag[: _LAGS + 1]))
 
 
 def _going_on(step: FloatArray, pulses: FloatArray, first: int, last: int) -> dict[str, str]:

@@ -185,6 +185,17 @@ def test_pulses_that_are_held_up_once_are_of_no_other_clock(random_session) -> N
     assert found.last.faults['pulse_late'] > 10
 
 
+@pytest.mark.parametrize('seconds', [4.0, 8.0, 17.0])
+def test_noise_is_of_no_other_clock(random_session, seconds: float) -> None:
+    pulses, forces = random_session
+    count = round(1000 * seconds)
+    for seed in range(3):
+        noise = np.random.default_rng(seed).standard_normal(count)
+        trace = ForceTrace(forces.stamp_ns[:count], noise)
+        found = identify(estimator_by_name('recursive'), pulses, trace, SELDOM)
+        assert not {CLOCKS_DIFFER, FORCE_WITHOUT_PULSES} & set(found.last.doubts)
+
+
 @pytest.mark.parametrize('known', [slice(30), slice(60, 100)])
 def test_pulses_missing_at_an_end_are_said(known: slice) -> None:
     pulses, forces = answered(np.full(100, 0.8), 8.0)
