@@ -249,7 +249,7 @@ def _going_on(step: FloatArray, pulses: FloatArray, first: int, last: int) -> di
     since = every - places[np.maximum(np.searchsorted(places, every, side='right') - 1, 0)]
     since[: places[0]] = _BINS
     inside = (every >= first) & (every < last)
-    rest = inside & (since > _RESPONSE_BINS)
+    rest = inside & (since > max(_RESPONSE_BINS, 2 * period))
     if period < 2 or np.count_nonzero(rest) < _LEAST_REST:
         return {}
 
