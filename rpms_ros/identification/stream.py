@@ -236,7 +236,8 @@ class IdentificationStream(StreamInput):
         self._cells += 1
         if self._cells % _NOTE_CELLS == 0 or not self.estimator.on_line:
             self._doubts.note(self._samples, self._counter.counts())
-        if self._cells % _ALIGN_CELLS == 0:
+        blocks = _ALIGN_CELLS if self.estimator.on_line else _ALIGN_CELLS // _NOTE_CELLS
+        if self._cells % blocks == 0:
             self._alignment.judge(self._last_ns)
 
     def _process(self, stamps: IntArray, values: FloatArray, marks: IntArray) -> None:
