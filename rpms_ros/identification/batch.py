@@ -262,13 +262,11 @@ class BatchEstimator(ProjectionEstimator):
     def _scout(self, fit: Fit) -> None:
         """Try every start on the newest blocks; keep the best if it fits all blocks better."""
         problem = self._newest_blocks()
-        own = best = self._trial_from(problem, fit, fit.theta)
+        best = self._trial_from(problem, fit, fit.theta)
         for theta in self.settings.starts():
             other = self._trial_from(problem, fit, theta)
-            if other.cost[0] < (1.0 - _SCOUTING_TOLERANCE) * best.cost[0]:
+            if other.cost[0] < best.cost[0]:
                 best = other
-        if best is own:
-            return
         fit_linear(self._problem, best, False)
         improve(self._problem, best, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE, False)
         if best.cost[0] < fit.cost[0]:
