@@ -3,6 +3,7 @@
 """Alignment of force and pulses: blocks, order of arrival, and every fault."""
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from rpms_ros.errors import IdentificationError
+from rpms_ros.identification import BatchEstimator
 from rpms_ros.identification import Estimate
+from rpms_ros.identification import Estimator
 from rpms_ros.identification import IdentificationStream
 from rpms_ros.identification import RecursiveEstimator
 from rpms_ros.identification import StreamSettings
@@ -39,12 +42,15 @@ class Sink(Monitor):
 
 
 class Run:
-    """A stream over a recursive estimator that keeps what it processed."""
+    """A stream over an estimator, a recursive one by default, that keeps what it processed."""
 
-    def __init__(self, settings: StreamSettings | None = None) -> None:
+    def __init__(
+        self, settings: StreamSettings | None = None, estimator: Estimator | None = None
+    ) -> None:
         self.sink = Sink()
         self.estimates: list[Estimate] = []
-        self.stream = IdentificationStream(RecursiveEstimator(seed=1), settings, [self.sink])
+        estimator = estimator or RecursiveEstimator(seed=1)
+        self.stream = IdentificationStream(estimator, settings, [self.sink])
 
     def feed(self, forces: ForceTrace, pulses: PulseTrain | None = None) -> 'Run':
         if pulses is not None:
@@ -121,14 +127,18 @@ def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, pulse_loo
     assert_same(pieces, whole)
 
 
-def test_single_samples_give_the_estimates_of_one_block(record) -> None:
+@pytest.mark.parametrize('build', [RecursiveEstimator, BatchEstimator])
+@pytest.mark.parametrize('size', [1, 170])
+def test_short_blocks_give_the_estimates_of_one_block(
+    record, build: Callable[[], Estimator], size: int
+) -> None:
     pulses, forces = spoiled(record)
-    whole = Run().feed(forces, pulses)
+    whole = Run(estimator=build()).feed(forces, pulses)
     whole.finish()
-    single = Run()
+    single = Run(estimator=build())
     single.stream.add_pulses(pulses)
-    for index in range(2000):
-        single.feed(part(forces, index, index + 1))
+    for index in range(0, 2000, size):
+        single.feed(part(forces, index, min(index + size, 2000)))
     single.finish()
     assert_same(single, whole)
 
