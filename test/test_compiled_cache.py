@@ -76,6 +76,7 @@ def test_the_key_is_that_of_compiled_sources_only(tmp_path: Path) -> None:
     assert key_of(tmp_path) != key
 
 
+@pytest.mark.long
 def test_remarks_compile_nothing_anew_elsewhere(package: Path) -> None:
     assert result(package) == [20, 0]
     remark = '    # added: "why\\n"\n    return'

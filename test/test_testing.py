@@ -58,7 +58,12 @@ def test_pulses_that_nobody_would_keep_are_refused(graph: Graph) -> None:
 def test_two_muscles_in_one_process_and_two_namespaces(graph: Graph) -> None:
     legs = {
         name: SimulatedMuscle(
-            graph, {'estimator': 'horizon'}, namespace=name, subject='simulation', seed=seed
+            graph,
+            {'estimator': 'horizon'},
+            namespace=name,
+            subject='simulation',
+            seed=seed,
+            noise=0.0,
         )
         for seed, name in enumerate(('left', 'right'))
     }

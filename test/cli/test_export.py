@@ -312,6 +312,7 @@ def test_a_damaged_export_is_refused(rpms: Rpms, session: Path, damage: str) -> 
     assert not session.with_name('again').exists()
 
 
+@pytest.mark.long
 def test_flipped_bits_never_end_in_a_traceback(rpms: Rpms, session: Path) -> None:
     random = np.random.default_rng(2)
     for kind in FORMATS:

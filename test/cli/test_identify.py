@@ -247,7 +247,7 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
         with pytest.raises(SystemExit) as done:
             main([*command, '--help'])
         assert done.value.code == 0
-        assert f'rpms {command[0] if command else "demo"} ' in capsys.readouterr().out
+        assert f'rpms {command[0] if command else "simulate"} ' in capsys.readouterr().out
 
 
 @pytest.mark.long
@@ -267,6 +267,7 @@ def test_the_json_is_what_the_schema_says(
         jsonschema.validate({**document, 'colour': 'red'}, schema)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('change', 'code', 'word'),
     [

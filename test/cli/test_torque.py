@@ -120,7 +120,8 @@ def test_a_torque_is_exported_and_imported_as_one(
     assert not np.any(load(again).force.force)
     with pytest.raises(RecordingError, match='expected a quantity of force, torque, got power'):
         write_recording(tmp_path / 'x', before.pulses, before.force, quantity='power')
-    exported = main(['export', str(place), '--to', 'mat', '--out', str(tmp_path / 'b.mat')])
+    options = ['--to', 'mat', '--out', str(tmp_path / 'b.mat'), '--quantity', 'torque']
+    exported = main(['export', str(again), *options])
     assert (exported, load(tmp_path / 'b.mat').recording.unit) == (0, 'N m')
 
 

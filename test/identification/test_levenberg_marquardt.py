@@ -85,6 +85,7 @@ def fitted(data, start, lower, upper, ending=ENDING):
     return here
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('start', [(1.0, 1.0), (10.0, 4.5), (0.1, 0.1)])
 @pytest.mark.parametrize(
     ('lower', 'upper'),

@@ -288,6 +288,7 @@ def told_apart(
     return pulses, forces, np.array(pulse_places, dtype=np.int64), foreign
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=EXAMPLES)
 @given(
     others=st.lists(

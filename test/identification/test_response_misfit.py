@@ -33,6 +33,7 @@ def test_a_response_of_the_model_is_not_doubted(living_sessions, name: str) -> N
     assert doubts(name, living_sessions.session('steady', 'random', 3, 25.0)) == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
 @pytest.mark.parametrize('name', ['horizon', 'recursive'])
 def test_a_twitch_too_fast_for_the_functions_is_said(

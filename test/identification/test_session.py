@@ -115,6 +115,7 @@ def test_no_force_has_no_relative_error() -> None:
     assert math.isnan(session.output_error.of_range)
 
 
+@pytest.mark.long
 def test_the_output_error_does_not_depend_on_the_threads_of_blas() -> None:
     # Enough samples for BLAS to part the work.
     code = (

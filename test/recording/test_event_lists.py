@@ -36,6 +36,7 @@ def expect_the_session(found: Imported, late_s: float = 0.0) -> None:
     np.testing.assert_allclose(found.pulses.onset_ns, 1e9 * (ONSETS + late_s), atol=2.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('content', 'unit'),
     [
@@ -119,6 +120,7 @@ def test_times_beyond_the_force_are_not_guessed(tmp_path: Path) -> None:
     assert len(imported(tmp_path / 'a.mat', content, pulse_unit='s').pulses) == len(ONSETS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('content', 'options', 'message'),
     [

@@ -26,6 +26,7 @@ def columns() -> dict[str, np.ndarray]:
     return {'time': time, 'force': 2.0 + np.sin(30.0 * time), 'gate': gate}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('value', [np.inf, np.nan, 1e308, 1e-310])
 @pytest.mark.parametrize('column', ['time', 'force', 'gate'])
 @pytest.mark.parametrize('count', [2, COUNT])

@@ -84,11 +84,11 @@ def by_scipy(function: str, path: Path, **flags: bool) -> Any:
 
 def is_export(path: Path) -> bool:
     """Return whether a folder or file looks like an export of this package."""
-    if path.is_dir():
-        return (path / FACTS).is_file() or any(_events(path))
-    if path.suffix.lower() != '.mat' or not path.is_file():
-        return False
     try:
+        if path.is_dir():
+            return (path / FACTS).is_file() or any(_events(path))
+        if path.suffix.lower() != '.mat' or not path.is_file():
+            return False
         return MARK in {name for name, _, _ in by_scipy('whosmat', path)}
     # scipy raises whatever the damage leads to; reading it will say so
     except Exception:  # noqa: BLE001
