@@ -3,8 +3,8 @@
 """`rpms identify` of one hour at 1 kHz, from start to result, as a process of its own.
 
 3.6 million WrenchStamped and 72,000 pulses from mcap in the page cache.  The targets are
-15 s for the recursion, and 8 s and 1.5 GB for the batch.  Processor time stands beside the time
-on the clock, since other work on the machine lengthens that.
+15 s for the recursion, 6 s for the batch, and 1.5 GB: of processor time, in the program and in the
+kernel, since other work on the machine lengthens the time on the clock.
 
 python bench/hour.py [--hours 1] [--repeat 3]
 """
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 LARGEST_GB = 1.5
-LONGEST = {'recursive': 15.0, 'batch': 8.0}
+LONGEST = {'recursive': 15.0, 'batch': 6.0}
 SECONDS_PER_HOUR = 3600.0
 
 
@@ -80,9 +80,9 @@ def measure(path: Path, short: Path, estimator: str, repeat: int) -> bool:
             f'  {estimator:<10}{cost.span:7.2f} s (processor {cost.user:.2f} s user, '
             f'{cost.system:.2f} s system), {cost.memory_gb:.2f} GB'
         )
-    best = min(cost.span for cost in costs)
+    best = min(cost.user + cost.system for cost in costs)
     memory = max(cost.memory_gb for cost in costs)
-    print(f'  {"":<10}targets {LONGEST[estimator]:g} s, {LARGEST_GB:g} GB')
+    print(f'  {"":<10}targets {LONGEST[estimator]:g} s of the processor, {LARGEST_GB:g} GB')
     return best <= LONGEST[estimator] and memory <= LARGEST_GB
 
 

@@ -20,8 +20,8 @@ from rpms_ros.pulses import FloatArray
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import IntArray
 
-# Most samples that may wait: one second at 100 kHz.
-MOST_WAITING = 100_000
+# Most samples that may wait: a block of the batch at 100 kHz, and the delays before and after it.
+MOST_WAITING = 200_000
 # So many samples out of order within this time are treated as a fault that lasts [1], [ns].
 _DISORDER = 3
 _DISORDER_NS = NANOSECONDS_PER_SECOND

@@ -16,6 +16,7 @@ from rpms_ros.identification import BatchEstimator
 from rpms_ros.identification import Estimate
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import StreamSettings
 from rpms_ros.identification import identify
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.pulses import PulseTrain
@@ -137,3 +138,11 @@ def test_the_output_error_does_not_depend_on_the_threads_of_blas() -> None:
         for count in ('1', '2', '3')
     }
     assert len(errors) == 1
+
+
+def test_the_batch_has_room_for_the_fastest_sensor() -> None:
+    pulses = PulseTrain.regular(np.random.default_rng(0).uniform(size=50), 20.0)
+    force = np.random.default_rng(1).normal(size=250_000)
+    trace = ForceTrace(np.arange(len(force), dtype=np.int64) * 10_000, force)
+    chosen = StreamSettings(monitors=())
+    assert 'force_queue_full' not in identify(BatchEstimator(), pulses, trace, chosen).last.faults

@@ -327,7 +327,7 @@ def test_pulses_that_outrun_a_jump_of_the_clock_are_used(record) -> None:
 
 def test_samples_that_hardly_advance_are_bounded() -> None:
     run = Run()
-    count = 150_000
+    count = 250_000
     run.feed(ForceTrace(START_NS + np.arange(count, dtype=np.int64), np.zeros(count)))
     assert run.stream.fault_counts == {'force_queue_full': 50_000}
 
