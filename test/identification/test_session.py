@@ -111,8 +111,8 @@ def test_the_batch_from_python_fits_once_for_the_whole_recording(
 
 def test_no_force_has_no_relative_error() -> None:
     zero = np.zeros(10)
-    session = IdentifiedSession([], np.arange(10), zero, zero, np.ones(10, dtype=np.bool_))
-    assert session.output_error.newton == 0.0
+    session = IdentifiedSession([], np.arange(10), zero, zero + 1.0, np.ones(10, dtype=np.bool_))
+    assert session.output_error.newton == 1.0
     assert math.isnan(session.output_error.of_range)
 
 
