@@ -18,17 +18,14 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from rpms_ros.identification.analysis import analyze
-from rpms_ros.identification.analysis import analyze_trains
-from rpms_ros.identification.analysis.order_choice import choose_order
+from rpms_ros.identification.analysis import analyze, analyze_trains
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.simulated import simulated_force
-from rpms_ros.identification.analysis.twitch_fits import CONSTANT
-from rpms_ros.identification.analysis.twitch_fits import ONSET
+from rpms_ros.identification.analysis.twitch_fits import CONSTANT, ONSET, choose_order
 from rpms_ros.muscle import random_subject
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording.importing import read_csv
-from rpms_ros.stimulation.analysis_protocols import recruitment
+from rpms_ros.stimulation.schedule.protocols import recruitment
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / 'shared/data'))
 INTENSITIES = (0.6, 0.7, 0.8, 0.9, 1.0)

@@ -8,14 +8,12 @@
 import time
 
 import numpy as np
-from scenarios import SIMULATED
-from scenarios import table_4
+from scenarios import SIMULATED, table_4
 from scipy.optimize import least_squares
 
-from rpms_ros.identification.batch import BatchEstimator
-from rpms_ros.identification.estimate import CURVE_INTENSITY
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import identified_recruitment
+from rpms_ros.identification.estimation.batch import BatchEstimator
+from rpms_ros.identification.model.estimate import CURVE_INTENSITY
+from rpms_ros.muscle import RecruitmentParameters, identified_recruitment
 
 MEMORY = 700
 

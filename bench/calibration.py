@@ -11,18 +11,11 @@ finds latency and time constant of its functions itself, on the same people.
 import sys
 
 import numpy as np
-from scenarios import EXPERIMENTAL
-from scenarios import MILLISECOND
-from scenarios import RATE
-from scenarios import SIMULATED
-from scenarios import intensities
-from scenarios import record
+from scenarios import EXPERIMENTAL, MILLISECOND, RATE, SIMULATED, intensities, record
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.muscle import random_subject
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle import twitch
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
+from rpms_ros.muscle import random_subject, simulation_subject, twitch
 
 SECONDS = 15.0
 

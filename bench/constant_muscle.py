@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.constancy.parts import unexplained
-from rpms_ros.identification.plausibility import NO_CONSTANT_MUSCLE
+from rpms_ros.identification.estimation.batch import unexplained
+from rpms_ros.identification.stream.doubts import NO_CONSTANT_MUSCLE
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 

@@ -8,14 +8,10 @@
 import sys
 
 import numpy as np
-from scenarios import EXPERIMENTAL
-from scenarios import SIMULATED
-from scenarios import experiment
-from scenarios import model_force
-from scenarios import table_4
+from scenarios import EXPERIMENTAL, SIMULATED, experiment, model_force, table_4
 
-from rpms_ros.identification.batch import BatchEstimator
-from rpms_ros.identification.horizon import HorizonEstimator
+from rpms_ros.identification.estimation.batch import BatchEstimator
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
 
 SECOND = 1000
 

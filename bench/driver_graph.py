@@ -9,8 +9,7 @@ import subprocess
 import sys
 import time
 
-from rpms_ros.nodes.discovery import reserved_domain
-from rpms_ros.nodes.discovery import use_fast_discovery
+from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
 
 START = 'import sys; from rpms_ros.nodes.{} import main; sys.exit(main())'
 

@@ -19,20 +19,15 @@ from pathlib import Path
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
-from scipy.signal import butter
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.identification.plausibility import RESIDUALS_ALIKE
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import StreamSettings, estimator_by_name, identify
+from rpms_ros.identification.stream.doubts import RESIDUALS_ALIKE
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 
-from living_sessions import RATE
-from living_sessions import session
+from living_sessions import RATE, session
 
 SECONDS, SETTLED = 40.0, 15
 # Corners of the filter [Hz]; 0 for none.

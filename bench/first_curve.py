@@ -16,8 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from live_page import Browser
-from live_page import free_port
+from live_page import Browser, free_port
 
 LONGEST = 120.0
 DEMO = 'import sys; from rpms_ros.cli import main; sys.exit(main())'

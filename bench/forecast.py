@@ -9,11 +9,12 @@ import argparse
 import sys
 import time
 
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import UniformRandom
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.device_specification import profile_names
-from rpms_ros.stimulation.forecast import forecast
+from rpms_ros.stimulation import Schedule, UniformRandom
+from rpms_ros.stimulation.limits.device_specification import (
+    load_device_specification,
+    profile_names,
+)
+from rpms_ros.stimulation.limits.forecast import forecast
 
 RATE_HZ = 20.0
 TRIALS = 5

@@ -13,14 +13,12 @@ import filterpy.kalman
 import numpy as np
 import padasip
 from batch import compare
-from scenarios import SIMULATED
-from scenarios import table_4
+from scenarios import SIMULATED, table_4
 
-from rpms_ros.identification.estimate import CURVE_INTENSITY
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle.identified_form import identified_recruitment_with_gradient
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
+from rpms_ros.identification.model.estimate import CURVE_INTENSITY
+from rpms_ros.muscle import RecruitmentParameters, identified_recruitment
+from rpms_ros.muscle.recruitment import identified_recruitment_with_gradient
 
 BLOCK = 20
 SECONDS = 40

@@ -38,21 +38,19 @@ from typing import NamedTuple
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 import hostile_streams as streams
-from hostile_recordings import changed
-from hostile_recordings import mutated
-from laboratory_files import FORMATS
-from laboratory_files import tables
+from hostile_recordings import changed, mutated
+from laboratory_files import FORMATS, tables
 
 import rpms_ros
 from rpms_ros.cli import main as rpms
 from rpms_ros.cli.replay import identifier_parameters
 from rpms_ros.errors import RpmsError
-from rpms_ros.identification.temporal_summation import TemporalSummation
+from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.muscle.scenario import load_scenario
 from rpms_ros.recording import write_recording
-from rpms_ros.stimulation import patient
-from rpms_ros.stimulation.audit_log import AuditLog
-from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.limits import patient
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.records.audit_log import AuditLog
 
 LONGEST = 10.0
 MEMORY = 1_000_000_000

@@ -20,9 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 import hostile_streams as streams
 
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
+from rpms_ros.identification import StreamSettings, estimator_by_name, identify
 from rpms_ros.identification.catalogue import estimator_names
 
 SETTLED_NS = 10 * streams.SECOND

@@ -14,11 +14,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 import numpy as np
-from ledger_kills import dose_of
-from ledger_kills import kill_repeatedly
+from ledger_kills import dose_of, kill_repeatedly
 
-from rpms_ros.stimulation.dose import PlannedPulse
-from rpms_ros.stimulation.dose_ledger import DoseLedger
+from rpms_ros.stimulation.limits.dose import PlannedPulse
+from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 BATCH = 20
 

@@ -17,8 +17,7 @@ import time
 from pathlib import Path
 
 from rpms_ros.nodes.recorder import LOST_KEY
-from rpms_ros.nodes.simulation_launcher import SimulationLauncher
-from rpms_ros.nodes.simulation_launcher import SimulationSettings
+from rpms_ros.nodes.simulation_launcher import SimulationLauncher, SimulationSettings
 from rpms_ros.recording import read_facts
 from rpms_ros.stimulation import paper_random
 

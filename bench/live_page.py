@@ -25,9 +25,7 @@ from pathlib import Path
 
 from tornado.websocket import websocket_connect
 
-from rpms_ros.nodes.simulation_launcher import LIVE_PAGE
-from rpms_ros.nodes.simulation_launcher import SimulationLauncher
-from rpms_ros.nodes.simulation_launcher import SimulationSettings
+from rpms_ros.nodes.simulation_launcher import LIVE_PAGE, SimulationLauncher, SimulationSettings
 from rpms_ros.stimulation import paper_random
 
 FORCE_RATE = 1000.0

@@ -23,12 +23,10 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import numpy as np
 
 from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.identification.tracking.estimator import TrackingEstimator
+from rpms_ros.identification.estimation.tracking import TrackingEstimator
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
-from living_sessions import MOVED_AT
-from living_sessions import SUBJECT
-from living_sessions import session
+from living_sessions import MOVED_AT, SUBJECT, session
 
 KINDS = ('steady', 'fatigue', 'coil moved', 'gain step', 'slower', 'bursts', 'tremor')
 DYNAMICS = ((5e-3, None, 3), (24e-3, None, 3), (30e-3, None, 3), (9e-3, 8e-3, 3), (9e-3, 10e-3, 3))

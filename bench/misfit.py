@@ -18,18 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.plausibility import RESPONSE_MISFIT
+from rpms_ros.identification import IdentificationStream, StreamSettings, estimator_by_name
+from rpms_ros.identification.stream.doubts import RESPONSE_MISFIT
 from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 
-from living_sessions import RATE
-from living_sessions import session
+from living_sessions import RATE, session
 
 SECONDS, SETTLED = 30.0, 15
 # Estimator and preset: the basis of `horizon` begins at 8 ms with T_p of 38 ms, as that of

@@ -2,19 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The modified recursive Levenberg-Marquardt algorithm in plain NumPy: to read, and to compare.
 
-Same equations as `rpms_ros.identification.recursion_kernel`, written as in the paper, with NumPy's
-linear algebra, not compiled and not optimised.  It is compared in the benchmark and is the
+Same equations as `rpms_ros.identification.recursion.paper_kernel`, written as in the paper, with
+NumPy's linear algebra, not compiled and not optimised.  It is compared in the benchmark and is the
 reference of the kernel's test.
 """
 
 import numpy as np
 
 from rpms_ros.identification import RecursiveSettings
-from rpms_ros.muscle.identified_form import RecruitmentParameters
-from rpms_ros.muscle.identified_form import identified_recruitment_with_gradient
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
+from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment_with_gradient
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 LARGEST_COVARIANCE = 1e10
 

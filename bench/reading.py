@@ -27,14 +27,9 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 
 from rpms_ros.cli import main as rpms
-from rpms_ros.recording import crc
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.mcap_records import CHUNK
-from rpms_ros.recording.mcap_records import DATA_END
-from rpms_ros.recording.mcap_records import FOOTER
-from rpms_ros.recording.mcap_records import MAGIC
-from rpms_ros.recording.mcap_records import walk
+from rpms_ros.recording import read_recording, write_recording
+from rpms_ros.recording.rosbag import compression as crc
+from rpms_ros.recording.rosbag.mcap_files import CHUNK, DATA_END, FOOTER, MAGIC, walk
 
 LOOP_MESSAGES = 100_000
 STORAGES = (('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', ''))

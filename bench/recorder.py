@@ -18,8 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,12 +31,10 @@ from rclpy.node import Node
 
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
-from rpms_ros.nodes import qos
-from rpms_ros.nodes.discovery import reserved_domain
-from rpms_ros.nodes.discovery import use_fast_discovery
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import Pulse
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse
 from rpms_ros.recording import read_recording
 
 PATIENCE = 30.0

@@ -18,12 +18,9 @@ import numpy as np
 import padasip
 from numpy_recursion import NumpyRecursion
 
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import TABLE_4, RecursiveEstimator
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 SECONDS = 10
 REPETITIONS = 5

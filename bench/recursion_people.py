@@ -17,18 +17,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scenarios import MILLISECOND
-from scenarios import RATE
-from scenarios import record
+from scenarios import MILLISECOND, RATE, record
 
 from rpms_ros.identification import ExactRecursion
-from rpms_ros.muscle import random_subject
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle import random_subject, simulation_subject
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 
-from living_sessions import MOVED_AT
-from living_sessions import session
+from living_sessions import MOVED_AT, session
 
 AFTER = (5, 10, 20, 36, 60)
 STEP = 1000

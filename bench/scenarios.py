@@ -6,14 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpms_ros.identification.estimate import CURVE_INTENSITY
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.estimate import CURVE_INTENSITY
+from rpms_ros.muscle import (
+    Contraction,
+    IntensityRecruitment,
+    RecruitmentParameters,
+    Subject,
+    simulation_subject,
+)
 
 RATE = 20.0
 MILLISECOND = 1_000_000

@@ -14,13 +14,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from driver_graph import graph
-from driver_graph import load
-from driver_graph import spin_until
-from driver_graph import spread
+from driver_graph import graph, load, spin_until, spread
 
-from rpms_ros.stimulation import constant
-from rpms_ros.stimulation import schedule_to_text
+from rpms_ros.stimulation import constant, schedule_to_text
 
 LATENESS_LIMIT_S = 10e-3
 # bytes of ten bits: setting and its answer 8, status 6, trigger 3 before the pulse, 3 after it
@@ -62,10 +58,8 @@ def main(argv=None):
         from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.node import Node
 
-        from rpms_msgs.msg import DriverStatus
-        from rpms_msgs.msg import Pulse
-        from rpms_ros.nodes import qos
-        from rpms_ros.nodes import topics
+        from rpms_msgs.msg import DriverStatus, Pulse
+        from rpms_ros.nodes.common import qos, topics
 
         node, executor = Node('bench'), EventsExecutor()
         listen = node.create_subscription

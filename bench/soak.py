@@ -28,17 +28,14 @@ from pathlib import Path
 
 import numpy as np
 from soak_clinic import Clinic
-from soak_laboratory import FAULTS
-from soak_laboratory import STEP_NS
-from soak_laboratory import Laboratory
+from soak_laboratory import FAULTS, STEP_NS, Laboratory
 
 from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import faults
+from rpms_ros.identification.stream import faults
 from rpms_ros.recording import read_recording
 from rpms_ros.report.agreement import differences
-from rpms_ros.report.identified import IdentificationOptions
-from rpms_ros.report.identified import identified
 from rpms_ros.report.recorded import recorded_messages
+from rpms_ros.report.result import IdentificationOptions, identified
 
 FAULT_SHARE = 0.1
 RESTART_EVERY_S = 300.0
@@ -100,8 +97,7 @@ class Graph:
 def running_graph():
     """A graph in a private domain."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    from rpms_ros.nodes.discovery import reserved_domain
-    from rpms_ros.nodes.discovery import use_fast_discovery
+    from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
 
     use_fast_discovery()
     with reserved_domain() as domain:

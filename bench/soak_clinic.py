@@ -19,9 +19,8 @@ from rclpy.node import Node
 from soak_laboratory import Counting
 
 from rpms_msgs.msg import DriverStatus
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.keyboard import Keyboard
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.keyboard import Keyboard
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder

@@ -20,9 +20,9 @@ from rosgraph_msgs.msg import Clock
 
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
-from rpms_ros.nodes import qos
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.pulses import Pulse

@@ -26,10 +26,7 @@ import subprocess
 import sys
 import time
 
-from driver_graph import graph
-from driver_graph import load
-from driver_graph import spin_until
-from driver_graph import start
+from driver_graph import graph, load, spin_until, start
 
 RATE_HZ = 50.0
 MARGIN_S = 0.020
@@ -46,7 +43,7 @@ PARAMETERS = {'maximum_rate': RATE_HZ, 'lateness_limit': 0.01}
 BLOCKING = f"""
 import sys, time
 from rpms_ros.nodes import stimulator_driver
-from rpms_ros.nodes.runner import run
+from rpms_ros.nodes.common.runner import run
 from std_srvs.srv import Trigger
 class Driver(stimulator_driver.StimulatorDriver):
     def __init__(self, **options):
@@ -64,8 +61,8 @@ import rclpy
 from lifecycle_msgs.srv import ChangeState
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rpms_ros.nodes.discovery import use_fast_discovery
-from rpms_ros.nodes.operator_client import OperatorClient
+from rpms_ros.nodes.common.subscriptions import use_fast_discovery
+from rpms_ros.nodes.common.operator import OperatorClient
 use_fast_discovery()
 rclpy.init()
 node, executor = Node('client'), EventsExecutor()
@@ -119,12 +116,10 @@ class Trials:
     def __init__(self, node, executor):
         from std_srvs.srv import Trigger
 
-        from rpms_msgs.msg import DriverStatus
-        from rpms_msgs.msg import Pulse
+        from rpms_msgs.msg import DriverStatus, Pulse
         from rpms_ros.messages import nanoseconds
-        from rpms_ros.nodes import qos
-        from rpms_ros.nodes import topics
-        from rpms_ros.nodes.button_publisher import ButtonPublisher
+        from rpms_ros.nodes.common import qos, topics
+        from rpms_ros.nodes.common.operator import ButtonPublisher
 
         self.node, self.executor = node, executor
         self.onsets, self.reason = [], ''

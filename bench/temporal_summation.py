@@ -23,10 +23,8 @@ from scipy.optimize import minimize
 
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.summation import analyze_trains
-from rpms_ros.identification.analysis.train_model import fit_scaled
-from rpms_ros.identification.analysis.train_model import pulse_twitches
-from rpms_ros.identification.temporal_summation import PulseHistory
-from rpms_ros.identification.temporal_summation import TemporalSummation
+from rpms_ros.identification.analysis.trains import fit_scaled, pulse_twitches
+from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
 from rpms_ros.schema import plain
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[1] / '../shared/data'))

@@ -19,16 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import checkpoint
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.warm_start import warm_start
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import random_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    CURVE_INTENSITY,
+    IdentificationStream,
+    StreamSettings,
+    estimator_by_name,
+)
+from rpms_ros.identification.estimation.prior import warm_start
+from rpms_ros.identification.stream import checkpoint
+from rpms_ros.muscle import Contraction, random_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 RATE = 20.0
 MILLISECOND = 1_000_000

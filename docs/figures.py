@@ -20,8 +20,7 @@ from matplotlib.figure import Figure
 
 import rpms_ros
 from rpms_ros.cli import main as rpms
-from rpms_ros.stimulation import MultilevelPRBS
-from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import MultilevelPRBS, Schedule
 
 DOCS = Path(__file__).resolve().parent
 SAMPLE = DOCS.parent / 'bags' / 'sample'

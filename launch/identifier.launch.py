@@ -9,10 +9,7 @@ import yaml
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from rpms_ros.nodes.launching import AS_THE_FILES_SAY
-from rpms_ros.nodes.launching import Given
-from rpms_ros.nodes.launching import configured
-from rpms_ros.nodes.launching import described
+from rpms_ros.nodes.common.launching import AS_THE_FILES_SAY, Given, configured, described
 
 TOPICS = ('force', 'pulses')
 # Launch argument, parameter of the identifier, meaning.

@@ -8,10 +8,7 @@ ros2 launch rpms_ros simulation.launch.py namespace:=left_leg schedule:=random.y
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from rpms_ros.nodes.launching import AS_THE_FILES_SAY
-from rpms_ros.nodes.launching import Given
-from rpms_ros.nodes.launching import configured
-from rpms_ros.nodes.launching import described
+from rpms_ros.nodes.common.launching import AS_THE_FILES_SAY, Given, configured, described
 
 ARGUMENTS = (
     ('namespace', '', 'Namespace of every node.'),

@@ -13,23 +13,24 @@ What can be used so is described in `rpms_ros.api`; it is loaded when it is firs
 
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rpms_ros.compiled_cache import use_cache_of
 
 if TYPE_CHECKING:
-    from rpms_ros.api import Curve
-    from rpms_ros.api import Identification
-    from rpms_ros.api import ImpulseResponse
-    from rpms_ros.api import Parameter
-    from rpms_ros.api import RpmsError
-    from rpms_ros.api import Session
-    from rpms_ros.api import Stated
-    from rpms_ros.api import Verdict
-    from rpms_ros.api import from_arrays
-    from rpms_ros.api import load
-    from rpms_ros.api import simulate
+    from rpms_ros.api import (
+        Curve,
+        Identification,
+        ImpulseResponse,
+        Parameter,
+        RpmsError,
+        Session,
+        Stated,
+        Verdict,
+        from_arrays,
+        load,
+        simulate,
+    )
 
 __version__ = '0.1.0'
 __all__ = [

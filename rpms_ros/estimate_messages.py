@@ -7,21 +7,22 @@ As `rpms_ros.messages`, but with what identification is made of: a driver does n
 
 import math
 from array import array
-from typing import Any
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
 
 from rpms_ros.errors import MessageError
-from rpms_ros.identification.estimate import Estimate
-from rpms_ros.messages import MUSCLE_ESTIMATE
-from rpms_ros.messages import MUSCLE_TRUTH
-from rpms_ros.messages import MessageTypes
-from rpms_ros.messages import header_message
-from rpms_ros.messages import nanoseconds
+from rpms_ros.identification.model.estimate import Estimate
+from rpms_ros.messages import (
+    MUSCLE_ESTIMATE,
+    MUSCLE_TRUTH,
+    MessageTypes,
+    header_message,
+    nanoseconds,
+)
+from rpms_ros.muscle.simulation import Truth
 from rpms_ros.muscle.state import MuscleState
-from rpms_ros.muscle.truth import Truth
 from rpms_ros.pulses import FloatArray
 
 

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rpms_ros.axis import AXES
-from rpms_ros.axis import UNITS
+from rpms_ros.axis import AXES, UNITS
 from rpms_ros.errors import RpmsError
 
 _FILES = {'foxglove': 'foxglove_layout.json', 'plotjuggler': 'plotjuggler_layout.xml'}

@@ -12,18 +12,12 @@ classes do not check their fields by default and would send an int in a float64 
 """
 
 import struct
-from collections.abc import Callable
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from rpms_ros.axis import AXES as AXES
-from rpms_ros.axis import FORCE
-from rpms_ros.axis import TORQUE
-from rpms_ros.axis import Axis
-from rpms_ros.axis import unit_vector
+from rpms_ros.axis import AXES as AXES, FORCE, TORQUE, Axis, unit_vector
 from rpms_ros.errors import MessageError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse
 
 MessageTypes = Mapping[str, Callable[..., Any]]
 """Message classes by name, such as ``std_msgs/msg/Header``; they take their fields by keyword."""

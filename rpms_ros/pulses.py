@@ -7,10 +7,8 @@ seconds since 1970 resolve only 0.2 us, and sums of them depend on their order.
 """
 
 import math
-from dataclasses import dataclass
-from dataclasses import field
-from typing import Any
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt

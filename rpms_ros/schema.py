@@ -11,11 +11,7 @@ import dataclasses
 import math
 import types
 from collections.abc import Mapping
-from typing import Any
-from typing import Union
-from typing import get_args
-from typing import get_origin
-from typing import get_type_hints
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 

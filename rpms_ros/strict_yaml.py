@@ -8,10 +8,8 @@ Size, depth, keys and texts are bounded before anything is built.  A fault names
 """
 
 import re
-from dataclasses import dataclass
-from dataclasses import field
-from typing import Any
-from typing import NoReturn
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
 
 import yaml
 

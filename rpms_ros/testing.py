@@ -19,12 +19,9 @@ Nodes are real ones in one executor, which the test steps by waiting: nothing sl
 """
 
 import time
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -34,7 +31,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from rpms_ros.identification import Estimate
-    from rpms_ros.muscle.truth import Truth
+    from rpms_ros.muscle.simulation import Truth
 
 # Pulses may be known to everybody so long before they come; an identifier drops those beyond 10 s.
 LONGEST_TRAIN_S = 8.0
@@ -137,10 +134,8 @@ class SimulatedMuscle:
         from geometry_msgs.msg import WrenchStamped
         from rclpy.node import Node
 
-        from rpms_msgs.msg import MuscleEstimate
-        from rpms_msgs.msg import Pulse
-        from rpms_ros.nodes import qos
-        from rpms_ros.nodes import topics
+        from rpms_msgs.msg import MuscleEstimate, Pulse
+        from rpms_ros.nodes.common import qos, topics
         from rpms_ros.nodes.identifier import Identifier
         from rpms_ros.nodes.plant_simulator import PlantSimulator
 
@@ -189,7 +184,7 @@ class SimulatedMuscle:
             If there is no pulse, or they take longer than `LONGEST_TRAIN_S`.
         """
         from rpms_ros import messages
-        from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+        from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
         from rpms_ros.pulses import Pulse
 
         duration = len(intensity) / rate_hz
@@ -232,9 +227,11 @@ class SimulatedMuscle:
 @contextmanager
 def private_domain() -> Iterator[int]:
     """Reserve a DDS domain that no other test uses meanwhile, in this process or in another."""
-    from rpms_ros.nodes.discovery import reserved_domain
-    from rpms_ros.nodes.discovery import stay_on_this_machine
-    from rpms_ros.nodes.discovery import use_fast_discovery
+    from rpms_ros.nodes.common.subscriptions import (
+        reserved_domain,
+        stay_on_this_machine,
+        use_fast_discovery,
+    )
 
     use_fast_discovery()
     stay_on_this_machine()

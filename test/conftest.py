@@ -9,12 +9,10 @@ import importlib.util
 import os
 import re
 import time
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import hypothesis
 import pytest
@@ -104,11 +102,9 @@ def hostile_texts() -> ModuleType:
 @pytest.fixture
 def patient_file(tmp_path: Path) -> Path:
     """The patient of the documentation, whose figures hold today, and tomorrow too."""
-    from datetime import UTC
-    from datetime import datetime
-    from datetime import timedelta
+    from datetime import UTC, datetime, timedelta
 
-    from rpms_ros.stimulation import patient
+    from rpms_ros.stimulation.limits import patient
 
     today = datetime.now(UTC).date()
     text = str(patient.__doc__).partition('\n\n')[2]
@@ -128,7 +124,7 @@ def patient_file(tmp_path: Path) -> Path:
 @pytest.fixture
 def specification_file(tmp_path: Path) -> Path:
     """The specification that comes with the package, of one device."""
-    from rpms_ros.stimulation import device_specification
+    from rpms_ros.stimulation.limits import device_specification
 
     kind = Path(device_specification.__file__).parent / 'device_specifications/rapid2-240v.yaml'
     path = tmp_path / 'device.yaml'
@@ -144,8 +140,8 @@ def any_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     from dataclasses import fields
 
-    from rpms_ros.stimulation.fields import Bound
-    from rpms_ros.stimulation.settings import DriverSettings
+    from rpms_ros.stimulation.driver.states import DriverSettings
+    from rpms_ros.stimulation.schedule.fields import Bound
 
     (lateness,) = (one for one in fields(DriverSettings) if one.name == 'lateness_limit_s')
     monkeypatch.setattr(lateness, 'metadata', {'bound': Bound(0.0, 10.0, 's')})

@@ -12,12 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rpms_ros.identification import Estimate
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import FloatArray, ForceTrace, IntArray, PulseTrain
 
 MILLISECOND = 1_000_000
 SECOND = 1000 * MILLISECOND

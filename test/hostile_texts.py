@@ -7,8 +7,7 @@ parsers.  `sendable` says whether a ROS message can carry a text at all.
 """
 
 import re
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from random import Random
 
 SCHEDULE = """\

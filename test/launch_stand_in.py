@@ -9,8 +9,7 @@ ones can be imported, `test_launch_files.py` runs `ros2 launch` as well.
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
 

@@ -16,10 +16,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from rpms_ros.stimulation.dose import DoseExceeded
-from rpms_ros.stimulation.dose import DoseLimits
-from rpms_ros.stimulation.dose import PlannedPulse
-from rpms_ros.stimulation.dose_ledger import DoseLedger
+from rpms_ros.stimulation.limits.dose import DoseExceeded, DoseLimits, PlannedPulse
+from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 EXHAUSTED = 7
 

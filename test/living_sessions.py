@@ -8,16 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpms_ros.identification.estimate import CURVE_INTENSITY
+from rpms_ros.identification.model.estimate import CURVE_INTENSITY
 from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle.changes import Change
-from rpms_ros.muscle.disturbance import Disturbances
-from rpms_ros.muscle.effort import Tremor
-from rpms_ros.muscle.effort import VoluntaryEffort
-from rpms_ros.muscle.living import LivingContraction
-from rpms_ros.muscle.living import LivingSettings
+from rpms_ros.muscle.effort import Tremor, VoluntaryEffort
 from rpms_ros.muscle.scenario import Scenario
-from rpms_ros.muscle.surroundings import Surroundings
+from rpms_ros.muscle.sensor import Disturbances
+from rpms_ros.muscle.simulation import Surroundings
+from rpms_ros.muscle.time_varying import Change, LivingContraction, LivingSettings
 from rpms_ros.pulses import PulseTrain
 
 RATE = 20.0

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification.estimate import CURVE_INTENSITY
+from rpms_ros.identification import Estimate, IdentifiedSession
+from rpms_ros.identification.model.estimate import CURVE_INTENSITY
 
 PERIOD_NS = 500_000_000
 NAMES = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')

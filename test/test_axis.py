@@ -8,7 +8,7 @@ import pytest
 from rpms_ros import messages
 from rpms_ros.axis import unit_vector
 from rpms_ros.cli.options import add_reading_options
-from rpms_ros.recording.axis import direction_of
+from rpms_ros.recording.rosbag.definitions import direction_of
 
 
 @pytest.mark.parametrize('text', ['x', '-x', 'y', '-y', 'z', '-z', '0.6,0,0.8', '-3,0,4'])

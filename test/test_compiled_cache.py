@@ -116,7 +116,7 @@ def python(path: Path, *arguments: str) -> str:
 
 def test_another_installation_of_the_same_sources_compiles_nothing_anew(tmp_path: Path) -> None:
     use = (
-        'import numpy; import rpms_ros; from rpms_ros.muscle import identified_form as form; '
+        'import numpy; import rpms_ros; from rpms_ros.muscle import recruitment as form; '
         'form.arctan_recruitment(0.5, numpy.array([0.3, 0.7, 6.0, 6.0])); '
         'print(rpms_ros.__file__, sum(form.arctan_recruitment.stats.cache_hits.values()))'
     )

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.cli import main
-from rpms_ros.layouts import LayoutError
-from rpms_ros.layouts import layout
+from rpms_ros.layouts import LayoutError, layout
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -12,19 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from rosbags.typesys import Stores
-from rosbags.typesys import get_typestore
+from hypothesis import given, strategies as st
+from rosbags.typesys import Stores, get_typestore
 
-from rpms_ros import estimate_messages
-from rpms_ros import messages
+from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import MessageError
-from rpms_ros.identification.estimate import Estimate
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.identification.model.estimate import Estimate
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
-from rpms_ros.recording.axis import direction_of
-from rpms_ros.recording.axis import force_along
+from rpms_ros.recording.rosbag.definitions import direction_of, force_along
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 

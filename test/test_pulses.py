@@ -7,14 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import Pulse
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH, ForceTrace, Pulse, PulseTrain
 
 EPOCH_NS = 1_700_000_000_123_456_789
 

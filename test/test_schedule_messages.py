@@ -6,21 +6,14 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_msgs.msg import Schedule as ScheduleMessage
-from rpms_msgs.msg import ScheduleSegment
+from rpms_msgs.msg import Schedule as ScheduleMessage, ScheduleSegment
 from rpms_ros.errors import StimulationError
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.schedule_messages import KINDS
-from rpms_ros.schedule_messages import is_given
-from rpms_ros.schedule_messages import schedule_message
-from rpms_ros.schedule_messages import schedule_of
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import schedule_from_text
-from rpms_ros.stimulation import schedule_to_text
-from rpms_ros.stimulation.description import SEGMENT_KINDS
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.schedule_messages import KINDS, is_given, schedule_message, schedule_of
+from rpms_ros.stimulation import Schedule, schedule_from_text, schedule_to_text
+from rpms_ros.stimulation.schedule.description import SEGMENT_KINDS
 
 EVERY_KIND = """
 name: every kind

@@ -3,18 +3,14 @@
 """Plain values and the JSON schema of dataclasses."""
 
 import json
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import jsonschema
 import numpy as np
 import pytest
 
 from rpms_ros.pulses import FloatArray
-from rpms_ros.schema import documented
-from rpms_ros.schema import internal
-from rpms_ros.schema import json_schema
-from rpms_ros.schema import plain
+from rpms_ros.schema import documented, internal, json_schema, plain
 
 
 @dataclass(frozen=True)

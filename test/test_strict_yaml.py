@@ -6,10 +6,7 @@ import math
 
 import pytest
 
-from rpms_ros.strict_yaml import YamlError
-from rpms_ros.strict_yaml import clipped
-from rpms_ros.strict_yaml import read_yaml
-from rpms_ros.strict_yaml import shown
+from rpms_ros.strict_yaml import YamlError, clipped, read_yaml, shown
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpms_ros.testing import LONGEST_TRAIN_S
-from rpms_ros.testing import Graph
-from rpms_ros.testing import SimulatedMuscle
+from rpms_ros.testing import LONGEST_TRAIN_S, Graph, SimulatedMuscle
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
 

@@ -18,16 +18,10 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from rpms_ros.identification.analysis import MuscleAnalysis
-from rpms_ros.identification.analysis import analyze
-from rpms_ros.identification.analysis.twitch_fits import CONSTANT
-from rpms_ros.identification.analysis.twitch_fits import ONSET
-from rpms_ros.muscle import Disturbances
-from rpms_ros.muscle import Sensor
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import twitch
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification.analysis import MuscleAnalysis, analyze
+from rpms_ros.identification.analysis.twitch_fits import CONSTANT, ONSET
+from rpms_ros.muscle import Disturbances, Sensor, average_subject, twitch
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 INTENSITIES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 NOISE, ARTIFACT = 0.01, 1.0

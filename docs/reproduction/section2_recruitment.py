@@ -15,14 +15,10 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from rpms_ros.identification.analysis import SteadyPoint
-from rpms_ros.identification.analysis import analyze
-from rpms_ros.identification.analysis import fit_field
+from rpms_ros.identification.analysis import SteadyPoint, analyze, fit_field
 from rpms_ros.identification.analysis.simulated import simulated_force
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RateRecruitment
-from rpms_ros.muscle import Subject
-from rpms_ros.stimulation.analysis_protocols import recruitment
+from rpms_ros.muscle import IntensityRecruitment, RateRecruitment, Subject
+from rpms_ros.stimulation.schedule.protocols import recruitment
 
 SUBJECTS = 7
 TABLE_3 = (

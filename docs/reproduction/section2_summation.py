@@ -18,12 +18,9 @@ import numpy as np
 from rpms_ros.identification.analysis import analyze
 from rpms_ros.identification.analysis.simulated import simulated_force
 from rpms_ros.identification.analysis.twitch_fits import PEAK
-from rpms_ros.muscle import Modality
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import steady_mean
-from rpms_ros.muscle import summed_twitches
-from rpms_ros.report.analysis_text import analysis_text
-from rpms_ros.stimulation.analysis_protocols import muscle
+from rpms_ros.muscle import Modality, average_subject, steady_mean, summed_twitches
+from rpms_ros.report.analysis_report import analysis_text
+from rpms_ros.stimulation.schedule.protocols import muscle
 
 
 def predicted(rate, constant, order):

@@ -11,22 +11,22 @@ from pathlib import Path
 
 import numpy as np
 import section3_figures as figures
-from section3_plants import PEOPLE
-from section3_plants import RATE
-from section3_plants import TABLE_6
-from section3_plants import in_silico
-from section3_plants import output_error
-from section3_plants import right_from
-from section3_plants import run
-from section3_plants import simulated
+from section3_plants import (
+    PEOPLE,
+    RATE,
+    TABLE_6,
+    in_silico,
+    output_error,
+    right_from,
+    run,
+    simulated,
+)
 
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import TABLE_5
-from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import TABLE_4, TABLE_5, RecursiveEstimator
 from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
+from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.model.basis import LaguerreBasis
 
 
 def table_4(folder):

@@ -7,12 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.muscle import (
+    Contraction,
+    IntensityRecruitment,
+    RecruitmentParameters,
+    Subject,
+    identified_recruitment,
+    simulation_subject,
+)
 
 RATE = 20.0
 STEP = 200

@@ -14,17 +14,13 @@ These names and their parameters are stable; what lies below them in other modul
 Nothing here needs ROS.
 """
 
-from rpms_ros.api.identification import Identification
-from rpms_ros.api.identification import Parameter
-from rpms_ros.api.loading import from_arrays
-from rpms_ros.api.loading import load
+from rpms_ros.api.identification import Identification, Parameter
+from rpms_ros.api.loading import from_arrays, load
 from rpms_ros.api.session import Session
 from rpms_ros.api.simulating import simulate
 from rpms_ros.errors import RpmsError
-from rpms_ros.identification.verdict import Verdict
-from rpms_ros.report.result import Curve
-from rpms_ros.report.result import ImpulseResponse
-from rpms_ros.report.result import Stated
+from rpms_ros.identification.quality.verdict import Verdict
+from rpms_ros.report.result import Curve, ImpulseResponse, Stated
 
 __all__ = [
     'Curve',

@@ -13,18 +13,9 @@ import numpy.typing as npt
 from rpms_ros.api.session import Session
 from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import Recording
-from rpms_ros.recording import RecordingFacts
-from rpms_ros.recording import Topics
-from rpms_ros.recording import read_recording
-from rpms_ros.recording.importing import Ambiguous
-from rpms_ros.recording.importing import ImportOptions
-from rpms_ros.recording.importing import import_file
-from rpms_ros.recording.importing import is_foreign
+from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH, NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
+from rpms_ros.recording import Recording, RecordingFacts, Topics, read_recording
+from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file, is_foreign
 from rpms_ros.report.recorded import recorded_truth
 
 # Beyond that nanoseconds do not fit into 64 bits.

@@ -4,11 +4,8 @@
 
 import html
 import math
-from collections.abc import Callable
-from collections.abc import Iterable
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,19 +16,18 @@ import numpy.typing as npt
 from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
-from rpms_ros.identification.pulse_checks import no_overlap
+from rpms_ros.identification.stream.pulse_checks import no_overlap
 from rpms_ros.muscle import Subject
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.pulses import nanoseconds
-from rpms_ros.recording import Recording
-from rpms_ros.recording import Topics
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.verifying import Finding
-from rpms_ros.recording.verifying import verify
+from rpms_ros.pulses import (
+    NANOSECONDS_PER_SECOND,
+    FloatArray,
+    ForceTrace,
+    IntArray,
+    PulseTrain,
+    nanoseconds,
+)
+from rpms_ros.recording import Recording, Topics, write_recording
+from rpms_ros.recording.rosbag.verifying import Finding, verify
 from rpms_ros.report.known_muscle import KnownMuscle
 
 if TYPE_CHECKING:
@@ -286,9 +282,7 @@ class Session:
         True
         """
         from rpms_ros.api.identification import Identification
-        from rpms_ros.report.identified import IdentificationOptions
-        from rpms_ros.report.identified import identified
-        from rpms_ros.report.result import result_of
+        from rpms_ros.report.result import IdentificationOptions, identified, result_of
 
         options = IdentificationOptions(estimator=estimator, rate_hz=rate_hz, seed=seed)
         if preset is not None:

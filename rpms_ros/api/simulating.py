@@ -1,37 +1,39 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions with a simulated muscle, whose truth is known."""
+"""Sessions with a simulated muscle, whose truth is known.
 
-from collections.abc import Callable
+What is true of a simulated muscle, in a recording.
+"""
+
+from array import array
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from rpms_ros import estimate_messages, messages
 from rpms_ros.api.loading import as_recording
 from rpms_ros.api.session import Session
-from rpms_ros.errors import MuscleError
-from rpms_ros.errors import RecordingError
-from rpms_ros.errors import StimulationError
-from rpms_ros.muscle import SUBJECTS
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import random_subject
-from rpms_ros.muscle import subject_by_name
-from rpms_ros.muscle.living import muscle_of
-from rpms_ros.muscle.scenario import Scenario
-from rpms_ros.muscle.scenario import load_scenario
-from rpms_ros.muscle.simulation import simulate_session
-from rpms_ros.muscle.surroundings import Surroundings
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import IntArray
+from rpms_ros.errors import MuscleError, RecordingError, StimulationError
+from rpms_ros.muscle import SUBJECTS, Subject, random_subject, subject_by_name
+from rpms_ros.muscle.scenario import Scenario, load_scenario
+from rpms_ros.muscle.simulation import Surroundings, Truth, simulate_session
+from rpms_ros.muscle.time_varying import muscle_of
+from rpms_ros.printable import check_seed
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray
+from rpms_ros.recording.rosbag.definitions import known_types
+from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.known_muscle import of_truths
-from rpms_ros.seeds import check_seed
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import constant
-from rpms_ros.stimulation import load_schedule
-from rpms_ros.stimulation import paper_random
-from rpms_ros.stimulation import paper_sinusoid
-from rpms_ros.stimulation import staircase
+from rpms_ros.stimulation import (
+    Schedule,
+    constant,
+    load_schedule,
+    paper_random,
+    paper_sinusoid,
+    staircase,
+)
 
 SCHEDULES = ('uniform_random', 'sinusoid', 'staircase', 'constant')
 """Schedules that have a name here."""
@@ -181,3 +183,36 @@ def sample_times(length_s: float, rate_hz: float) -> IntArray:
     count = np.arange(round(length_s * rate_hz), dtype=np.int64)
     elapsed: IntArray = np.rint(count * (NANOSECONDS_PER_SECOND / rate_hz)).astype(np.int64)
     return elapsed + START_NS
+
+
+TRUTH_TOPIC = '/truth'
+
+
+def truth_topic(truths: Sequence[Truth]) -> FurtherTopic:
+    """Return the messages of topic ``/truth``, each received at its stamp."""
+    store = known_types()
+    build = store.types[messages.MUSCLE_TRUTH]
+
+    def with_arrays(**fields: Any) -> Any:
+        # rosbags writes arrays of NumPy only
+        return build(
+            **{
+                name: np.array(value) if isinstance(value, array) else value
+                for name, value in fields.items()
+            }
+        )
+
+    types = {**store.types, messages.MUSCLE_TRUTH: with_arrays}
+    return FurtherTopic(
+        TRUTH_TOPIC,
+        messages.MUSCLE_TRUTH,
+        [truth.stamp_ns for truth in truths],
+        [
+            bytes(
+                store.serialize_cdr(
+                    estimate_messages.truth_message(truth, types), messages.MUSCLE_TRUTH
+                )
+            )
+            for truth in truths
+        ],
+    )

@@ -12,9 +12,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from rpms_ros import __version__
-from rpms_ros.cli.options import FAILURE
-from rpms_ros.cli.options import INTERRUPTED
-from rpms_ros.cli.options import SUCCESS
+from rpms_ros.cli.options import FAILURE, INTERRUPTED, SUCCESS
 from rpms_ros.errors import RpmsError
 from rpms_ros.printable import printable
 

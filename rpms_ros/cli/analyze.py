@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpms_ros.cli.import_file import add_signal_options
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_quantity_option
-from rpms_ros.cli.options import add_reading_options
-from rpms_ros.cli.options import progress
-from rpms_ros.cli.options import read
-from rpms_ros.cli.options import warn
+from rpms_ros.cli.options import (
+    add_command,
+    add_quantity_option,
+    add_reading_options,
+    progress,
+    read,
+    warn,
+)
 from rpms_ros.errors import ReportError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
 if TYPE_CHECKING:
     from rpms_ros.identification.analysis import MuscleAnalysis
@@ -80,8 +80,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Analyse the recordings; return 1 if one is faulty or nothing was found in it."""
-    from rpms_ros.report.analysis_document import analysis_document
-    from rpms_ros.report.analysis_text import analysis_text
+    from rpms_ros.report.analysis_report import analysis_document, analysis_text
 
     recordings = [read(bag, arguments) for bag in arguments.bags]
     names = [bag.name for bag in arguments.bags]
@@ -163,8 +162,8 @@ def _told(analysis: 'MuscleAnalysis') -> bool:
 
 
 def _write(folder: Path, names: Sequence[str], analyses: Sequence['MuscleAnalysis']) -> None:
-    from rpms_ros.report.analysis_document import analysis_document
     from rpms_ros.report.analysis_figures import draw_analysis
+    from rpms_ros.report.analysis_report import analysis_document
 
     for index, (name, analysis) in enumerate(zip(names, analyses, strict=True)):
         place = folder / f'{index + 1}-{name}' if len(names) > 1 else folder

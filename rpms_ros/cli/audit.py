@@ -6,15 +6,13 @@ import argparse
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_command, add_option
 
 if TYPE_CHECKING:
-    from rpms_ros.stimulation.audit_log import Audit
-    from rpms_ros.stimulation.record_chain import Record
+    from rpms_ros.stimulation.records.append_only import Record
+    from rpms_ros.stimulation.records.audit_log import Audit
 
 _STAMPS = frozenset({'number', 'kind', 'time', 'boot_id', 'boot_ns', 'previous', 'hash'})
 
@@ -42,15 +40,14 @@ def add_parser(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Verify a file and print what it holds; return 0 if it is whole, 1 if not."""
     from rpms_ros.errors import StimulationError
-    from rpms_ros.stimulation.audit_log import read_key
-    from rpms_ros.stimulation.audit_log import verify
+    from rpms_ros.stimulation.records.audit_log import read_key, verify_log
 
     if not arguments.file.is_file():
         raise StimulationError(
             f'expected an audit log or a dose ledger, got no regular file at {arguments.file}'
         )
     key = read_key(arguments.key_file) if arguments.key_file is not None else None
-    found = verify(arguments.file, key, purpose=None)
+    found = verify_log(arguments.file, key, purpose=None)
     kinds = frozenset(arguments.only.split(',')) if arguments.only else None
     print('\n'.join(report(arguments.file, found, kinds)))
     return 0 if found.intact and not found.torn else 1

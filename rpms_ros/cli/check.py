@@ -6,18 +6,16 @@ import argparse
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rpms_ros.cli.options import add_option
 from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
-    from rpms_ros.stimulation.device_specification import DeviceSpecification
-    from rpms_ros.stimulation.forecast import Forecast
-    from rpms_ros.stimulation.forecast import Offer
-    from rpms_ros.stimulation.patient import Patient
-    from rpms_ros.stimulation.schedule import Schedule
+    from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
+    from rpms_ros.stimulation.limits.forecast import Forecast, Offer
+    from rpms_ros.stimulation.limits.patient import Patient
+    from rpms_ros.stimulation.schedule.schedule import Schedule
 
 _BARS = ' ▁▂▃▄▅▆▇█'
 _WIDTH = 60
@@ -52,12 +50,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check a schedule; return 0 if it can be delivered, 1 if not."""
-    from rpms_ros.stimulation.description import load_schedule
-    from rpms_ros.stimulation.device_specification import load_device_specification
-    from rpms_ros.stimulation.fitting import forecast_within
-    from rpms_ros.stimulation.forecast import offers
-    from rpms_ros.stimulation.patient import for_session
-    from rpms_ros.stimulation.patient import load_patient
+    from rpms_ros.stimulation.limits.device_specification import load_device_specification
+    from rpms_ros.stimulation.limits.fitting import forecast_within
+    from rpms_ros.stimulation.limits.forecast import offers
+    from rpms_ros.stimulation.limits.patient import for_session, load_patient
+    from rpms_ros.stimulation.schedule.description import load_schedule
 
     schedule = load_schedule(arguments.schedule)
     specification = load_device_specification(arguments.device)
@@ -72,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not ahead.deliverable:
             print('\n'.join(_offered(offers(schedule, specification))))
     if arguments.plot is not None:
-        from rpms_ros.report.schedule_figure import save_schedule_figure
+        from rpms_ros.report.session.dose import save_schedule_figure
 
         save_schedule_figure(schedule, specification, ahead, arguments.plot)
     return 0 if ahead.deliverable else 1

@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpms_ros.cli.identify import add_preset_option
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_command, add_option
 from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
     from rpms_ros.muscle import Subject
     from rpms_ros.muscle.scenario import Scenario
-    from rpms_ros.nodes.simulation_launcher import SimulationLauncher
-    from rpms_ros.nodes.simulation_launcher import SimulationSettings
+    from rpms_ros.nodes.simulation_launcher import SimulationLauncher, SimulationSettings
 
 _DESCRIPTION = """\
 Starts a simulated muscle, a stimulator driver and the identifier as three ROS 2 nodes, each a
@@ -94,8 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the simulation, then report; return the exit code."""
     from rpms_ros.muscle.scenario import load_scenario
     from rpms_ros.nodes.identifier_parameters import IdentifierParameters
-    from rpms_ros.nodes.plant_parameters import PlantParameters
-    from rpms_ros.nodes.plant_parameters import subject_of
+    from rpms_ros.nodes.plant_simulator import PlantParameters, subject_of
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 
     if arguments.live is not None and not 1 <= arguments.live <= 65535:
@@ -238,18 +235,15 @@ def _report(
     scenario: 'Scenario | None',
 ) -> int:
     """Identify the recording, print what came out, draw the figure; return the exit code."""
-    from rpms_ros.identification.faults import PULSE_LATE
+    from rpms_ros.identification.stream.faults import PULSE_LATE
     from rpms_ros.nodes.simulation_launcher import RECORDING
     from rpms_ros.recording import read_recording
     from rpms_ros.report.agreement import compare
-    from rpms_ros.report.course import course_of
-    from rpms_ros.report.identified import IdentificationOptions
-    from rpms_ros.report.identified import identified
-    from rpms_ros.report.known_muscle import of_subject
+    from rpms_ros.report.course import course_of, steadiness
+    from rpms_ros.report.known_muscle import of_subject, truth_table
     from rpms_ros.report.recorded import true_muscle
-    from rpms_ros.report.session_figure import draw_session
-    from rpms_ros.report.steadiness import steadiness
-    from rpms_ros.report.truth_table import truth_table
+    from rpms_ros.report.result import IdentificationOptions, identified
+    from rpms_ros.report.session.session_figure import draw_session
 
     path = launcher.folder / RECORDING
     recording = read_recording(path)
@@ -289,8 +283,7 @@ def _report(
 
 
 def _title(settings: 'SimulationSettings') -> str:
-    from rpms_ros.nodes.plant_parameters import PlantParameters
-    from rpms_ros.nodes.plant_parameters import scenario_of
+    from rpms_ros.nodes.plant_simulator import PlantParameters, scenario_of
 
     plant = settings.plant
     noise = scenario_of(PlantParameters(**plant)).disturbances.noise

@@ -6,19 +6,21 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rpms_ros.cli.options import INCOMPLETE
-from rpms_ros.cli.options import SUCCESS
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
-from rpms_ros.cli.options import add_quantity_option
-from rpms_ros.cli.options import add_reading_options
-from rpms_ros.cli.options import read
-from rpms_ros.cli.options import warn
+from rpms_ros.cli.options import (
+    INCOMPLETE,
+    SUCCESS,
+    add_command,
+    add_option,
+    add_quantity_option,
+    add_reading_options,
+    read,
+    warn,
+)
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
-    from rpms_ros.recording.exporting import SessionExport
+    from rpms_ros.recording.export import SessionExport
 
 FORMATS = ('csv', 'mat', 'bids')
 _DESCRIPTION = """\
@@ -60,11 +62,13 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Export the session and say what was written."""
-    from rpms_ros.recording.exporting import BidsNames
-    from rpms_ros.recording.exporting import write_bids
-    from rpms_ros.recording.exporting import write_matlab
-    from rpms_ros.recording.exporting import write_tables
-    from rpms_ros.recording.exporting import written_whole
+    from rpms_ros.recording.export import (
+        BidsNames,
+        write_bids,
+        write_matlab,
+        write_tables,
+        written_whole,
+    )
 
     names = BidsNames(arguments.subject, arguments.task, arguments.session, arguments.run_number)
     if arguments.to != 'bids' and names != BidsNames():
@@ -92,10 +96,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple[str, str]]]:
     """Return what is exported, and what was wrong with it."""
     from rpms_ros.recording import session_hash
-    from rpms_ros.recording.exporting import SessionExport
-    from rpms_ros.recording.reading import held_bytes
-    from rpms_ros.report.estimate_table import estimate_table
-    from rpms_ros.report.recorded import recorded_messages
+    from rpms_ros.recording.export import SessionExport
+    from rpms_ros.recording.rosbag.reading import held_bytes
+    from rpms_ros.report.recorded import estimate_table, recorded_messages
 
     path = arguments.bag
     name = path.resolve().name

@@ -5,33 +5,35 @@
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.cli.import_file import add_signal_options
-from rpms_ros.cli.options import INCOMPLETE
-from rpms_ros.cli.options import SUCCESS
-from rpms_ros.cli.options import UNUSABLE
-from rpms_ros.cli.options import add_bag
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
-from rpms_ros.cli.options import add_quantity_option
-from rpms_ros.cli.options import add_reading_options
-from rpms_ros.cli.options import compile_estimator
-from rpms_ros.cli.options import progress
-from rpms_ros.cli.options import read
-from rpms_ros.cli.options import warn
+from rpms_ros.cli.options import (
+    INCOMPLETE,
+    SUCCESS,
+    UNUSABLE,
+    add_bag,
+    add_command,
+    add_option,
+    add_quantity_option,
+    add_reading_options,
+    compile_estimator,
+    progress,
+    read,
+    warn,
+)
 from rpms_ros.errors import ReportError
-from rpms_ros.printable import counted
-from rpms_ros.printable import printable
-from rpms_ros.report.named import NOT_A_TWITCH
-from rpms_ros.report.named import is_no_twitch
-from rpms_ros.report.named import label
-from rpms_ros.report.named import recruitment_shown
-from rpms_ros.report.named import shown
-from rpms_ros.report.text import labelled
-from rpms_ros.report.text import with_interval
+from rpms_ros.printable import counted, printable
+from rpms_ros.report.text import (
+    NOT_A_TWITCH,
+    is_no_twitch,
+    label,
+    labelled,
+    recruitment_shown,
+    shown,
+    with_interval,
+)
 
 if TYPE_CHECKING:
     from rpms_ros.identification import IdentifiedSession
@@ -143,13 +145,15 @@ def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the recording; return the exit code of the verdict."""
-    from rpms_ros.identification.constancy.answer import FOLLOWER
-    from rpms_ros.identification.verdict_settings import VerdictSettings
-    from rpms_ros.report.identified import IdentificationOptions
-    from rpms_ros.report.identified import history_of
-    from rpms_ros.report.identified import identified
-    from rpms_ros.report.result import result_of
-    from rpms_ros.report.result import trains_of
+    from rpms_ros.identification.quality.stationarity import FOLLOWER
+    from rpms_ros.identification.quality.verdict import VerdictSettings
+    from rpms_ros.report.result import (
+        IdentificationOptions,
+        history_of,
+        identified,
+        result_of,
+        trains_of,
+    )
     from rpms_ros.schema import plain
 
     settings = VerdictSettings(expected_force=arguments.expected_force)
@@ -187,7 +191,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def as_text(document: dict[str, Any]) -> str:
     """Return the result as a short table, the verdict first."""
-    from rpms_ros.report.identified import FOLLOWED
+    from rpms_ros.report.result import FOLLOWED
 
     verdict, duration = document['verdict'], document['duration_s']
     first, *others = verdict['reasons']
@@ -324,7 +328,7 @@ def _write(
 ) -> None:
     """Write the result and its figure, as pixels and as vectors."""
     from rpms_ros.report.recorded import true_muscle
-    from rpms_ros.report.session_figure import draw_session
+    from rpms_ros.report.session.session_figure import draw_session
 
     truth = true_muscle(recording, session.last.repetition_rate)
     try:

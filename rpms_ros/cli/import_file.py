@@ -5,25 +5,19 @@
 import argparse
 import os
 import sys
-from dataclasses import fields
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rpms_ros.axis import FORCE
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_command, add_option
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted
 from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
-    from rpms_ros.recording.importing import Guess
-    from rpms_ros.recording.importing import Imported
-    from rpms_ros.recording.importing import ImportOptions
-    from rpms_ros.recording.importing import SignalFile
+    from rpms_ros.recording.importing import Guess, Imported, ImportOptions, SignalFile
 
 # Those of `rpms_ros.recording.importing`, which takes long to import.
 _SENSOR_UNITS = ('N', 'mN', 'kN', 'g', 'kg', 'lbf', 'Nm', 'mNm', 'kNm', 'kgm', 'ft-lbf')
@@ -113,8 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def imported(path: Path, arguments: argparse.Namespace) -> 'Imported':
     """Return what a file holds, as the options say; a terminal is asked for the rest."""
-    from rpms_ros.recording.importing import guess_by
-    from rpms_ros.recording.importing import import_file
+    from rpms_ros.recording.importing import guess_by, import_file
 
     asked = _asked(arguments)
     options = signal_options(arguments)
@@ -158,8 +151,7 @@ def _asked(arguments: argparse.Namespace) -> bool:
 
 def _questioned(file: 'SignalFile', options: 'ImportOptions') -> 'Guess':
     """Return the guess; what cannot be guessed is asked for, and then whether it is right."""
-    from rpms_ros.recording.importing import Ambiguous
-    from rpms_ros.recording.importing import guess_by
+    from rpms_ros.recording.importing import Ambiguous, guess_by
 
     while True:
         try:
@@ -202,7 +194,7 @@ def _shown(file: 'SignalFile', guess: 'Guess') -> str:
 def _write(arguments: argparse.Namespace, found: 'Imported') -> None:
     """Write the recording beside its place and move it there as a whole."""
     from rpms_ros.recording import write_recording
-    from rpms_ros.recording.exporting import written_whole
+    from rpms_ros.recording.export import written_whole
 
     def write(made: Path) -> None:
         custom = {'source': arguments.file.name}

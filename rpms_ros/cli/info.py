@@ -8,24 +8,18 @@ import sys
 import textwrap
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rpms_ros.cli.import_file import add_signal_options
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_memory_option
-from rpms_ros.cli.options import progress
-from rpms_ros.cli.options import read
+from rpms_ros.cli.options import add_command, add_memory_option, progress, read
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.report.text import noted
-from rpms_ros.report.text import table
+from rpms_ros.report.text import noted, table
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
-    from rpms_ros.recording import Recording
-    from rpms_ros.recording import RecordingFacts
+    from rpms_ros.recording import Recording, RecordingFacts
 
 _DESCRIPTION = """\
 Shows topics, types, numbers of messages, duration and what is wrong with a recording.
@@ -72,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
     """Return the facts of a file of a laboratory: pulses and samples in place of topics."""
-    from rpms_ros.recording.scan import TopicFacts
+    from rpms_ros.recording.rosbag.scan import TopicFacts
 
     pulses, forces = recording.pulses.onset_ns, recording.forces.stamp_ns
     topics = tuple(
@@ -88,7 +82,7 @@ def _facts_of_file(recording: 'Recording') -> 'RecordingFacts':
 
 def _apart(bag: Path, memory: int | None) -> str | None:
     """Return a sentence if pulses and force do not overlap by their stamps, else None."""
-    from rpms_ros.identification.pulse_checks import no_overlap
+    from rpms_ros.identification.stream.pulse_checks import no_overlap
     from rpms_ros.recording import read_recording
 
     try:

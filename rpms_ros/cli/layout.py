@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from rpms_ros.cli.options import add_option
-from rpms_ros.cli.options import add_quantity_option
+from rpms_ros.cli.options import add_option, add_quantity_option
 
 
 def add_parser(subparsers: Any) -> None:
@@ -28,8 +27,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write or print a layout."""
-    from rpms_ros.layouts import LayoutError
-    from rpms_ros.layouts import layout
+    from rpms_ros.layouts import LayoutError, layout
 
     text = layout(arguments.program, arguments.namespace, arguments.axis, arguments.quantity)
     if arguments.out is None:

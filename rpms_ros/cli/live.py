@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
+from rpms_ros.cli.options import add_command, add_option
 from rpms_ros.errors import LiveError
 
 EVERYWHERE = '0.0.0.0'
@@ -67,8 +66,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until a signal; return the exit code."""
-    from rpms_ros.live.access import new_token
-    from rpms_ros.live.access import token_of
+    from rpms_ros.live.server import new_token, token_of
     from rpms_ros.nodes.live_page import serve
 
     token = new_token() if arguments.stop else ''
@@ -96,7 +94,7 @@ def _only_namespace() -> str:
     LiveError
         If there are several.
     """
-    from rpms_ros.nodes.live_finding import namespaces
+    from rpms_ros.nodes.live_page import namespaces
 
     found = namespaces()
     if len(found) > 1:

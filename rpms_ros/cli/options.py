@@ -4,13 +4,10 @@
 
 import argparse
 import sys
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
@@ -18,8 +15,7 @@ from rpms_ros.report.text import collapsed
 
 if TYPE_CHECKING:
     from rpms_ros.identification import Estimator
-    from rpms_ros.recording import Recording
-    from rpms_ros.recording import Topics
+    from rpms_ros.recording import Recording, Topics
 
 SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
 COMPILING = 'compiling for this machine, once; this takes one to three minutes'
@@ -151,8 +147,7 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
     from rpms_ros.recording import read_recording
 
     if hasattr(arguments, 'pulse_unit'):
-        from rpms_ros.cli.import_file import imported_recording
-        from rpms_ros.cli.import_file import signal_options
+        from rpms_ros.cli.import_file import imported_recording, signal_options
         from rpms_ros.recording.importing import is_foreign
 
         if is_foreign(path):
@@ -184,7 +179,7 @@ def warn(findings: Iterable[tuple[str, str]]) -> None:
 
 def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:
     """Compile what an estimator runs, once on a machine; say so on stderr before it begins."""
-    from rpms_ros.identification.warm_up import warm_up
+    from rpms_ros.identification.catalogue import warm_up
 
     def tell() -> None:
         if not quiet:

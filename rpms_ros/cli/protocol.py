@@ -7,14 +7,13 @@ import os
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rpms_ros.cli.options import add_option
 from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
-    from rpms_ros.stimulation.schedule import Schedule
+    from rpms_ros.stimulation.schedule.schedule import Schedule
 
 
 @dataclass(frozen=True)
@@ -37,49 +36,47 @@ class Protocol:
 
     def build(self, arguments: argparse.Namespace) -> 'Schedule':
         """Return the schedule, with what was given in place of its own figures."""
-        module, _, function = self.maker.partition('.')
+        protocols = import_module('rpms_ros.stimulation.schedule.protocols')
         rate = arguments.rate_hz
         values = {**vars(arguments), 'rates_hz': None if rate is None else (rate,)}
         given = {name: values[name] for name in self.takes if values[name] is not None}
-        made: Schedule = getattr(import_module(f'rpms_ros.stimulation.{module}'), function)(
-            **given
-        )
+        made: Schedule = getattr(protocols, self.maker)(**given)
         return made
 
 
 PROTOCOLS: dict[str, Protocol] = {
     'uniform_random': Protocol(
         'uniform random intensity, 0 to 100 % at 20 Hz for 90 s',
-        'presets.paper_random',
+        'paper_random',
         ('duration_s', 'rate_hz', 'seed'),
     ),
     'sinusoid': Protocol(
         'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s',
-        'presets.paper_sinusoid',
+        'paper_sinusoid',
         ('duration_s', 'rate_hz'),
     ),
     'staircase': Protocol(
-        'six levels from 0 to 100 % at 20 Hz, 3 s each', 'presets.staircase', ('rate_hz',)
+        'six levels from 0 to 100 % at 20 Hz, 3 s each', 'staircase', ('rate_hz',)
     ),
-    'constant': Protocol('100 % at 20 Hz for 10 s', 'presets.constant', ('duration_s', 'rate_hz')),
+    'constant': Protocol('100 % at 20 Hz for 10 s', 'constant', ('duration_s', 'rate_hz')),
     'twitches': Protocol(
         'single pulses at six intensities, a second apart, shuffled',
-        'analysis_protocols.twitches',
+        'twitches',
         ('seed',),
     ),
     'trains': Protocol(
         'trains of 1.5 s at 5 to 35 Hz, single pulses before them',
-        'analysis_protocols.trains',
+        'trains',
         ('rates_hz', 'duration_s'),
     ),
     'recruitment': Protocol(
         'staircases of 21 intensities at six rates from 15 to 35 Hz',
-        'analysis_protocols.recruitment',
+        'recruitment',
         ('rates_hz',),
     ),
     'muscle': Protocol(
         'twitches, trains and recruitment, for `rpms analyze`',
-        'analysis_protocols.muscle',
+        'muscle',
         ('seed',),
     ),
 }
@@ -112,7 +109,7 @@ def add_parser(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the schedule and say what it adds up to."""
     from rpms_ros.errors import StimulationError
-    from rpms_ros.stimulation.description import schedule_to_text
+    from rpms_ros.stimulation.schedule.description import schedule_to_text
 
     if os.path.lexists(arguments.out):
         raise StimulationError(f'expected a new file for the schedule, got {arguments.out}')
@@ -144,9 +141,9 @@ def _fitted(
     schedule: 'Schedule', arguments: argparse.Namespace
 ) -> 'tuple[Schedule, tuple[str, ...]]':
     """Return what device and patient can be given of a schedule, and what was changed."""
-    from rpms_ros.stimulation.device_specification import load_device_specification
-    from rpms_ros.stimulation.fitting import fitted
-    from rpms_ros.stimulation.patient import load_patient
+    from rpms_ros.stimulation.limits.device_specification import load_device_specification
+    from rpms_ros.stimulation.limits.fitting import fitted
+    from rpms_ros.stimulation.limits.patient import load_patient
 
     specification = load_device_specification(arguments.device)
     patient = load_patient(arguments.patient) if arguments.patient is not None else None

@@ -5,21 +5,21 @@
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from rpms_ros.cli.identify import add_estimator_options
-from rpms_ros.cli.options import add_bag
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
-from rpms_ros.cli.options import add_quantity_option
-from rpms_ros.cli.options import add_reading_options
-from rpms_ros.cli.options import progress
-from rpms_ros.cli.options import read
-from rpms_ros.errors import NodeError
-from rpms_ros.errors import RecordingError
+from rpms_ros.cli.options import (
+    add_bag,
+    add_command,
+    add_option,
+    add_quantity_option,
+    add_reading_options,
+    progress,
+    read,
+)
+from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
@@ -67,9 +67,8 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the recording; return 1 if estimates differ or are missing."""
-    from rpms_ros.nodes.replay import replay
-    from rpms_ros.nodes.replayer import ReplaySettings
-    from rpms_ros.recording.reading import held_bytes
+    from rpms_ros.nodes.replay import ReplaySettings, replay
+    from rpms_ros.recording.rosbag.reading import held_bytes
     from rpms_ros.report.agreement import compare
     from rpms_ros.report.recorded import recorded_messages
 
@@ -111,8 +110,7 @@ def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
     }
     if arguments.parameters is None:
         return parameters
-    from rpms_ros.recording.metadata_reading import loaded
-    from rpms_ros.recording.metadata_reading import regular_text
+    from rpms_ros.recording.rosbag.metadata import loaded, regular_text
 
     try:
         content = loaded(regular_text(arguments.parameters))
@@ -125,9 +123,8 @@ def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _of_an_identifier(content: object, path: Path) -> dict[str, Any]:
     """Return the parameters for an identifier, of a file that may be one for several nodes."""
+    from rpms_ros.nodes.common.parameters import blocks_of, descriptions
     from rpms_ros.nodes.identifier_parameters import IdentifierParameters
-    from rpms_ros.nodes.parameter_files import blocks_of
-    from rpms_ros.nodes.parameters import descriptions
 
     blocks = dict(blocks_of(content))
     own = set(descriptions(IdentifierParameters))

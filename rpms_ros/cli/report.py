@@ -7,22 +7,21 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.identify import add_estimator_options
-from rpms_ros.cli.identify import add_verdict_option
-from rpms_ros.cli.identify import verdict_code
+from rpms_ros.cli.identify import add_estimator_options, add_verdict_option, verdict_code
 from rpms_ros.cli.import_file import add_signal_options
-from rpms_ros.cli.options import add_bag
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
-from rpms_ros.cli.options import add_quantity_option
-from rpms_ros.cli.options import add_reading_options
-from rpms_ros.cli.options import compile_estimator
-from rpms_ros.cli.options import progress
-from rpms_ros.cli.options import read
-from rpms_ros.cli.options import warn
+from rpms_ros.cli.options import (
+    add_bag,
+    add_command,
+    add_option,
+    add_quantity_option,
+    add_reading_options,
+    compile_estimator,
+    progress,
+    read,
+    warn,
+)
 from rpms_ros.errors import ReportError
 
 if TYPE_CHECKING:
@@ -82,9 +81,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code of the verdict."""
-    from rpms_ros.report.session import as_document
-    from rpms_ros.report.session import as_page
-    from rpms_ros.report.session import write_figures
+    from rpms_ros.report.session import as_document, as_page, write_figures
 
     analysis = _analysis(arguments)
     document = as_document(analysis)
@@ -136,17 +133,14 @@ def _previous(path: Path) -> dict[str, Any]:
 
 def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
     from rpms_ros.identification.catalogue import estimator_by_name
-    from rpms_ros.identification.verdict_settings import VerdictSettings
+    from rpms_ros.identification.quality.verdict import VerdictSettings
     from rpms_ros.recording.importing import is_foreign
-    from rpms_ros.recording.reading import held_bytes
-    from rpms_ros.report.identified import IdentificationOptions
-    from rpms_ros.report.identified import identified
-    from rpms_ros.report.recorded import RecordedMessages
-    from rpms_ros.report.recorded import recorded_messages
-    from rpms_ros.report.result import result_of
+    from rpms_ros.recording.rosbag.reading import held_bytes
+    from rpms_ros.report.recorded import RecordedMessages, recorded_messages
+    from rpms_ros.report.result import IdentificationOptions, identified, result_of
     from rpms_ros.report.session import analyse
     from rpms_ros.report.session.analysis import ReportSettings
-    from rpms_ros.stimulation.device_specification import load_device_specification
+    from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
     verdict = VerdictSettings(expected_force=arguments.expected_force)
     settings = ReportSettings(

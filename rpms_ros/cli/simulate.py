@@ -5,23 +5,19 @@
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_option
-from rpms_ros.cli.options import progress
+from rpms_ros.cli.options import add_command, add_option, progress
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 if TYPE_CHECKING:
     from rpms_ros.muscle import Subject
     from rpms_ros.muscle.scenario import Scenario
-    from rpms_ros.muscle.truth import Truth
+    from rpms_ros.muscle.simulation import Truth
     from rpms_ros.stimulation import Schedule
 
 _DESCRIPTION = """\
@@ -93,14 +89,15 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and record the session."""
-    from rpms_ros.api.simulating import SCHEDULES
-    from rpms_ros.api.simulating import START_NS
-    from rpms_ros.api.simulating import named_schedule
-    from rpms_ros.api.simulating import named_subject
-    from rpms_ros.api.simulating import sample_times
-    from rpms_ros.muscle.living import muscle_of
-    from rpms_ros.muscle.simulation import simulate_session
-    from rpms_ros.muscle.surroundings import Surroundings
+    from rpms_ros.api.simulating import (
+        SCHEDULES,
+        START_NS,
+        named_schedule,
+        named_subject,
+        sample_times,
+    )
+    from rpms_ros.muscle.simulation import Surroundings, simulate_session
+    from rpms_ros.muscle.time_varying import muscle_of
 
     if arguments.out.exists():
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
@@ -148,8 +145,7 @@ def _refuse_what_has_no_effect(arguments: argparse.Namespace, from_file: bool) -
 
 def _scenario(arguments: argparse.Namespace) -> 'Scenario':
     """Return what happens; disturbances that are given replace those of the scenario."""
-    from rpms_ros.muscle.scenario import Scenario
-    from rpms_ros.muscle.scenario import load_scenario
+    from rpms_ros.muscle.scenario import Scenario, load_scenario
 
     scenario = load_scenario(arguments.scenario) if arguments.scenario else Scenario()
     given = {name: getattr(arguments, name) for name in _DISTURBANCES if getattr(arguments, name)}
@@ -180,7 +176,7 @@ def _write(
     notes: dict[str, str],
 ) -> None:
     """Write the recording, with the truth beside pulses and force where there is one."""
-    from rpms_ros.cli.simulated_truth import truth_topic
+    from rpms_ros.api.simulating import truth_topic
     from rpms_ros.recording import write_recording
 
     write_recording(

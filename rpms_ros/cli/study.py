@@ -6,14 +6,15 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
-from rpms_ros.cli.identify import add_estimator_options
-from rpms_ros.cli.identify import add_verdict_option
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_quantity_option
-from rpms_ros.cli.options import add_reading_options
-from rpms_ros.cli.options import compile_estimator
-from rpms_ros.cli.options import progress
-from rpms_ros.cli.options import warn
+from rpms_ros.cli.identify import add_estimator_options, add_verdict_option
+from rpms_ros.cli.options import (
+    add_command,
+    add_quantity_option,
+    add_reading_options,
+    compile_estimator,
+    progress,
+    warn,
+)
 from rpms_ros.printable import counted
 
 _DESCRIPTION = """\
@@ -68,13 +69,9 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify what has not been identified yet, and write the table."""
-    from rpms_ros.cli.study_table import StudyTable
-    from rpms_ros.cli.study_table import found_recordings
-    from rpms_ros.cli.study_work import StudyOptions
-    from rpms_ros.cli.study_work import finished
     from rpms_ros.errors import RecordingError
-    from rpms_ros.identification.verdict_settings import DOUBTFUL
-    from rpms_ros.identification.verdict_settings import GRADES
+    from rpms_ros.identification.quality.verdict import DOUBTFUL, GRADES
+    from rpms_ros.report.group.study import StudyOptions, StudyTable, finished, found_recordings
 
     options = StudyOptions(
         estimator=arguments.estimator,

@@ -6,12 +6,14 @@ import argparse
 import json
 from pathlib import Path
 
-from rpms_ros.cli.options import add_bag
-from rpms_ros.cli.options import add_command
-from rpms_ros.cli.options import add_memory_option
-from rpms_ros.cli.options import add_option
-from rpms_ros.cli.options import add_topic_options
-from rpms_ros.cli.options import topics_of
+from rpms_ros.cli.options import (
+    add_bag,
+    add_command,
+    add_memory_option,
+    add_option,
+    add_topic_options,
+    topics_of,
+)
 
 _DESCRIPTION = """\
 Checks a recording, one line a finding: structure, checksums, signature, publishers, clock, gaps,
@@ -41,9 +43,8 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what was found; return 1 if something is wrong."""
-    from rpms_ros.recording.checksums import read_key
-    from rpms_ros.recording.verifying import FAULT
-    from rpms_ros.recording.verifying import verify
+    from rpms_ros.recording.rosbag.checksums import read_key
+    from rpms_ros.recording.rosbag.verifying import FAULT, verify
 
     key = read_key(arguments.key) if arguments.key else None
     findings = verify(

@@ -14,8 +14,7 @@ from pathlib import Path
 
 from rpms_ros.guard import packets
 from rpms_ros.guard.packets import Packet
-from rpms_ros.guard.relay import Guard
-from rpms_ros.guard.relay import GuardLimits
+from rpms_ros.guard.relay import Guard, GuardLimits
 
 # Stopping for a debugger or a terminal, news of a child or a window, and what cannot be caught or
 # must not be ignored; whatever else would end the process disarms first.

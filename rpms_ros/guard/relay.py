@@ -9,14 +9,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rpms_ros.guard import packets
-from rpms_ros.guard import rapid2
-from rpms_ros.guard.driver_socket import DriverGone
-from rpms_ros.guard.driver_socket import DriverSocket
-from rpms_ros.guard.line import Exchange
-from rpms_ros.guard.line import Line
-from rpms_ros.guard.line import LineBusy
-from rpms_ros.guard.line import LineError
+from rpms_ros.guard import packets, rapid2
+from rpms_ros.guard.driver_socket import DriverGone, DriverSocket
+from rpms_ros.guard.line import Exchange, Line, LineBusy, LineError
 from rpms_ros.guard.packets import Packet
 
 _SECOND = 1_000_000_000

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rpms_ros.live.numbers import number
-from rpms_ros.live.numbers import text
+from rpms_ros.live.numbers import number, text
 
 OK, QUIET, SILENT, NEVER = 'ok', 'quiet', 'silent', 'never'
 # Seconds over which a rate is counted.

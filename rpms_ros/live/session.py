@@ -4,37 +4,276 @@
 
 A browser that has taken one frame asks for the next; what it has is its cursor.  So a slow browser
 gets larger frames and fewer of them, and nothing is kept for it.
+
+What the page shows of a stimulator driver.
+
+The course of the force that the stimulation does not cause, as the estimates tell it.
+
+Each estimate that is read tells its newest value, a few times a second: the effort of a patient, a
+spasm, a drift of the sensor.
+
+What the page shows of an estimate.
+
+What the page calls the quantities of an estimate, and in which unit it shows them.
 """
 
 import math
 import re
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import takewhile
-from typing import Any
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpms_ros.identification.estimate import Estimate
-from rpms_ros.live.disturbance_course import DisturbanceCourse
-from rpms_ros.live.driver_view import STOPPED
-from rpms_ros.live.driver_view import driver_view
-from rpms_ros.live.estimate_view import estimate_view
-from rpms_ros.live.force_bins import BIN_NS
-from rpms_ros.live.force_bins import ForceBins
-from rpms_ros.live.heard import NEVER
-from rpms_ros.live.heard import OK
-from rpms_ros.live.heard import SILENT
-from rpms_ros.live.heard import Topic
-from rpms_ros.live.modelled import ModelledForce
-from rpms_ros.live.numbers import number
-from rpms_ros.live.numbers import numbers
-from rpms_ros.live.numbers import text
+from rpms_ros.identification.model.estimate import Estimate
+from rpms_ros.identification.stream.doubts import meaning_of_doubt
+from rpms_ros.identification.stream.faults import MEANING
+from rpms_ros.live.force_course import BIN_NS, ForceBins, ModelledForce
+from rpms_ros.live.heard import NEVER, OK, SILENT, Topic
+from rpms_ros.live.numbers import MOST_NAMES, number, numbers, text, texts, thinned
 from rpms_ros.printable import counted
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import FloatArray, IntArray, Pulse
+from rpms_ros.report.text import RATE_WORDS, interval_of, label
+
+STATES = ('unconfigured', 'disarmed', 'armed', 'running', 'stopped', 'fault')
+BUTTONS = ('released', 'pressed', 'silent', 'unknown')
+STOPPED = 'stopped'
+
+
+def driver_view(message: Any) -> dict[str, Any]:
+    """Return an rpms_msgs/DriverStatus as JSON takes it."""
+    return {
+        'state': _word(STATES, message.state),
+        'reason': text(message.reason),
+        'schedule': text(message.schedule),
+        'segment': int(message.segment) + 1 if message.segments else 0,
+        'segments': int(message.segments),
+        'time_left': number(message.time_left),
+        'commanded': int(message.pulses_commanded),
+        'delivered': int(message.pulses_delivered),
+        'dropped': int(message.pulses_dropped),
+        'unverified': int(message.pulses_unverified),
+        'coil_energy': number(message.coil_energy),
+        'coil_temperature': number(message.coil_temperature),
+        'lateness_max': number(message.lateness_max),
+        'device': text(message.device),
+        'maximum_intensity': number(message.maximum_intensity),
+        'operator': text(message.operator_id),
+        'enabled': bool(message.enabled),
+        'dose_pulses': int(message.dose_pulses),
+        'dose_energy': number(message.dose_energy),
+        'faults': _pairs(message.fault_names, [int(count) for count in message.fault_counts]),
+        'buttons': _pairs(
+            message.button_names, [_word(BUTTONS, state) for state in message.button_states]
+        ),
+    }
+
+
+def _word(words: tuple[str, ...], value: int) -> str:
+    return words[value] if 0 <= value < len(words) else f'state {int(value)}'
+
+
+def _pairs(names: Any, values: list[Any]) -> list[list[Any]]:
+    return [[text(name), value] for name, value in zip(names, values, strict=False)][:MOST_NAMES]
+
+
+# Half a minute of estimates, and some.
+_KEPT = 400
+_NANOSECONDS = 1e-9
+
+
+class DisturbanceCourse:
+    """Keeps what the estimates of the last half minute tell.
+
+    Attributes
+    ----------
+    count : int
+        Estimates so far that told it.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._kept: deque[tuple[int, int, float, float]] = deque(maxlen=_KEPT)
+
+    def add(self, estimate: Estimate) -> None:
+        """Take an estimate; one that does not know the disturbance is passed over."""
+        value, deviation = estimate.disturbance, estimate.disturbance_deviation
+        if not (math.isfinite(value) and math.isfinite(deviation) and deviation > 0.0):
+            return
+        if self._kept and estimate.stamp_ns <= self._kept[-1][1]:
+            # a clock that has jumped begins anew: a line is drawn over ascending times
+            self._kept.clear()
+        self.count += 1
+        self._kept.append((self.count, estimate.stamp_ns, value, deviation))
+
+    def since(self, count: int, origin_ns: int) -> list[list[float | None]]:
+        """Return time after `origin_ns` [s], value and deviation [N] of those after `count`."""
+        return [
+            [round((stamp_ns - origin_ns) * _NANOSECONDS, 4), number(value), number(deviation)]
+            for counted, stamp_ns, value, deviation in self._kept
+            if counted > count and stamp_ns >= origin_ns
+        ]
+
+
+class Label(NamedTuple):
+    """How a quantity is shown: its name with its unit, and what its value is multiplied by."""
+
+    text: str
+    factor: float = 1.0
+
+
+PARAMETERS: Mapping[str, Label] = MappingProxyType(
+    {
+        **{name: Label(label(name)) for name in ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')},
+        'twitch_time_constant_s': Label(f'{label("twitch_time_constant_s")} [ms]', 1e3),
+        'latency_s': Label(f'{label("latency_s")} [ms]', 1e3),
+        'order': Label(label('order')),
+        'twitch_peak_n': Label(f'{label("twitch_peak_n")} [{{unit}}]'),
+    }
+)
+"""Labels of the parameters and of what is derived from them; `{unit}` is that of the sensor."""
+
+RATES: Mapping[str, Label] = {name: Label(words) for name, words in RATE_WORDS.items()}
+"""Labels of the rates of change per minute."""
+
+
+def label_of(name: str, labels: Mapping[str, Label], unit: str) -> Label:
+    """Return how a quantity is shown; one of somebody else's estimator keeps its name."""
+    known = labels.get(name)
+    return known._replace(text=known.text.replace('{unit}', unit)) if known else Label(name)
+
+
+IDENTIFIABILITY = ('not in the data', 'still moving', 'settled')
+"""Words for `NOT_INFORMED`, `INFORMED` and `CONVERGED`."""
+
+MOST_POINTS = 101
+"""Points of a curve that are sent."""
+
+
+def estimate_view(estimate: Estimate, origin_ns: int) -> dict[str, Any]:
+    """Return an estimate as JSON takes it; times in s after `origin_ns`.
+
+    Each parameter is a row of label, value, lower and upper bound, and what the data say of it. A
+    value that the data do not bound is None: it is the value that the estimator began with.
+    """
+    stamp = (estimate.stamp_ns - origin_ns) * _NANOSECONDS
+    unit = text(estimate.unit) or 'N'
+    meanings = [_plain(meaning_of_doubt(name)) for name in estimate.doubts[:MOST_NAMES]]
+    return {
+        'estimator': text(estimate.estimator),
+        'unit': unit,
+        'stamp': number(stamp),
+        'samples': estimate.samples,
+        'pulses': estimate.pulses,
+        'output_error': number(estimate.output_error),
+        'confidence': number(estimate.confidence),
+        'rate': number(estimate.repetition_rate),
+        'curve': _curve(
+            estimate.curve_intensity,
+            estimate.curve_force,
+            estimate.curve_lower,
+            estimate.curve_upper,
+        ),
+        'response': _curve(
+            estimate.response_time,
+            estimate.response_force,
+            estimate.response_lower,
+            estimate.response_upper,
+        ),
+        'parameters': _parameters(estimate, unit),
+        'physiology': _rows(
+            _labels(estimate.physiology_names, PARAMETERS, unit),
+            estimate.physiology,
+            estimate.physiology_lower,
+            estimate.physiology_upper,
+        ),
+        'rates': _rows(
+            _labels(estimate.rate_names, RATES, unit),
+            estimate.rate,
+            estimate.rate_lower,
+            estimate.rate_upper,
+        ),
+        'changes': estimate.changes,
+        'marks': [
+            [text(kind), number(stamp - ago)]
+            for kind, ago in zip(estimate.change_kinds, estimate.change_ago, strict=False)
+        ][-MOST_NAMES:],
+        'disturbance': number(estimate.disturbance),
+        'disturbance_deviation': number(estimate.disturbance_deviation),
+        'doubts': [
+            [text(name), meaning]
+            for name, meaning in zip(estimate.doubts[:MOST_NAMES], meanings, strict=True)
+        ],
+        # some are the meaning of a doubt, which is shown with its name
+        'reasons': texts(one for one in estimate.reasons if _plain(one) not in meanings),
+        'faults': [
+            [text(name), int(count), _plain(MEANING.get(name, ''))]
+            for name, count in list(estimate.faults.items())[:MOST_NAMES]
+        ],
+    }
+
+
+def _curve(
+    along: FloatArray, force: FloatArray, lower: FloatArray, upper: FloatArray
+) -> dict[str, Any] | None:
+    if not len(force) or len(force) != len(along):
+        return None
+    shown = thinned(len(along), MOST_POINTS)
+    parts = {
+        name: line[shown]
+        for name, line in (('along', along), ('force', force), ('lower', lower), ('upper', upper))
+        if len(line) == len(along)
+    }
+    values = numbers(np.concatenate(list(parts.values())))
+    count = len(values) // len(parts)
+    each = {name: values[place * count :][:count] for place, name in enumerate(parts)}
+    return {'lower': None, 'upper': None, **each}
+
+
+def _rows(
+    labels: Iterable[Label], values: FloatArray, lower: FloatArray, upper: FloatArray
+) -> list[list[Any]]:
+    """Return rows of label, value and bounds, None where there are none."""
+    bounded = len(lower) == len(upper) == len(values)
+    return [
+        [
+            text(label.text),
+            number(label.factor * value),
+            number(label.factor * lower[place]) if bounded else None,
+            number(label.factor * upper[place]) if bounded else None,
+        ]
+        for place, (label, value) in enumerate(zip(labels, values, strict=False))
+    ][:MOST_NAMES]
+
+
+def _labels(names: Iterable[str], labels: Mapping[str, Label], unit: str) -> Iterator[Label]:
+    return (label_of(name, labels, unit) for name in names)
+
+
+def _plain(meaning: str) -> str:
+    """Return a meaning as a page shows it: names in it are not marked as in documents."""
+    return meaning.replace('`', '')
+
+
+def _parameters(estimate: Estimate, unit: str) -> list[list[Any]]:
+    values, flags = estimate.nonlinear, estimate.nonlinear_identifiability
+    variance = np.diag(estimate.nonlinear_covariance)
+    bounds = np.full((2, len(values)), np.nan)
+    if len(variance) == len(values) and 0.5 < 0.5 + 0.5 * estimate.confidence < 1.0:
+        deviations = np.sqrt(np.where(variance >= 0.0, variance, np.nan))
+        known = zip(estimate.nonlinear_names[:MOST_NAMES], values, deviations, strict=False)
+        for place, (name, value, deviation) in enumerate(known):
+            ends = interval_of(name, value, deviation, estimate.confidence)
+            bounds[:, place] = ends or np.nan
+    rows = _rows(_labels(estimate.nonlinear_names, PARAMETERS, unit), values, *bounds)
+    for row, flag in zip(rows, flags, strict=False):
+        row.append(IDENTIFIABILITY[flag] if 0 <= flag < len(IDENTIFIABILITY) else '')
+        if flag == 0:
+            row[1:4] = [None, None, None]
+    return rows
+
 
 FORCE, PULSES, ESTIMATE, DRIVER = 'force', 'pulses', 'estimate', 'driver_status'
 

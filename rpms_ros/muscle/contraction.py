@@ -24,10 +24,7 @@ import numpy.typing as npt
 from rpms_ros.errors import MuscleError
 from rpms_ros.muscle.state import MuscleState
 from rpms_ros.muscle.subject import Subject
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import nanoseconds
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
 
 # A motor axon is absolutely refractory for about a millisecond: shorter intervals count as this.
 REFRACTORY_PERIOD = 1e-3

@@ -8,8 +8,7 @@ Each depends on time alone, so the result does not depend on how samples are cut
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 

@@ -7,28 +7,15 @@ Times count from the start of the session.  See docs/scenarios.md for the keys.
 
 import typing
 from collections.abc import Mapping
-from dataclasses import MISSING
-from dataclasses import Field
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle.changes import Change
-from rpms_ros.muscle.disturbance import Disturbances
-from rpms_ros.muscle.effort import EFFORTS
-from rpms_ros.muscle.effort import Effort
-from rpms_ros.muscle.fatigue import Fatigue
-from rpms_ros.muscle.fatigue import Potentiation
-from rpms_ros.muscle.living import LivingSettings
-from rpms_ros.muscle.sensor_faults import SensorFault
-from rpms_ros.strict_yaml import YamlError
-from rpms_ros.strict_yaml import join
-from rpms_ros.strict_yaml import read_yaml
-from rpms_ros.strict_yaml import shown
+from rpms_ros.muscle.effort import EFFORTS, Effort
+from rpms_ros.muscle.sensor import Disturbances, SensorFault
+from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings, Potentiation
+from rpms_ros.strict_yaml import YamlError, join, read_yaml, shown
 
 T = TypeVar('T')
 _FOLDER = Path(__file__).with_name('scenarios')

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Interface and true state of simulated muscles, steady or changing."""
 
-from typing import NamedTuple
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy.typing as npt
 

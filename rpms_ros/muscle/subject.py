@@ -7,16 +7,14 @@ method can be tried on people who differ as much as the subjects of the paper.
 """
 
 import math
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle.recruitment import IntensityRecruitment
-from rpms_ros.muscle.recruitment import RateRecruitment
+from rpms_ros.muscle.recruitment import IntensityRecruitment, RateRecruitment
 from rpms_ros.muscle.twitch import twitch_area
 from rpms_ros.pulses import FloatArray
 

@@ -5,50 +5,363 @@
 Callbacks only collect; a timer hands what has come to the stream.  How it is cut into blocks has
 no influence on the estimates, so a replay of a recording gives them bit for bit.  What its
 services do is not in a recording.
+
+Force and pulses for the identifier in the order of arrival, with their publishers.
+
+An executor of rclpy hands out messages without their publisher, and topic by topic.  Here the
+subscriptions belong to a second node that is in no executor; what has come is taken from them
+when the identifier looks.
+
+Who publishes what the identifier hears: more than one, or best effort only.
+
+Health of an identifier: whether force comes, and whether the estimate can be trusted.
+
+Services that save the state of an identifier to a file, and load it.
+
+Any node of the graph may call a service: paths are limited to the folder in the parameter
+`state_folder`, and without it both services refuse.
 """
 
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
-from rpms_msgs.msg import MuscleEstimate
-from rpms_ros import estimate_messages
-from rpms_ros import messages
-from rpms_ros.axis import UNITS
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification.arrival_order import add_in_order
-from rpms_ros.identification.checkpoint import load
-from rpms_ros.identification.checkpoint import save
-from rpms_ros.identification.warm_up import warm_up
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.construction import complete_or_gone
-from rpms_ros.nodes.diagnostics import PERIOD_S
-from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
-from rpms_ros.nodes.identifier_diagnostics import doubts_in_words
-from rpms_ros.nodes.identifier_diagnostics import identifier_health
-from rpms_ros.nodes.identifier_hearing import Hearing
-from rpms_ros.nodes.identifier_parameters import IdentifierParameters
-from rpms_ros.nodes.identifier_parameters import build_stream
-from rpms_ros.nodes.identifier_parameters import stream_settings
-from rpms_ros.nodes.identifier_publishers import Publishers
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.overridable import warn_of_unused
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import follow_parameters
-from rpms_ros.nodes.runner import run
-from rpms_ros.nodes.state_services import StateServices
-from rpms_ros.pulses import nanoseconds
+from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
+from rpms_msgs.srv import StateFile
+from rpms_ros import estimate_messages, messages
+from rpms_ros.axis import UNITS, Axis
+from rpms_ros.errors import NodeError, RpmsError
+from rpms_ros.identification import Estimate, IdentificationStream
+from rpms_ros.identification.catalogue import warm_up
+from rpms_ros.identification.stream import faults
+from rpms_ros.identification.stream.checkpoint import load, save
+from rpms_ros.identification.stream.doubts import stated_doubt
+from rpms_ros.identification.stream.first_publisher import FirstPublisher
+from rpms_ros.identification.stream.recorded_order import Foreign, add_in_order
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.logger import logger_of, plain_text
+from rpms_ros.nodes.common.parameters import declare_parameters, follow_parameters
+from rpms_ros.nodes.common.qos import second_node, subscribe, taken_from, warn_of_unused
+from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.subscriptions import Taken, Taker, drained
+from rpms_ros.nodes.identifier_parameters import (
+    IdentifierParameters,
+    build_stream,
+    stream_settings,
+)
+from rpms_ros.pulses import ForceTrace, IntArray, Pulse, PulseTrain, nanoseconds
+
+SUFFIX = '_hearing'
+"""What the name of the second node adds to the identifier's."""
+
+
+class Heard(NamedTuple):
+    """What has come since the last look, in the order of its arrival.
+
+    Attributes
+    ----------
+    pulses, forces : PulseTrain, ForceTrace
+        Of the publishers that are listened to.
+    before : ndarray of int64 (pulses,)
+        How many of the samples came before each pulse.
+    foreign : Foreign
+        What came of other publishers.
+    """
+
+    pulses: PulseTrain
+    forces: ForceTrace
+    before: IntArray
+    foreign: Foreign
+
+
+class Hearing:
+    """Subscriptions to force and pulses.
+
+    Parameters
+    ----------
+    node : Node
+        The identifier.
+    axis : Axis
+        Along which the muscle pulls.
+    quantity : str
+        What the sensor measures, force or torque.
+    profile : QoSProfile
+        Of the subscription to the force.
+    silence_ns : int
+        After which another publisher is listened to [ns].
+    """
+
+    def __init__(
+        self, node: Node, axis: Axis, quantity: str, profile: QoSProfile, silence_ns: int
+    ) -> None:
+        self._named = node
+        self._axis = axis
+        self._quantity = quantity
+        self.sensor_frame = ''
+        self._silence_ns = silence_ns
+        self._node = second_node(node, SUFFIX)
+        with complete_or_gone(self._node):
+            # Overrides of the quality of service are parameters of the identifier.
+            pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
+            self._pulses = Taker(pulses)
+            force = subscribe(node, self._node, WrenchStamped, topics.FORCE, profile)
+            self._force = Taker(force)
+        self._told_best_effort = force.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+        self._best_effort: Taker | None = None
+        # What has come meanwhile is heard: a publisher may have waited for this subscription.
+        self._listen_to_the_first()
+
+    @property
+    def hears_best_effort(self) -> bool:
+        """Whether a force that is published best effort is heard."""
+        return self._told_best_effort or self._best_effort is not None
+
+    def hear_best_effort(self) -> None:
+        """Subscribe to the force best effort too."""
+        name = self._named.resolve_topic_name(topics.FORCE)
+        second = taken_from(self._node, WrenchStamped, name, qos.FORCE_BEST_EFFORT)
+        self._best_effort = Taker(second)
+
+    def _listen_to_the_first(self) -> None:
+        self._force_from = FirstPublisher(self._silence_ns)
+        self._pulses_from = FirstPublisher(self._silence_ns)
+
+    def begin_anew(self) -> None:
+        """Accept the next publisher of each topic, and forget what has come."""
+        self._listen_to_the_first()
+        for taker in (self._force, self._pulses, self._best_effort):
+            if taker is not None:
+                drained(taker)
+
+    def heard(self, best_effort_alone: bool) -> Heard:
+        """Return what has come since the last look.
+
+        A reliable force comes twice where best effort is subscribed to as well; it is taken from
+        there only if all of its publishers are best effort.
+        """
+        # Pulses last: none is handed over later than a sample that came after it.
+        forces = drained(self._force)
+        if self._best_effort is not None:
+            besides = drained(self._best_effort)
+            forces += besides if best_effort_alone else []
+        own, samples, foreign = self._own_forces(forces)
+        pulses: list[Pulse] = []
+        came_ns: list[int] = []
+        onsets: list[int] = []
+        others_came_ns: list[int] = []
+        for taken in drained(self._pulses):
+            pulse = messages.pulse_of(deserialize_message(taken.data, PulseMessage))
+            if self._pulses_from.counts(taken.identity, pulse.onset_ns):
+                pulses.append(pulse)
+                came_ns.append(taken.received_ns)
+            else:
+                onsets.append(pulse.onset_ns)
+                others_came_ns.append(taken.received_ns)
+        return Heard(
+            PulseTrain.of(pulses),
+            samples,
+            _places(own, came_ns),
+            Foreign(foreign, np.array(onsets, dtype=np.int64), _places(own, others_came_ns)),
+        )
+
+    def close(self) -> None:
+        """Destroy the second node."""
+        for taker in (self._force, self._pulses, self._best_effort):
+            if taker is not None:
+                taker.close()
+        self._node.destroy_node()
+
+    def _own_forces(self, forces: list[Taken]) -> tuple[list[int], ForceTrace, IntArray]:
+        """Return when samples came, the samples, and after how many of them those of others."""
+        came_ns: list[int] = []
+        others: list[int] = []
+        stamps: list[int] = []
+        values: list[float] = []
+        for taken in forces:
+            message = deserialize_message(taken.data, WrenchStamped)
+            stamp_ns, force = messages.force_of(message, self._axis, self._quantity)
+            if self._force_from.counts(taken.identity, stamp_ns):
+                self.sensor_frame = message.header.frame_id
+                came_ns.append(taken.received_ns)
+                stamps.append(stamp_ns)
+                values.append(force)
+            else:
+                others.append(len(stamps))
+        trace = ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
+        return came_ns, trace, np.array(others, dtype=np.int64)
+
+
+def _places(forces_came_ns: list[int], came_ns: list[int]) -> IntArray:
+    """Return how many samples came before each of other messages (messages,), ascending."""
+    # A clock that is set back within a look must not change the order within a topic.
+    arrival = np.maximum.accumulate(np.array(forces_came_ns, dtype=np.int64))
+    before = np.searchsorted(arrival, np.array(came_ns, dtype=np.int64))
+    return np.maximum.accumulate(before)
+
+
+# Seconds for which a second publisher is a reason to doubt, as other faults are.
+_SECONDS = 30
+
+
+class Publishers:
+    """Looks at the publishers on the graph, once a second.
+
+    Parameters
+    ----------
+    node : Node
+        The identifier.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self.best_effort_alone = False
+        self._recent: deque[tuple[str, ...]] = deque(maxlen=_SECONDS)
+
+    def look(self) -> bool:
+        """Note topics with more publishers than one.
+
+        Returns whether all publishers of the force are best effort, which a reliable subscription
+        does not hear.
+        """
+        crowded = []
+        for name, topic in (
+            (faults.FORCE_PUBLISHERS, topics.FORCE),
+            (faults.PULSE_PUBLISHERS, topics.PULSES),
+        ):
+            found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+            if len({tuple(one.endpoint_gid) for one in found}) > 1:
+                crowded.append(name)
+            if topic == topics.FORCE:
+                self.best_effort_alone = bool(found) and all(
+                    one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in found
+                )
+        self._recent.append(tuple(crowded))
+        return self.best_effort_alone
+
+    def noted(self, estimate: Estimate) -> Estimate:
+        """Return the estimate with what was found here among its doubts."""
+        recent = {name for names in self._recent for name in names} - set(estimate.doubts)
+        return (
+            replace(estimate, doubts=(*estimate.doubts, *sorted(recent))) if recent else estimate
+        )
+
+
+def identifier_health(
+    estimate: Estimate | None, faults: Mapping[str, int], silent: bool, held: bool
+) -> Health:
+    """Return the health of an identifier.
+
+    Stale while no force comes, a warning while the newest estimate is in doubt, ok otherwise.
+    """
+    level, text = DiagnosticStatus.OK, 'held: predicts, does not learn' if held else 'identifying'
+    if estimate is None:
+        text = 'no estimate yet'
+    elif estimate.doubts:
+        level, text = DiagnosticStatus.WARN, f'in doubt: {", ".join(estimate.doubts)}'
+    if silent:
+        level, text = DiagnosticStatus.STALE, 'no force'
+    figures: dict[str, object] = {'held': held}
+    if estimate is not None:
+        figures |= {
+            'estimator': estimate.estimator,
+            'samples': estimate.samples,
+            'pulses': estimate.pulses,
+            'output error': f'{estimate.output_error:.4g}',
+            'curve known': estimate.curve_known,
+            'changes': estimate.changes,
+        }
+        if estimate.reasons:
+            figures['reasons'] = '; '.join(estimate.reasons)
+    figures |= {f'fault {fault}': count for fault, count in faults.items()}
+    return Health(text, level, figures)
+
+
+def doubts_in_words(estimate: Estimate | None) -> str:
+    """Return why an estimate is not to be trusted; empty if nothing speaks against it."""
+    if estimate is None:
+        return ''
+    return '; '.join(stated_doubt(estimate, name) for name in estimate.doubts)
+
+
+_LONGEST_PATH = 255
+Act = Callable[[Path], None]
+
+
+class StateServices:
+    """Serves `~/save_state` and `~/load_state` for a node.
+
+    Parameters
+    ----------
+    node : Node
+        Node that serves them.
+    folder : str
+        Folder of the files; empty: both services refuse.
+    save, load : callable
+        Called with the path of a file; raise RpmsError.
+
+    Raises
+    ------
+    NodeError
+        If the folder does not exist.
+    """
+
+    def __init__(self, node: Node, folder: str, save: Act, load: Act) -> None:
+        self._node = node
+        self._folder = Path(folder).expanduser().resolve() if folder else None
+        if self._folder is not None and not self._folder.is_dir():
+            raise NodeError(f'parameter state_folder: expected a folder, got {folder!r}')
+        node.create_service(StateFile, '~/save_state', self._answering('saved to', save))
+        node.create_service(StateFile, '~/load_state', self._answering('loaded from', load))
+
+    def _answering(
+        self, done: str, act: Act
+    ) -> Callable[[StateFile.Request, Any], StateFile.Response]:
+        def answer(request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
+            try:
+                path = self._path(request.path)
+                act(path)
+            except RpmsError as error:
+                response.message = plain_text(error)
+                logger_of(self._node).warning(f'refused: {response.message}')
+                return response
+            response.success, response.message = True, plain_text(f'{done} {path}')
+            logger_of(self._node).info(response.message)
+            return response
+
+        return answer
+
+    def _path(self, asked: str) -> Path:
+        """Return the requested file, symbolic links resolved."""
+        if self._folder is None:
+            raise NodeError('expected parameter state_folder, in which states are kept, got none')
+        if not (0 < len(asked) <= _LONGEST_PATH and asked.isprintable()):
+            raise NodeError(
+                f'expected a path of 1 to {_LONGEST_PATH} printable characters, got {len(asked)}'
+            )
+        refused = NodeError(f'expected a file within {self._folder}, got {asked}')
+        try:
+            path = (self._folder / asked).resolve()
+        except (OSError, RuntimeError) as error:
+            # a link that leads to itself; what a callback raises would end the node
+            raise refused from error
+        if path == self._folder or not path.is_relative_to(self._folder):
+            raise refused
+        return path
+
 
 # Silence of the force after which somebody should look at the sensor [s].
 _SILENCE = 5.0

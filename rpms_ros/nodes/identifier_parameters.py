@@ -6,27 +6,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rpms_ros import messages
-from rpms_ros.axis import FORCE
-from rpms_ros.axis import UNITS
-from rpms_ros.errors import IdentificationError
-from rpms_ros.errors import MessageError
-from rpms_ros.errors import NodeError
-from rpms_ros.identification import DEFAULT_RATE
-from rpms_ros.identification import PRESET_NAMES
-from rpms_ros.identification import Estimator
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification.catalogue import check_choice
-from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.identification.catalogue import on_line_names
-from rpms_ros.identification.estimate import HIGHEST_RATE
-from rpms_ros.identification.estimate import LOWEST_RATE
-from rpms_ros.identification.monitors import monitors_by_name
-from rpms_ros.identification.settings import PEOPLE_PRESET
-from rpms_ros.identification.temporal_summation import TemporalSummation
-from rpms_ros.identification.warm_start import warm_start
-from rpms_ros.nodes.parameters import NodeParameters
-from rpms_ros.nodes.parameters import parameter
+from rpms_ros.axis import FORCE, UNITS
+from rpms_ros.errors import IdentificationError, MessageError, NodeError
+from rpms_ros.identification import (
+    DEFAULT_RATE,
+    PRESET_NAMES,
+    Estimator,
+    IdentificationStream,
+    StreamSettings,
+)
+from rpms_ros.identification.catalogue import check_choice, estimator_by_name, on_line_names
+from rpms_ros.identification.estimation.prior import warm_start
+from rpms_ros.identification.model.estimate import HIGHEST_RATE, LOWEST_RATE
+from rpms_ros.identification.model.settings import PEOPLE_PRESET
+from rpms_ros.identification.model.summation import TemporalSummation
+from rpms_ros.identification.stream.sensor_checks import monitors_by_name
+from rpms_ros.nodes.common.parameters import NodeParameters, parameter
 
 _STREAM = StreamSettings()
 

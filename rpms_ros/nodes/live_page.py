@@ -3,46 +3,361 @@
 """Node that serves the live page: one muscle in a browser, while it is stimulated.
 
 The thread of the server hears the topics and draws; the executor serves the rest.
+
+Subscriptions of the live page, read without the executor.
+
+A second node, that is in no executor, is read ten times a second, and less often while nobody
+looks: a message costs a few microseconds so, where rclpy would wake up a thousand times a second.
+The subscriptions ask for nothing but best effort, so they hear every publisher, and no publisher
+ever waits for them.
+
+How a live page is: what it hears, what it cannot show, and how many look.
+
+The stop of the live page: an additional one, which does not replace a stop button.
+
+A button that says its state all the time would count as the one that a driver asks for, and its
+silence would stop.  This one is not on the graph until it is pressed.  Then it calls the driver's
+service, again and again until the driver says that it is stopped, and says "pressed" on the topic
+of the buttons, which a driver hears even while its executor is blocked.  Let go of, it says
+"released" and leaves; the driver stays stopped until somebody resets it.
+
+Namespaces of the graph that have something to show.
 """
 
+import math
 import os
 import platform
+import struct
+import threading
 import time
-from collections.abc import Callable
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
 
-from rpms_ros import messages
-from rpms_ros.axis import FORCE
-from rpms_ros.axis import UNITS
-from rpms_ros.errors import NodeError
-from rpms_ros.live.access import Access
-from rpms_ros.live.access import token_of
-from rpms_ros.live.modelled import warm_up
-from rpms_ros.live.server import LiveServer
+from rpms_msgs.msg import DriverStatus, MuscleEstimate, Pulse
+from rpms_ros import estimate_messages, messages
+from rpms_ros.axis import FORCE, UNITS, Axis
+from rpms_ros.errors import MessageError, NodeError
+from rpms_ros.live import session as shown
+from rpms_ros.live.force_course import warm_up
+from rpms_ros.live.heard import NEVER, SILENT, Endpoint, Topic
+from rpms_ros.live.serialized import alike, forces_of, pulse_in
+from rpms_ros.live.server import Access, LiveServer, token_of
 from rpms_ros.live.session import LiveSession
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.construction import complete_or_gone
-from rpms_ros.nodes.diagnostics import PERIOD_S
-from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
-from rpms_ros.nodes.diagnostics import Health
-from rpms_ros.nodes.driver_graph import publishers_of
-from rpms_ros.nodes.live_diagnostics import live_health
-from rpms_ros.nodes.live_listener import LiveListener
-from rpms_ros.nodes.live_listener import expected_topics
-from rpms_ros.nodes.live_stop import LiveStop
-from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.parameters import NodeParameters
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import parameter
-from rpms_ros.nodes.runner import run
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
+from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.operator import ButtonPublisher
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.qos import second_node, subscribe, warn_of_unused
+from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.subscriptions import Taker, use_fast_discovery
+from rpms_ros.nodes.driver.watch import publishers_of
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+
+_Data = TypeVar('_Data', bytes, list[bytes])
+
+SUFFIX = '_watch'
+"""What the name of the second node adds to the page's."""
+
+TYPES: dict[str, tuple[str, type, float]] = {
+    shown.FORCE: (topics.FORCE, WrenchStamped, 0.5),
+    # no pulses are no fault
+    shown.PULSES: (topics.PULSES, Pulse, float('inf')),
+    shown.ESTIMATE: (topics.ESTIMATE, MuscleEstimate, 2.0),
+    shown.DRIVER: (topics.DRIVER_STATUS, DriverStatus, 1.0),
+}
+"""Topic, type and longest silence [s] of what is shown."""
+
+# A second at the highest rate of a sensor; what is behind it is taken with the next look.
+_MOST = 20000
+# Texts are written twice a second: of the estimates every third look reads the newest.
+_ESTIMATE_PERIOD = 0.25
+
+
+def expected_topics(node: Node) -> dict[str, Topic]:
+    """Return the topics of a page, with the names that they have for `node`."""
+    return {
+        key: Topic(node.resolve_topic_name(name), type_name_of(kind), silence)
+        for key, (name, kind, silence) in TYPES.items()
+    }
+
+
+def type_name_of(kind: Any) -> str:
+    """Return the name of a message class, such as ``rpms_msgs/msg/Pulse``."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
+class LiveListener:
+    """Hands what has come to the session.
+
+    Parameters
+    ----------
+    node : Node
+        The page's.
+    session : LiveSession
+        What is shown.
+    axis : tuple of float
+        Direction of the wrench along which the muscle pulls.
+    quantity : str
+        `FORCE` or `TORQUE`: what the sensor measures.
+    """
+
+    def __init__(
+        self, node: Node, session: LiveSession, axis: Axis, quantity: str = FORCE
+    ) -> None:
+        self._page = node
+        self._session = session
+        self._axis = axis
+        self._quantity = quantity
+        self._node = second_node(node, SUFFIX)
+        with complete_or_gone(self._node):
+            self._takers = {key: self._taker(key) for key in TYPES}
+        warn_of_unused(node)
+        self._unread: list[bytes] = []
+        self._next_estimate = -math.inf
+
+    def listen(self, now: float) -> None:
+        """Take everything that has come by `now` [s], of a steady clock."""
+        # pulses first: the force that they cause is modelled with them
+        for data in self._heard(shown.PULSES, now):
+            self._read(shown.PULSES, self._pulse, data)
+        for samples in alike(self._heard(shown.FORCE, now)):
+            self._read(shown.FORCE, self._force, samples)
+        self._unread = self._heard(shown.ESTIMATE, now)[-1:] or self._unread
+        if self._unread and now >= self._next_estimate:
+            self._next_estimate = now + _ESTIMATE_PERIOD
+            self._read(shown.ESTIMATE, self._estimate, self._unread.pop())
+        # a state replaces the one before it
+        for data in self._heard(shown.DRIVER, now)[-1:]:
+            self._read(shown.DRIVER, self._driver, data)
+
+    def endpoints(self) -> dict[str, list[Endpoint]]:
+        """Return who publishes and hears each topic, without this node."""
+        return {key: self._endpoints(topic.name) for key, topic in self._session.topics.items()}
+
+    def close(self) -> None:
+        """End the second node; `listen` must not be called any more."""
+        for taker in self._takers.values():
+            taker.close()
+        self._node.destroy_node()
+
+    def _taker(self, key: str) -> Taker:
+        _, kind, _ = TYPES[key]
+        name = self._session.topics[key].name
+        # overrides of the quality of service are parameters of the page
+        return Taker(subscribe(self._page, self._node, kind, name, qos.VIEW))
+
+    def _heard(self, key: str, now: float) -> list[bytes]:
+        found = self._takers[key].take_data(_MOST)
+        self._session.topics[key].heard(len(found), now, _stamp_of(found[-1]) if found else 0)
+        return found
+
+    def _read(self, key: str, read: Callable[[_Data], None], data: _Data) -> None:
+        try:
+            read(data)
+            self._session.topics[key].refused = ''
+        except MessageError as error:
+            self._session.topics[key].refused = str(error)
+
+    def _force(self, samples: list[bytes]) -> None:
+        self._session.force(*forces_of(samples, self._axis, self._quantity))
+
+    def _pulse(self, data: bytes) -> None:
+        self._session.pulse(pulse_in(data))
+
+    def _estimate(self, data: bytes) -> None:
+        message = _message(data, MuscleEstimate)
+        self._session.estimate(estimate_messages.estimate_of(message))
+        self._session.call(message.header.frame_id)
+
+    def _driver(self, data: bytes) -> None:
+        self._session.driver(_message(data, DriverStatus))
+
+    def _endpoints(self, topic: str) -> list[Endpoint]:
+        own = self._node.get_name()
+        found = [
+            (publishes, one)
+            for publishes, ask in (
+                (True, self._node.get_publishers_info_by_topic),
+                (False, self._node.get_subscriptions_info_by_topic),
+            )
+            for one in ask(topic)
+        ]
+        return [
+            Endpoint(
+                f'{one.node_namespace.rstrip("/")}/{one.node_name}',
+                one.topic_type,
+                publishes,
+                one.qos_profile.reliability is ReliabilityPolicy.RELIABLE,
+                one.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
+            )
+            for publishes, one in found
+            if publishes or one.node_name != own
+        ]
+
+
+def _stamp_of(data: bytes) -> int:
+    """Return the stamp of a serialised message [ns], with which each of them begins; 0 if none."""
+    order = '<' if data[1:2] and data[1] & 1 else '>'
+    head = data[4:12]
+    if len(head) < 8:
+        return 0
+    seconds, rest = struct.unpack(f'{order}iI', head)
+    return int(seconds * NANOSECONDS_PER_SECOND + rest)
+
+
+def _message(data: bytes, kind: Any) -> Any:
+    """Return a message of its bytes, which a node with another definition may have written."""
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # of rmw, of rclpy, or of a text that is none
+        raise MessageError(
+            f'expected a serialised {kind.__name__}, got {len(data)} bytes that are none'
+        ) from error
+
+
+def live_health(session: LiveSession, browsers: int, now: float) -> Health:
+    """Return how a live page is at `now` [s], of a steady clock.
+
+    Stale while no force comes, a warning while a stop that was pressed is not confirmed or a topic
+    has messages that cannot be shown, ok otherwise.
+    """
+    level, text = DiagnosticStatus.OK, 'showing'
+    refused = [topic.name for topic in session.topics.values() if topic.refused]
+    if session.topics[shown.FORCE].state(now) in (NEVER, SILENT):
+        level, text = DiagnosticStatus.STALE, 'no force'
+    if refused:
+        level, text = DiagnosticStatus.WARN, f'cannot show all of {", ".join(refused)}'
+    if session.stop_pressed and not session.confirms_stop(now):
+        level, text = DiagnosticStatus.WARN, 'stop pressed, not confirmed by the driver'
+    figures: dict[str, object] = {'browsers': browsers, 'driver': session.state or 'not heard'}
+    for topic in session.topics.values():
+        figures[f'{topic.name} [Hz]'] = f'{topic.rate(now):.1f}'
+    return Health(text, level, figures)
+
+
+_LOOK_S = 0.02
+_REPEAT_S = 0.1
+# How long "released" is said before the button leaves: longer than a driver needs to hear it.
+_FAREWELL_S = 0.5
+# "pressed" is said as long, also if it is let go of sooner: a driver has to find the button first.
+_LEAST_S = 0.5
+# After this time a driver that says nothing of a stop is taken for one that has not heard it.
+_CONFIRMATION_S = 1.0
+
+UNCONFIRMED = 'NOT CONFIRMED by the driver: use the switch of the stimulator'
+
+
+class LiveStop:
+    """Presses and releases the stop; `press` and `let_go` may be called by any thread.
+
+    Parameters
+    ----------
+    node : Node
+        The page's; its executor serves the timer and the service's client.
+    stopped : callable
+        Tells whether a driver that is heard says that a stop is latched.
+    tell : callable
+        Told, in the executor's thread, whether it is pressed, and what to show.
+    """
+
+    def __init__(
+        self, node: Node, stopped: Callable[[], bool], tell: Callable[[bool, str], None]
+    ) -> None:
+        self._node = node
+        self._stopped = stopped
+        self._tell = tell
+        self._lock = threading.Lock()
+        self._wanted = False
+        self._confirmed = False
+        self._pressed_at = 0.0
+        self._held_until = 0.0
+        self._next_call = 0.0
+        self._leaves_at = 0.0
+        self._told = ''
+        self._button: ButtonPublisher | None = None
+        self._client = node.create_client(Trigger, topics.EMERGENCY_STOP)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(_LOOK_S, self._look, clock=steady)
+
+    def press(self) -> None:
+        """Stop the driver at once, and keep the stop pressed."""
+        with self._lock:
+            if not self._wanted:
+                self._wanted, self._pressed_at = True, time.monotonic()
+                self._held_until, self._confirmed = math.inf, False
+            self._call()
+
+    def let_go(self) -> None:
+        """Release the stop."""
+        with self._lock:
+            self._wanted = False
+
+    def _call(self) -> None:
+        self._next_call = time.monotonic() + _REPEAT_S
+        if self._client.service_is_ready():
+            self._client.call_async(Trigger.Request())
+
+    def _look(self) -> None:
+        with self._lock:
+            now = time.monotonic()
+            held = self._wanted or now < self._held_until
+            (self._hold if held else self._leave)(now)
+
+    def _hold(self, now: float) -> None:
+        if self._button is None:
+            self._button = ButtonPublisher(self._node, pressed=True)
+            self._button.say()
+            logger_of(self._node).warning('stop pressed on the page')
+        self._button.set(True)
+        self._held_until = min(self._held_until, now + _LEAST_S)
+        stopped = self._confirmed = self._stopped()
+        if not stopped and now >= self._next_call:
+            self._call()
+        if stopped:
+            self._say(
+                True, 'stopped: the driver confirms it; let go here, then reset at the driver'
+            )
+        elif now > self._pressed_at + _CONFIRMATION_S:
+            self._say(True, UNCONFIRMED)
+        else:
+            self._say(True, 'stop pressed, waiting for the driver')
+        self._leaves_at = now + _FAREWELL_S
+
+    def _leave(self, now: float) -> None:
+        if self._button is None:
+            return
+        self._button.set(False)
+        self._confirmed = self._confirmed or self._stopped()
+        if self._confirmed:
+            self._say(False, 'released: the driver stays stopped until it is reset')
+        else:
+            self._say(False, f'released; the stop was {UNCONFIRMED}')
+        if now >= self._leaves_at:
+            self._button.destroy()
+            self._button = None
+            if self._confirmed:
+                self._say(False, '')
+            logger_of(self._node).info('stop of the page released')
+
+    def _say(self, pressed: bool, text: str) -> None:
+        if text != self._told:
+            self._told = text
+            self._tell(pressed, text)
+
 
 PORT = 8765
 
@@ -212,3 +527,52 @@ def serve(
 def main() -> int:
     """Run the live page as a process."""
     return run(LivePage)
+
+
+# Discovery takes a tenth of a second with our profile and up to three seconds without.
+PATIENCE = 3.0
+# Who was found first may not be alone.
+_SETTLING = 0.3
+_FINDING_LOOK_S = 0.05
+
+_SHOWN = {
+    topics.FORCE: type_name_of(WrenchStamped),
+    topics.PULSES: type_name_of(Pulse),
+    topics.ESTIMATE: type_name_of(MuscleEstimate),
+    topics.DRIVER_STATUS: type_name_of(DriverStatus),
+}
+
+
+def namespaces(patience: float = PATIENCE) -> list[str]:
+    """Return the namespaces in which somebody publishes what the page shows, sorted.
+
+    Parameters
+    ----------
+    patience : float
+        How long to look for the first one [s].
+    """
+    use_fast_discovery()
+    context = Context()
+    rclpy.init(args=[], context=context)
+    node = Node('live_page_finder', context=context, use_global_arguments=False)
+    end = time.monotonic() + patience
+    try:
+        found: set[str] = set()
+        while time.monotonic() < end:
+            before, found = found, found | _published(node)
+            if found and not before:
+                end = min(end, time.monotonic() + _SETTLING)
+            time.sleep(_FINDING_LOOK_S)
+        return sorted(found)
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def _published(node: Node) -> set[str]:
+    found = set()
+    for name, types in node.get_topic_names_and_types():
+        namespace, _, base = name.rpartition('/')
+        if _SHOWN.get(base) in types and node.count_publishers(name):
+            found.add(namespace or '/')
+    return found

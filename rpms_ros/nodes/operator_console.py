@@ -8,16 +8,14 @@ stops.
 """
 
 import time
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import Joy
@@ -25,22 +23,19 @@ from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import DriverStatus
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.button_publisher import ButtonPublisher
-from rpms_ros.nodes.construction import complete_or_gone
-from rpms_ros.nodes.diagnostics import Health
-from rpms_ros.nodes.keyboard import Keyboard
-from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.operator_client import OperatorClient
-from rpms_ros.nodes.operator_diagnostics import DiagnosticsTimer
-from rpms_ros.nodes.operator_diagnostics import button_health
-from rpms_ros.nodes.parameters import NodeParameters
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import parameter
-from rpms_ros.nodes.runner import run
-from rpms_ros.stimulation.held import HeldKey
-from rpms_ros.stimulation.held import JoystickButton
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.diagnostics import Health
+from rpms_ros.nodes.common.keyboard import Keyboard
+from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.operator import (
+    ButtonPublisher,
+    DiagnosticsTimer,
+    OperatorClient,
+    button_health,
+)
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.stimulation.driver.stop_buttons import HeldKey, JoystickButton
 
 ASK, ENABLE, RELEASE = 'a', 'e', 'r'
 _LOOK_S = 0.01

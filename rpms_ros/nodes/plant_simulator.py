@@ -5,40 +5,216 @@
 Samples are stamped by the clock of the node, or by a simulated clock that it publishes on /clock.
 At each tick of a steady timer every sample that is due is published with its own stamp, so a late
 tick delays samples but does not lose them or change their stamps.
+
+Tell a clock that jumps from a process that was held up.
+
+Parameters of the plant simulator, and the plant that they describe.
 """
 
+import dataclasses
 import time
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from rpms_msgs.msg import MuscleTruth
-from rpms_msgs.msg import Pulse as PulseMessage
-from rpms_ros import estimate_messages
-from rpms_ros import messages
-from rpms_ros.axis import UNITS
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.clock_jump import JumpDetector
-from rpms_ros.nodes.construction import complete_or_gone
-from rpms_ros.nodes.diagnostics import PERIOD_S
-from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
-from rpms_ros.nodes.diagnostics import Health
-from rpms_ros.nodes.diagnostics import RecentChange
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.plant_parameters import PlantParameters
-from rpms_ros.nodes.plant_parameters import build_plant
-from rpms_ros.nodes.runner import run
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import Pulse
-from rpms_ros.pulses import nanoseconds
+from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
+from rpms_ros import estimate_messages, messages
+from rpms_ros.axis import FORCE, UNITS
+from rpms_ros.errors import MuscleError, NodeError
+from rpms_ros.muscle import SUBJECTS, Disturbances, Subject, random_subject, subject_by_name
+from rpms_ros.muscle.scenario import Scenario, load_scenario
+from rpms_ros.muscle.simulation import SampledPlant, Surroundings
+from rpms_ros.muscle.time_varying import muscle_of
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, RecentChange
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.printable import LARGEST_SEED
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse, nanoseconds
+
+# Largest difference of two steps that is no jump.
+_LARGEST_STEP_NS = NANOSECONDS_PER_SECOND
+
+
+class JumpDetector:
+    """Compares the steps of a clock with those of the steady clock."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, int] | None = None
+
+    def at(self, now_ns: int, steady_ns: int | None = None) -> bool:
+        """Return whether the clock, which shows `now_ns`, has jumped since the last call."""
+        steady_ns = time.monotonic_ns() if steady_ns is None else steady_ns
+        last, self._last = self._last, (now_ns, steady_ns)
+        if last is None:
+            return False
+        return abs((now_ns - last[0]) - (steady_ns - last[1])) > _LARGEST_STEP_NS
+
+
+RANDOM = 'random'
+_LARGEST_FORCE = 1e6
+_EITHER_SIGN = {'minimum': -_LARGEST_FORCE, 'maximum': _LARGEST_FORCE}
+_KEEP = 'negative keeps the preset'
+# Noise of an ordinary sensor, as a share of the maximum force.
+_NOISE_SHARE = 0.005
+
+
+@dataclass(frozen=True)
+class PlantParameters(NodeParameters):
+    """Parameters of the plant simulator."""
+
+    rate: float = parameter(
+        1000.0, 'Force samples a second.', unit='Hz', minimum=1.0, maximum=20000.0
+    )
+    subject: str = parameter('rpms', 'Preset of the muscle.', choices=(*SUBJECTS, RANDOM))
+    seed: int = parameter(
+        1, 'Seed of the noise, and of a random subject.', minimum=0, maximum=LARGEST_SEED
+    )
+    maximum_force: float = parameter(
+        -1.0,
+        f'Steady mean force at full intensity and 20 Hz; {_KEEP}.',
+        unit='N',
+        minimum=-1.0,
+        maximum=_LARGEST_FORCE,
+    )
+    time_constant: float = parameter(
+        -1.0, f'Time constant of the twitch; {_KEEP}.', unit='s', minimum=-1.0, maximum=10.0
+    )
+    latency: float = parameter(
+        -1.0, f'From pulse to onset of force; {_KEEP}.', unit='s', minimum=-1.0, maximum=1.0
+    )
+    threshold: float = parameter(
+        -1.0, f'Threshold of recruitment; {_KEEP}.', minimum=-1.0, maximum=1.0
+    )
+    saturation: float = parameter(
+        -1.0, f'Saturation of recruitment; {_KEEP}.', minimum=-1.0, maximum=2.0
+    )
+    noise: float = parameter(
+        -1.0,
+        'Standard deviation of the noise; negative: that of the scenario, or half a percent of '
+        'the maximum force.',
+        unit='N',
+        minimum=-1.0,
+        maximum=_LARGEST_FORCE,
+    )
+    offset: float = parameter(0.0, 'Constant baseline.', unit='N', **_EITHER_SIGN)
+    drift: float = parameter(
+        0.0, 'Amplitude of a slow sinusoidal baseline.', unit='N', **_EITHER_SIGN
+    )
+    drift_period: float = parameter(120.0, 'Its period.', unit='s', minimum=0.1, maximum=86400.0)
+    artifact: float = parameter(
+        0.0, 'Peak of the stimulation artifact at full intensity.', unit='N', **_EITHER_SIGN
+    )
+    artifact_decay: float = parameter(
+        0.0005, 'Time constant of the artifact.', unit='s', minimum=1e-6, maximum=0.005
+    )
+    largest_force: float = parameter(
+        _LARGEST_FORCE,
+        'Largest force that the sensor shows.',
+        unit='N',
+        minimum=1e-3,
+        maximum=_LARGEST_FORCE,
+    )
+    axis: str = parameter(
+        'z', 'Axis of the wrench.', choices=('x', 'y', 'z', '-x', '-y', '-z'), true_is='y'
+    )
+    quantity: str = parameter(
+        FORCE,
+        'What the sensor measures; with torque every N here is N m.',
+        choices=tuple(UNITS),
+    )
+    frame_id: str = parameter('force_sensor', 'Frame of the wrench.')
+    publication_delay: float = parameter(
+        0.01,
+        'Samples are published this much after their stamp, so that pulses arrive before them.',
+        unit='s',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    scenario: str = parameter(
+        '',
+        'Name or YAML file of a scenario; empty for a muscle that does not change. '
+        'Disturbances given by parameters replace those of the scenario.',
+    )
+    truth_rate: float = parameter(
+        10.0,
+        'Messages a second with the true state of the muscle; 0 for none.',
+        unit='Hz',
+        minimum=0.0,
+        maximum=100.0,
+    )
+    minimum_subscribers: int = parameter(
+        0, 'Subscribers of the force to wait for before the first sample.', minimum=0, maximum=100
+    )
+    publish_clock: bool = parameter(False, 'Publish /clock and stamp the samples by it.')
+    real_time_factor: float = parameter(
+        1.0, 'Seconds of /clock in one second.', minimum=0.01, maximum=100.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.real_time_factor != 1.0 and not self.publish_clock:
+            raise NodeError(
+                'expected publish_clock with a real_time_factor other than 1.0, '
+                f'got {self.real_time_factor} without'
+            )
+        try:
+            build_plant(self)
+        except MuscleError as error:
+            raise NodeError(str(error)) from error
+
+
+def subject_of(settings: PlantParameters) -> Subject:
+    """Return the preset with the changes by the parameters."""
+    if settings.subject == RANDOM:
+        preset = random_subject(np.random.default_rng(settings.seed))
+    else:
+        preset = subject_by_name(settings.subject)
+    curve = preset.recruitment
+    if changes := _given(settings, ('threshold', 'saturation')):
+        curve = dataclasses.replace(curve, **changes).normalised()
+    changes = _given(settings, ('maximum_force', 'time_constant', 'latency'))
+    return dataclasses.replace(preset, recruitment=curve, **changes)
+
+
+def scenario_of(settings: PlantParameters) -> Scenario:
+    """Return the scenario, with disturbances given by parameters in place of its own."""
+    scenario = load_scenario(settings.scenario) if settings.scenario else Scenario()
+    given = {'saturation': settings.largest_force}
+    for name in ('noise', 'offset', 'drift', 'drift_period', 'artifact', 'artifact_decay'):
+        given[name] = getattr(settings, name)
+    if settings.scenario:
+        default = {**dataclasses.asdict(Disturbances(saturation=_LARGEST_FORCE)), 'noise': -1.0}
+        given = {name: value for name, value in given.items() if value != default[name]}
+    elif settings.noise < 0.0:
+        # without any a resting force would be that of a sensor that is stuck
+        given['noise'] = _NOISE_SHARE * subject_of(settings).maximum_force
+    disturbances = dataclasses.replace(scenario.disturbances, **given)
+    return dataclasses.replace(scenario, disturbances=disturbances)
+
+
+def build_plant(settings: PlantParameters) -> SampledPlant:
+    """Return the plant that the parameters describe."""
+    scenario = scenario_of(settings)
+    return SampledPlant(
+        muscle_of(subject_of(settings), scenario.living),
+        Surroundings(scenario, settings.seed),
+        settings.rate,
+    )
+
+
+def _given(settings: PlantParameters, names: tuple[str, ...]) -> dict[str, Any]:
+    values = {name: getattr(settings, name) for name in names}
+    return {name: value for name, value in values.items() if value >= 0}
+
 
 _FASTEST_TICK = 1000.0
 # Samples per tick, so that pulses are received while the node catches up.

@@ -9,7 +9,7 @@ services and actions of the running nodes.
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from rpms_ros.nodes import topics
+from rpms_ros.nodes.common import topics
 
 PARAMETERS = tuple(
     f'~/{name}'

@@ -5,54 +5,323 @@
 Messages are written to the operating system every `flush_period`: after a recorder was killed,
 all older messages are readable.  It subscribes to the topics of this package at the start, and to
 others as soon as a publisher shows their type.
+
+Subscriptions of a recorder: messages with their publisher, and counts of lost ones.
+
+An executor of rclpy does not tell publisher and number of a message.  So, as in the identifier,
+the subscriptions belong to a second node that is in no executor, and the recorder empties them.
+
+Health of a recorder: what was recorded, what is missing, and how much space is left.
+
+Message class, definition and quality of service of a topic that is recorded.
 """
 
 import json
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
-from functools import partial
+from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 
-from rpms_msgs.msg import AcceptedSchedule
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import MuscleEstimate
-from rpms_msgs.msg import MuscleTruth
-from rpms_msgs.msg import Pulse
+from rpms_msgs.msg import AcceptedSchedule, DriverStatus, MuscleEstimate, MuscleTruth, Pulse
 from rpms_ros import messages
-from rpms_ros.errors import NodeError
-from rpms_ros.errors import RecordingError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.construction import complete_or_gone
-from rpms_ros.nodes.diagnostics import PERIOD_S
-from rpms_ros.nodes.diagnostics import DiagnosticsPublisher
-from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.overridable import warn_of_unused
-from rpms_ros.nodes.parameters import NodeParameters
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import parameter
-from rpms_ros.nodes.recorded_types import definition_of
-from rpms_ros.nodes.recorded_types import message_class
-from rpms_ros.nodes.recorded_types import offered_qos
-from rpms_ros.nodes.recorded_types import subscription_qos
-from rpms_ros.nodes.recorded_types import type_name_of
-from rpms_ros.nodes.recorder_health import recorder_health
-from rpms_ros.nodes.recorder_hearing import RecorderHearing
-from rpms_ros.nodes.runner import run
+from rpms_ros.errors import NodeError, RecordingError
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
+from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.qos import second_node, subscribe, taken_from, warn_of_unused
+from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.subscriptions import Taker, drained
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording.checksums import read_key
-from rpms_ros.recording.verifying import LOST_KEY
-from rpms_ros.recording.verifying import PUBLISHERS_KEY
+from rpms_ros.recording.rosbag.checksums import read_key
+from rpms_ros.recording.rosbag.definitions import described_type, known_types, written_definition
+from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
+
+SUFFIX = '_hearing'
+"""Suffix of the name of the second node."""
+
+# Most publishers of a topic that are distinguished; further ones count as one.
+_MOST_PUBLISHERS = 64
+
+
+class HeardMessage(NamedTuple):
+    """A received message.
+
+    Attributes
+    ----------
+    topic : str
+        Name of the topic in the parameters.
+    publisher : str
+        Identity of its publisher.
+    received_ns : int
+        Time of reception [ns].
+    data : bytes
+        The message, serialised.
+    """
+
+    topic: str
+    publisher: str
+    received_ns: int
+    data: bytes
+
+
+class _Topic:
+    """Subscriptions to one topic, and its publishers so far.
+
+    Attributes
+    ----------
+    alone : bool
+        Whether the topic is published best effort only, received by `best_effort`.
+    lost : int
+        Messages that were lost, by the sequence numbers of their publishers.
+    """
+
+    def __init__(self, name: str, reliable: Taker | None, best_effort: Taker | None) -> None:
+        self.name = name
+        self.takers = [reliable, best_effort]
+        self.alone = reliable is None
+        self.lost = 0
+        self._identities: dict[bytes, str] = {}
+        self._newest: dict[str, int] = {}
+
+    def taken(self) -> Iterator[HeardMessage]:
+        reliable, best_effort = (drained(taker) for taker in self.takers)
+        # Both subscriptions receive from reliable publishers.
+        for taken in [*reliable, *best_effort] if self.alone else reliable:
+            publisher = self._named(taken.identity)
+            self._count_lost(publisher, taken.sequence)
+            yield HeardMessage(
+                self.name, publisher, taken.received_ns or time.time_ns(), taken.data
+            )
+
+    def _named(self, identity: bytes) -> str:
+        if identity not in self._identities and len(self._identities) >= _MOST_PUBLISHERS:
+            return 'others'
+        return self._identities.setdefault(identity, identity.hex())
+
+    def _count_lost(self, publisher: str, sequence: int) -> None:
+        newest = self._newest.get(publisher)
+        if newest is not None and publisher != 'others' and sequence > newest + 1:
+            self.lost += sequence - newest - 1
+        self._newest[publisher] = max(sequence, newest or 0)
+
+
+class RecorderHearing:
+    """Subscriptions of a recorder.
+
+    Parameters
+    ----------
+    node : Node
+        The recorder.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._named = node
+        self._node = second_node(node, SUFFIX)
+        self._topics: dict[str, _Topic] = {}
+        self._kinds: dict[str, Any] = {}
+        self._closed = False
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Lost messages by topic; topics without loss are not included."""
+        return {name: topic.lost for name, topic in self._topics.items() if topic.lost}
+
+    def hear(self, name: str, kind: Any, profile: QoSProfile) -> None:
+        """Subscribe to a topic; parameters of the recorder may override the quality of service.
+
+        Raises
+        ------
+        NodeError
+            If such a parameter is no quality of service.
+        """
+        subscription = subscribe(self._named, self._node, kind, name, profile)
+        taker = Taker(subscription)
+        is_best_effort = subscription.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+        takers = (None, taker) if is_best_effort else (taker, None)
+        self._topics[name] = _Topic(name, *takers)
+        self._kinds[name] = kind
+
+    def set_alone(self, name: str, alone: bool, profile: Callable[[], QoSProfile]) -> bool:
+        """Set whether a topic is published best effort only; return whether that is new."""
+        topic = self._topics[name]
+        if topic.takers[0] is None:
+            return False
+        topic.alone = alone
+        if not alone or topic.takers[1] is not None:
+            return False
+        resolved = self._named.resolve_topic_name(name)
+        second = taken_from(self._node, self._kinds[name], resolved, profile())
+        topic.takers[1] = Taker(second)
+        return True
+
+    def heard(self) -> list[HeardMessage]:
+        """Return the messages since the last call, in the order of arrival."""
+        found: list[tuple[int, HeardMessage]] = []
+        for topic in self._topics.values():
+            arrived = 0
+            for message in topic.taken():
+                # A clock that is set back must not change the order within a topic.
+                arrived = max(arrived, message.received_ns)
+                found.append((arrived, message))
+        return [message for _, message in sorted(found, key=lambda one: one[0])]
+
+    def close(self) -> None:
+        """Destroy the second node; once is enough."""
+        if self._closed:
+            return
+        self._closed = True
+        for topic in self._topics.values():
+            for taker in topic.takers:
+                if taker is not None:
+                    taker.close()
+        self._topics.clear()
+        self._node.destroy_node()
+
+
+LEAST_ROOM = 1_000_000_000
+"""Free bytes below which a session of an hour may not fit on the disk."""
+
+
+def recorder_health(
+    path: Path, counts: Mapping[str, int], missing: Sequence[str], lost: Mapping[str, int]
+) -> Health:
+    """Return the health of a recorder.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the recording.
+    counts : mapping of str to int
+        Messages so far, by topic.
+    missing : sequence of str
+        Topics that are published and not recorded.
+    lost : mapping of str to int
+        Messages that were lost, by topic.
+    """
+    free = shutil.disk_usage(path).free
+    total = sum(counts.values())
+    level, said = DiagnosticStatus.OK, 'recording' if total else 'recording; no message yet'
+    faults = [f'not recorded: {", ".join(missing)}'] if missing else []
+    faults += [f'{count} messages of {name} lost' for name, count in lost.items()]
+    if free < LEAST_ROOM:
+        faults.append(f'{free / 1e6:.0f} MB are left on the disk')
+    if faults:
+        level, said = DiagnosticStatus.WARN, '; '.join(faults)
+    figures = {
+        'path': path.resolve(),
+        'messages': total,
+        'free on the disk [MB]': f'{free / 1e6:.0f}',
+        **{f'messages of {name}': count for name, count in counts.items()},
+    }
+    return Health(said, level, figures)
+
+
+# A hundred seconds at 50 Hz.
+_DEPTH = 5000
+
+
+def message_class(type_name: str) -> Any:
+    """Return the class of ``package/msg/Name``.
+
+    Raises
+    ------
+    RecordingError
+        If its package is not installed.
+    """
+    package, folder, name = type_name.split('/')
+    try:
+        return getattr(import_module(f'{package}.{folder}'), name)
+    except (ImportError, AttributeError) as error:
+        raise RecordingError(f'expected an installed {type_name}, got {error}') from error
+
+
+def type_name_of(kind: Any) -> str:
+    """Return ``package/msg/Name`` of a message class."""
+    package, folder = kind.__module__.split('.')[:2]
+    return f'{package}/{folder}/{kind.__name__}'
+
+
+@cache
+def definition_of(type_name: str) -> tuple[str, str]:
+    """Return text and hash of any installed type.
+
+    Raises
+    ------
+    RecordingError
+        If its package has no definition of it.
+    """
+    if type_name in known_types().fielddefs:
+        return written_definition(type_name)
+    return described_type(type_name, _installed_text)
+
+
+def _installed_text(type_name: str) -> str:
+    package, folder, name = type_name.split('/')
+    try:
+        share = get_package_share_directory(package)
+        return Path(share, folder, f'{name}.msg').read_text('utf-8')
+    except (PackageNotFoundError, OSError) as error:
+        raise RecordingError(f'expected an installed {type_name}.msg, got {error}') from error
+
+
+def subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
+    """Return a profile compatible with all publishers: as reliable and durable as the least."""
+    profiles = [publisher.qos_profile for publisher in publishers]
+    reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in profiles)
+    durable = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in profiles)
+    return QoSProfile(
+        depth=_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if durable else DurabilityPolicy.VOLATILE,
+    )
+
+
+def offered_qos(publishers: Sequence[TopicEndpointInfo]) -> list[Qos]:
+    """Return the quality of service that each publisher offers, as recordings store it."""
+    return [_recorded(publisher.qos_profile) for publisher in publishers]
+
+
+def _recorded(profile: QoSProfile) -> Qos:
+    return Qos(
+        QosHistory[profile.history.name],
+        profile.depth,
+        QosReliability[profile.reliability.name],
+        QosDurability[profile.durability.name],
+        _time(profile.deadline),
+        _time(profile.lifespan),
+        QosLiveliness[profile.liveliness.name],
+        _time(profile.liveliness_lease_duration),
+        bool(profile.avoid_ros_namespace_conventions),
+    )
+
+
+def _time(duration: Any) -> QosTime:
+    return QosTime(*divmod(int(duration.nanoseconds), NANOSECONDS_PER_SECOND))
+
 
 _TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     topics.PULSES: (Pulse, qos.PULSES),

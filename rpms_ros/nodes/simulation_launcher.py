@@ -13,8 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -23,29 +22,21 @@ import rclpy
 import yaml
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.logging import LoggingSeverity
-from rclpy.logging import set_logger_level
+from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import MuscleEstimate
-from rpms_msgs.msg import MuscleTruth
+from rpms_msgs.msg import DriverStatus, MuscleEstimate, MuscleTruth
 from rpms_ros import estimate_messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
-from rpms_ros.muscle.truth import Truth
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.discovery import reserved_domain
-from rpms_ros.nodes.discovery import use_fast_discovery
+from rpms_ros.muscle.simulation import Truth
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.runner import PARENT_VARIABLE, StopRequest
+from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
 from rpms_ros.nodes.recorder import Recorder
-from rpms_ros.nodes.runner import PARENT_VARIABLE
-from rpms_ros.nodes.stop_request import StopRequest
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import paper_random
-from rpms_ros.stimulation import schedule_to_text
+from rpms_ros.stimulation import Schedule, paper_random, schedule_to_text
 
 PLANT, IDENTIFIER, DRIVER = 'plant_simulator', 'identifier', 'stimulator_driver'
 LIVE_PAGE = 'live_page'

@@ -3,7 +3,8 @@
 """Node that drives a stimulator: pulses only when armed and started, and only within limits.
 
 Life cycle: configure opens the device, activate arms it, deactivate disarms, clean-up closes it.
-`rpms_ros.stimulation.controller` decides; this node connects it to topics, services and timers.
+`rpms_ros.stimulation.driver.controller` decides; this node connects it to topics, services and
+timers.
 """
 
 import os
@@ -13,53 +14,45 @@ from pathlib import Path
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
-from rclpy.lifecycle import LifecycleState
-from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from rpms_msgs.action import RunSchedule
 from rpms_ros import messages
-from rpms_ros.errors import NodeError
-from rpms_ros.errors import RpmsError
-from rpms_ros.errors import StimulationError
-from rpms_ros.nodes.construction import complete_or_gone
-from rpms_ros.nodes.discovery import stay_on_this_machine
-from rpms_ros.nodes.driver_action import ScheduleAction
-from rpms_ros.nodes.driver_action import text_of
-from rpms_ros.nodes.driver_audit import DriverAudit
-from rpms_ros.nodes.driver_bound import follow_bound
-from rpms_ros.nodes.driver_clock import refuse_simulated_time
-from rpms_ros.nodes.driver_figures import SessionFigures
-from rpms_ros.nodes.driver_interlocks import InterlockInputs
-from rpms_ros.nodes.driver_lifecycle import GuardedLifecycleNode
-from rpms_ros.nodes.driver_operator import OperatorServices
-from rpms_ros.nodes.driver_parameters import DriverParameters
-from rpms_ros.nodes.driver_parameters import build_device
-from rpms_ros.nodes.driver_parameters import driver_settings_of
-from rpms_ros.nodes.driver_parameters import ledger_of
-from rpms_ros.nodes.driver_parameters import patience_s
-from rpms_ros.nodes.driver_priority import ask_for_realtime
-from rpms_ros.nodes.driver_pulses import PulsePublisher
-from rpms_ros.nodes.driver_refusal import AUDIT
-from rpms_ros.nodes.driver_reports import DriverReports
-from rpms_ros.nodes.driver_status import DriverView
-from rpms_ros.nodes.driver_watch import DriverWatch
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.runner import run
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import load_schedule
-from rpms_ros.stimulation.authority import Authority
-from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.description import schedule_to_text
-from rpms_ros.stimulation.device_lock import DeviceLock
-from rpms_ros.stimulation.safety_monitor import EXECUTOR
-from rpms_ros.stimulation.safety_monitor import POSSIBLE
-from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.stop_buttons import StopButtons
-from rpms_ros.stimulation.threads import ControllerThreads
+from rpms_ros.errors import NodeError, RpmsError, StimulationError
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.parameters import declare_parameters
+from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.subscriptions import stay_on_this_machine
+from rpms_ros.nodes.driver.goals import AUDIT, ScheduleAction, text_of
+from rpms_ros.nodes.driver.parameters import (
+    DriverParameters,
+    SessionFigures,
+    build_device,
+    driver_settings_of,
+    follow_bound,
+    ledger_of,
+    patience_s,
+)
+from rpms_ros.nodes.driver.pulses import PulsePublisher, ask_for_realtime
+from rpms_ros.nodes.driver.reports import DriverAudit, DriverReports, DriverView
+from rpms_ros.nodes.driver.services import (
+    GuardedLifecycleNode,
+    InterlockInputs,
+    OperatorServices,
+    refuse_simulated_time,
+)
+from rpms_ros.nodes.driver.watch import DriverWatch
+from rpms_ros.stimulation import Schedule, load_schedule
+from rpms_ros.stimulation.driver.authority import Authority
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, POSSIBLE
+from rpms_ros.stimulation.driver.states import State
+from rpms_ros.stimulation.driver.stop_buttons import StopButtons
+from rpms_ros.stimulation.driver.threads import ControllerThreads
+from rpms_ros.stimulation.records.clocks import DeviceLock
+from rpms_ros.stimulation.schedule.description import schedule_to_text
 
 _TICK_S = 0.05
 _SIGN_S = 0.01

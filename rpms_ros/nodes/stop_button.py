@@ -9,26 +9,19 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.button_publisher import ButtonPublisher
-from rpms_ros.nodes.construction import complete_or_gone
-from rpms_ros.nodes.diagnostics import Health
-from rpms_ros.nodes.keyboard import Keyboard
-from rpms_ros.nodes.logger import logger_of
-from rpms_ros.nodes.operator_diagnostics import DiagnosticsTimer
-from rpms_ros.nodes.operator_diagnostics import button_health
-from rpms_ros.nodes.parameters import NodeParameters
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import parameter
-from rpms_ros.nodes.runner import run
-from rpms_ros.stimulation.held import JoystickButton
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.diagnostics import Health
+from rpms_ros.nodes.common.keyboard import Keyboard
+from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.operator import ButtonPublisher, DiagnosticsTimer, button_health
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.stimulation.driver.stop_buttons import JoystickButton
 
 RELEASE = 'r'
 _LOOK_S = 0.01

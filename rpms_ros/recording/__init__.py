@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings in, recordings out, arrays in between; needs no ROS."""
 
-from rpms_ros.recording.reading import Recording
-from rpms_ros.recording.reading import RecordingFacts
-from rpms_ros.recording.reading import Topics
-from rpms_ros.recording.reading import read_facts
-from rpms_ros.recording.reading import read_recording
-from rpms_ros.recording.session_hash import session_hash
-from rpms_ros.recording.writing import FurtherTopic
-from rpms_ros.recording.writing import RecordingWriter
-from rpms_ros.recording.writing import write_recording
+from rpms_ros.recording.rosbag.reading import (
+    Recording,
+    RecordingFacts,
+    Topics,
+    read_facts,
+    read_recording,
+    session_hash,
+)
+from rpms_ros.recording.rosbag.writing import FurtherTopic, RecordingWriter, write_recording
 
 __all__ = [
     'FurtherTopic',

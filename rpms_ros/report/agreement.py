@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Comparison of two runs of an estimator."""
 
-from collections.abc import Mapping
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np

@@ -15,14 +15,15 @@ from matplotlib.figure import Figure
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
-from rpms_ros.identification.analysis import FieldAnalysis
-from rpms_ros.identification.analysis import MuscleAnalysis
-from rpms_ros.identification.analysis import SummationAnalysis
-from rpms_ros.identification.analysis import TwitchAnalysis
+from rpms_ros.identification.analysis import (
+    FieldAnalysis,
+    MuscleAnalysis,
+    SummationAnalysis,
+    TwitchAnalysis,
+)
 from rpms_ros.identification.analysis.latency import LatencyTable
 from rpms_ros.identification.analysis.summation import TrainAnalysis
-from rpms_ros.identification.analysis.twitch_fits import CONSTANT
-from rpms_ros.identification.analysis.twitch_fits import PEAK
+from rpms_ros.identification.analysis.twitch_fits import CONSTANT, PEAK
 from rpms_ros.muscle import twitch
 from rpms_ros.printable import counted
 

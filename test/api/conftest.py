@@ -5,8 +5,7 @@
 import pytest
 
 import rpms_ros
-from rpms_ros import Identification
-from rpms_ros import Session
+from rpms_ros import Identification, Session
 
 
 @pytest.fixture(scope='package')

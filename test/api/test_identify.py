@@ -13,13 +13,10 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 import rpms_ros
-from rpms_ros import Identification
-from rpms_ros import RpmsError
-from rpms_ros import Session
+from rpms_ros import Identification, RpmsError, Session
 from rpms_ros.cli import main
 from rpms_ros.muscle import twitch
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'

@@ -11,11 +11,9 @@ import pytest
 from scipy.io import savemat
 
 import rpms_ros
-from rpms_ros import RpmsError
-from rpms_ros import Session
+from rpms_ros import RpmsError, Session
 from rpms_ros.cli import main
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import session_hash
+from rpms_ros.recording import read_recording, session_hash
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 COLUMNS = ('t', 'F', 'gate')

@@ -13,8 +13,7 @@ import pytest
 
 from rpms_ros.cli import main
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
+from rpms_ros.recording import read_recording, write_recording
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[2] / '../shared/data'))
 TRIAL = FOLDER / 'rat_gastrocnemius' / 'GMe1_ISOM01_OR.csv'

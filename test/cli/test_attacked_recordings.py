@@ -6,8 +6,7 @@ import os
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,11 +14,10 @@ import numpy as np
 import pytest
 
 from rpms_ros.pulses import ForceTrace
-from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording import read_facts
-from rpms_ros.recording.checksums import SUMS_NAME
-from rpms_ros.recording.definitions import WRENCH_STAMPED
-from rpms_ros.recording.encoding import encode_forces
+from rpms_ros.recording import RecordingWriter, read_facts
+from rpms_ros.recording.rosbag.checksums import SUMS_NAME
+from rpms_ros.recording.rosbag.definitions import WRENCH_STAMPED
+from rpms_ros.recording.rosbag.writing import encode_forces
 
 Rpms = Callable[..., tuple[int, str, str]]
 COMMANDS = ('info', 'verify', 'identify', 'analyze')

@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from rpms_ros.stimulation.audit_log import AuditLog
-from rpms_ros.stimulation.dose import PlannedPulse
-from rpms_ros.stimulation.dose_ledger import DoseLedger
+from rpms_ros.stimulation.limits.dose import PlannedPulse
+from rpms_ros.stimulation.records.audit_log import AuditLog
+from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 SECRET = b'0123456789abcdef'
 

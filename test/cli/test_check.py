@@ -3,18 +3,14 @@
 """`rpms check` and `rpms protocol`: verdicts, exit codes, JSON, faults of the input."""
 
 import json
-from datetime import UTC
-from datetime import datetime
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
 
 from rpms_ros.cli.protocol import PROTOCOLS
-from rpms_ros.report.schedule_figure import window_power
-from rpms_ros.stimulation import load_schedule
-from rpms_ros.stimulation import paper_random
-from rpms_ros.stimulation import paper_sinusoid
+from rpms_ros.report.session.dose import window_power
+from rpms_ros.stimulation import load_schedule, paper_random, paper_sinusoid
 
 KEYS = [
     'deliverable',

@@ -12,15 +12,9 @@ from pathlib import Path
 import pytest
 
 from rpms_ros import __version__
-from rpms_ros.cli import COMMANDS
-from rpms_ros.cli import main
-from rpms_ros.cli import options
+from rpms_ros.cli import COMMANDS, main, options
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.report.text import collapsed
-from rpms_ros.report.text import labelled
-from rpms_ros.report.text import noted
-from rpms_ros.report.text import table
-from rpms_ros.report.text import with_interval
+from rpms_ros.report.text import collapsed, labelled, noted, table, with_interval
 
 Rpms = Callable[..., tuple[int, str, str]]
 NAMES = ['import' if name == 'import_file' else name for name in COMMANDS]
@@ -227,7 +221,7 @@ def test_that_it_compiles_is_said_on_stderr_terminal_or_not(
     def warm_up(_: object, tell: Callable[[], None]) -> None:
         tell()
 
-    monkeypatch.setattr('rpms_ros.identification.warm_up.warm_up', warm_up)
+    monkeypatch.setattr('rpms_ros.identification.catalogue.warm_up', warm_up)
     for quiet, told in ((False, 1), (True, 0)):
         options.compile_estimator(lambda: estimator_by_name('batch'), quiet)
         assert capsys.readouterr().err.count('rpms: compiling for this machine, once') == told

@@ -16,17 +16,11 @@ import pandas as pd
 import pytest
 from scipy.io import loadmat
 
-from rpms_ros import estimate_messages
-from rpms_ros import messages
-from rpms_ros.identification import CONVERGED
-from rpms_ros.identification import Estimate
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import FurtherTopic
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import session_hash
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.definitions import known_types
+from rpms_ros import estimate_messages, messages
+from rpms_ros.identification import CONVERGED, Estimate
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import FurtherTopic, read_recording, session_hash, write_recording
+from rpms_ros.recording.rosbag.definitions import known_types
 
 Rpms = Callable[..., tuple[int, str, str]]
 FORMATS = ('csv', 'mat', 'bids')
@@ -252,7 +246,7 @@ def test_nothing_is_replaced_and_nothing_is_half_written(
     name = {'csv': 'tables.estimate_columns', 'mat': 'tables.savemat'}.get(
         kind, 'bids.estimate_columns'
     )
-    monkeypatch.setattr(f'rpms_ros.recording.exporting.{name}', full)
+    monkeypatch.setattr(f'rpms_ros.recording.export.{name}', full)
     code, _, err = rpms('export', session, '--to', kind, '--out', place)
     assert code == 2
     assert err.endswith('got disk full\n')

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
 
 Rpms = Callable[..., tuple[int, str, str]]

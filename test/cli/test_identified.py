@@ -14,9 +14,7 @@ import pytest
 from rpms_ros.cli.identify import as_text
 from rpms_ros.identification import Estimate
 from rpms_ros.recording import read_recording
-from rpms_ros.report.identified import FOLLOWED
-from rpms_ros.report.identified import IdentificationOptions
-from rpms_ros.report.identified import identified
+from rpms_ros.report.result import FOLLOWED, IdentificationOptions, identified
 
 Rpms = Callable[..., tuple[int, str, str]]
 

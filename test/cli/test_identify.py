@@ -17,14 +17,11 @@ from scipy.integrate import trapezoid
 
 import rpms_ros
 from rpms_ros.cli import main
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import checkpoint
-from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification import IdentificationStream, estimator_by_name
+from rpms_ros.identification.stream import checkpoint
 from rpms_ros.muscle import twitch
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import read_recording, write_recording
 
 Rpms = Callable[..., tuple[int, str, str]]
 AsJson = Callable[..., dict[str, Any]]

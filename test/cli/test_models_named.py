@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 
 from rpms_ros.muscle import twitch
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
-from rpms_ros.report.named import NOT_A_TWITCH
-from rpms_ros.report.named import is_no_twitch
+from rpms_ros.report.text import NOT_A_TWITCH, is_no_twitch
 
 Rpms = Callable[..., tuple[int, str, str]]
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
+from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.report.session import FIGURES
 from rpms_ros.report.session.page import embedded
 

@@ -17,12 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import session_hash
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.definitions import known_types
-from rpms_ros.recording.schedules import ACCEPTED_SCHEDULE
-from rpms_ros.recording.writing import FurtherTopic
+from rpms_ros.recording import read_recording, session_hash, write_recording
+from rpms_ros.recording.rosbag.definitions import known_types
+from rpms_ros.recording.rosbag.reading import ACCEPTED_SCHEDULE
+from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.session.page import embedded
 
 Rpms = Callable[..., tuple[int, str, str]]
@@ -210,8 +208,7 @@ def estimate_bytes() -> bytes:
     from rpms_ros.identification import StreamSettings
     from rpms_ros.identification.catalogue import estimator_by_name
     from rpms_ros.identification.session import identify
-    from rpms_ros.pulses import ForceTrace
-    from rpms_ros.pulses import PulseTrain
+    from rpms_ros.pulses import ForceTrace, PulseTrain
 
     stamps = np.arange(2000, dtype=np.int64) * 1_000_000
     forces = ForceTrace(stamps, 1.0 - np.cos(stamps * 1e-8))

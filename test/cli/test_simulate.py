@@ -11,11 +11,9 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from rpms_ros.estimate_messages import truth_of
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.recording import read_facts
-from rpms_ros.recording import read_recording
-from rpms_ros.recording.definitions import known_types
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.recording import read_facts, read_recording
+from rpms_ros.recording.rosbag.definitions import known_types
 from rpms_ros.stimulation import paper_random
 
 Rpms = Callable[..., tuple[int, str, str]]

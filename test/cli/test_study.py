@@ -13,8 +13,7 @@ import pytest
 from pyarrow import parquet
 
 from rpms_ros.cli import main
-from rpms_ros.cli.study_table import found_recordings
-from rpms_ros.cli.study_work import columns
+from rpms_ros.report.group.study import columns, found_recordings
 from rpms_ros.report.session.page import embedded
 
 Rpms = Callable[..., tuple[int, str, str]]
@@ -115,13 +114,13 @@ def test_goes_on_where_it_stopped(
 def test_interrupted_study_keeps_what_is_done(
     sessions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rpms_ros.cli import study_work
+    from rpms_ros.report.group import study
 
     def interrupted(paths: Any, options: Any, *_: object) -> Any:
-        yield paths[0], study_work.work(str(paths[0]), options)
+        yield paths[0], study.work(str(paths[0]), options)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(study_work, 'finished', interrupted)
+    monkeypatch.setattr(study, 'finished', interrupted)
     assert main(['study', str(sessions), '--out', str(tmp_path)]) == 130
     monkeypatch.undo()
     assert [row['status'] for row in table_of(tmp_path)] == ['ok']

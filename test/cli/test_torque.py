@@ -15,15 +15,11 @@ from rpms_ros import messages
 from rpms_ros.api import load
 from rpms_ros.cli import main
 from rpms_ros.errors import RecordingError
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.definitions import WRENCH_STAMPED
-from rpms_ros.recording.definitions import known_types
-from rpms_ros.recording.writing import FurtherTopic
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import read_recording, write_recording
+from rpms_ros.recording.rosbag.definitions import WRENCH_STAMPED, known_types
+from rpms_ros.recording.rosbag.writing import FurtherTopic
 
 ARM = 0.25
 

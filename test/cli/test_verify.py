@@ -11,12 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros import load
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import session_hash
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.verifying import PUBLISHERS_KEY
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import read_recording, session_hash, write_recording
+from rpms_ros.recording.rosbag.verifying import PUBLISHERS_KEY
 
 Rpms = Callable[..., tuple[int, str, str]]
 MILLISECOND = 1_000_000

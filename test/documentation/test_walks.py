@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.identification import catalogue
-from rpms_ros.identification import monitors
+from rpms_ros.identification.stream import sensor_checks
 from rpms_ros.stimulation.devices import registry
 
 ROOT = Path(__file__).parents[2]
@@ -39,7 +39,7 @@ def test_every_file_is_there(title: str) -> None:
 @pytest.mark.parametrize('title', WALKS)
 def test_every_dotted_name_is_there(title: str) -> None:
     for name in re.findall(r'`(rpms_ros(?:\.\w+)+)`', WALKS[title]):
-        if name in (catalogue.GROUP, monitors.GROUP, registry.GROUP):
+        if name in (catalogue.GROUP, sensor_checks.GROUP, registry.GROUP):
             continue
         module, _, member = name.rpartition('.')
         assert hasattr(importlib.import_module(module), member), name
@@ -48,6 +48,6 @@ def test_every_dotted_name_is_there(title: str) -> None:
 def test_groups_and_options_are_named() -> None:
     estimator, monitor = WALKS['A new estimator'], WALKS['A new monitor']
     assert f'"{catalogue.GROUP}"' in estimator
-    assert f'`{monitors.GROUP}`' in monitor
+    assert f'`{sensor_checks.GROUP}`' in monitor
     for field in fields(catalogue.EstimatorOptions):
         assert f'`{field.name}`' in estimator, field.name

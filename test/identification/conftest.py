@@ -9,11 +9,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000
 Record = Callable[..., tuple[PulseTrain, ForceTrace]]

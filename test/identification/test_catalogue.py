@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.catalogue import ESTIMATORS
-from rpms_ros.identification.catalogue import EstimatorOptions
-from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.identification.catalogue import estimator_names
+from rpms_ros.identification.catalogue import (
+    ESTIMATORS,
+    EstimatorOptions,
+    estimator_by_name,
+    estimator_names,
+)
 from rpms_ros.identification.session import identify
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 MODULE = '''
 import numpy as np

@@ -12,18 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import ESTIMATORS
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import checkpoint
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.monitors import Monitor
+from rpms_ros.identification import (
+    ESTIMATORS,
+    Estimate,
+    IdentificationStream,
+    StreamSettings,
+    estimator_by_name,
+)
+from rpms_ros.identification.stream import checkpoint
+from rpms_ros.identification.stream.sensor_checks import Monitor
 from rpms_ros.pulses import ForceTrace
 
 SECOND = 1_000_000_000

@@ -5,13 +5,9 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import estimator_by_name, identify
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
 pytestmark = pytest.mark.long
 

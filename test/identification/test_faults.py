@@ -4,8 +4,8 @@
 
 import pytest
 
-from rpms_ros.identification import faults
-from rpms_ros.identification.faults import FaultCounter
+from rpms_ros.identification.stream import faults
+from rpms_ros.identification.stream.faults import FaultCounter
 
 
 def test_counts_are_kept_in_one_order_whatever_came_first() -> None:

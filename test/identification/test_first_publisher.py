@@ -3,11 +3,9 @@
 """Only the first publisher's messages are used, until it has been silent for long."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_ros.identification.first_publisher import FirstPublisher
-from rpms_ros.identification.first_publisher import counting
+from rpms_ros.identification.stream.first_publisher import FirstPublisher, counting
 
 SECOND = 1_000_000_000
 

@@ -11,10 +11,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
+from rpms_ros.identification import Estimate, StreamSettings, estimator_by_name, identify
 from rpms_ros.pulses import FloatArray
 
 SECONDS = 25

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import Estimate
-from rpms_ros.identification.informed import informed_parameters
-from rpms_ros.identification.informed import informed_physiology
-from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.physiology import PRIOR
+from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES, PRIOR
+from rpms_ros.identification.quality.explained_force import (
+    informed_parameters,
+    informed_physiology,
+)
 
 QUANTILE = 1.959964
 

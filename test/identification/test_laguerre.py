@@ -4,14 +4,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.laguerre import transition_generator
-from rpms_ros.identification.projection.normal_equations import advance_state
+from rpms_ros.identification.estimation.normal_equations import advance_state
+from rpms_ros.identification.model.basis import LaguerreBasis, transition_generator
 from rpms_ros.muscle import twitch
 
 

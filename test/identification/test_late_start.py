@@ -5,16 +5,15 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.identification.verdict import verdict_of
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import Subject
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    CURVE_INTENSITY,
+    IdentificationStream,
+    estimator_by_name,
+    identify,
+)
+from rpms_ros.identification.quality.verdict import verdict_of
+from rpms_ros.muscle import Contraction, Subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
 SUBJECT = Subject()
 TRUTH = SUBJECT.steady_force(CURVE_INTENSITY, 20.0)

@@ -5,26 +5,21 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import Estimator
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.arrival_order import Foreign
-from rpms_ros.identification.arrival_order import add_in_order
-from rpms_ros.identification.arrival_order import feed
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import Pulse
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    Estimate,
+    Estimator,
+    IdentificationStream,
+    StreamSettings,
+    estimator_by_name,
+)
+from rpms_ros.identification.stream.recorded_order import Foreign, add_in_order, feed
+from rpms_ros.pulses import ForceTrace, Pulse, PulseTrain
 
 MILLISECOND = 1_000_000
 SECOND = 1000 * MILLISECOND
@@ -234,8 +229,8 @@ def test_a_flood_is_refused_alike(
     monkeypatch: pytest.MonkeyPatch, cut_every: int, ahead_ms: int
 ) -> None:
     """More pulses than there is room for, with limits that a test can reach."""
-    monkeypatch.setattr('rpms_ros.identification.far_pulses.MOST_PULSES', 40)
-    monkeypatch.setattr('rpms_ros.identification.pulse_queue.MOST_IN_A_SECOND', 30)
+    monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_PULSES', 40)
+    monkeypatch.setattr('rpms_ros.identification.stream.pulse_queue.MOST_IN_A_SECOND', 30)
     step_ns = SECOND // SLOW_HZ
     samples = [(START_NS + index * step_ns, 0.0) for index in range(14 * SLOW_HZ)]
     arrivals: list[Arrival] = [Pulse(START_NS + index * SECOND, 0.5, index) for index in range(50)]

@@ -5,11 +5,8 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import Estimate, IdentificationStream, estimator_by_name
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000
 

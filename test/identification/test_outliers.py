@@ -5,9 +5,7 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
+from rpms_ros.identification import IdentifiedSession, estimator_by_name, identify
 from rpms_ros.pulses import ForceTrace
 
 NAMES = ('horizon', 'recursive')

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rpms_ros.identification.output_error import output_error
+from rpms_ros.identification.session import output_error
 
 MILLISECOND = 1_000_000
 

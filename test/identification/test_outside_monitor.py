@@ -9,17 +9,13 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import BatchEstimator
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import identify
-from rpms_ros.identification.monitors import MONITORS
-from rpms_ros.identification.monitors import monitors_by_name
+from rpms_ros.identification import BatchEstimator, RecursiveEstimator, StreamSettings, identify
+from rpms_ros.identification.stream.sensor_checks import MONITORS, monitors_by_name
 
 MODULE = '''
 """Names force below zero, which no muscle on this rig gives."""
 
-from rpms_ros.identification.monitors import Monitor
+from rpms_ros.identification.stream.sensor_checks import Monitor
 
 
 class Push(Monitor):

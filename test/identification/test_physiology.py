@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.physiology import TwitchReader
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES, TwitchReader
 from rpms_ros.muscle import twitch
 
 BASIS = LaguerreBasis(7, 38e-3, 8e-3)

@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpms_ros.identification import ExactRecursion
-from rpms_ros.identification import identify
-from rpms_ros.identification.plausibility import REASON
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import ExactRecursion, identify
+from rpms_ros.identification.stream.doubts import REASON
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 
 def slow_sinusoid(noise: float, seed: int, latency: float = 0.0) -> tuple[PulseTrain, ForceTrace]:

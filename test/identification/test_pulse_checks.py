@@ -8,22 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.identification.plausibility import CLOCKS_DIFFER
-from rpms_ros.identification.plausibility import FORCE_WITHOUT_PULSES
-from rpms_ros.identification.plausibility import stated_doubt
-from rpms_ros.identification.pulse_checks import no_overlap
-from rpms_ros.identification.pulse_checks import of_one_intensity
-from rpms_ros.identification.pulse_checks import range_outside
-from rpms_ros.identification.verdict import verdict_of
-from rpms_ros.identification.verdict_of_data import reasons
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import StreamSettings, estimator_by_name, identify
+from rpms_ros.identification.quality.verdict import reasons_of_data, verdict_of
+from rpms_ros.identification.stream.doubts import CLOCKS_DIFFER, FORCE_WITHOUT_PULSES, stated_doubt
+from rpms_ros.identification.stream.pulse_checks import no_overlap, of_one_intensity, range_outside
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
 SELDOM = StreamSettings(estimate_period=2.0)
 HOUR_NS = 3_600_000_000_000
@@ -37,7 +27,7 @@ def pulses_of(intensity: np.ndarray, late_ns: int = 0) -> PulseTrain:
 
 
 def reasons_of(pulses: PulseTrain, forces: ForceTrace = FORCES) -> list[tuple[str, str]]:
-    return list(reasons(pulses, forces, 200.0, 0.05))
+    return list(reasons_of_data(pulses, forces, 200.0, 0.05))
 
 
 @pytest.mark.parametrize(
@@ -96,7 +86,7 @@ def test_a_force_that_no_sensor_resolves_may_be_in_kilonewtons() -> None:
         'the force spans 0.002 N, less than the 0.05 N that a sensor for people resolves: '
         'is the force in kN?'
     )
-    assert not list(reasons(pulses_of(RANDOM), small, 200.0, 0.05, 'N m'))
+    assert not list(reasons_of_data(pulses_of(RANDOM), small, 200.0, 0.05, 'N m'))
 
 
 @pytest.mark.parametrize(

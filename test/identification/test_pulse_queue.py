@@ -6,14 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from rpms_ros.identification.faults import FaultCounter
-from rpms_ros.identification.pulse_queue import PulseQueue
-from rpms_ros.pulses import Pulse
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification.stream.faults import FaultCounter
+from rpms_ros.identification.stream.pulse_queue import PulseQueue
+from rpms_ros.pulses import Pulse, PulseTrain
 
 MILLISECOND = 1_000_000
 MEMORY, LOOK_AHEAD = 350 * MILLISECOND, 100 * MILLISECOND

@@ -7,20 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import TABLE_5
-from rpms_ros.identification import DistortedSineBasis
-from rpms_ros.identification import RecruitmentBounds
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import RecursiveSettings
-from rpms_ros.identification.recursion_kernel import _bounded
-from rpms_ros.identification.recursion_kernel import _damped_step
-from rpms_ros.identification.recursion_kernel import _judge
-from rpms_ros.identification.recursion_kernel import _plain_derivative
-from rpms_ros.identification.recursion_kernel import _update_linear
-from rpms_ros.identification.recursion_kernel import mix
-from rpms_ros.muscle.identified_form import RecruitmentParameters
-from rpms_ros.muscle.identified_form import identified_recruitment
+from rpms_ros.identification import (
+    TABLE_4,
+    TABLE_5,
+    DistortedSineBasis,
+    RecruitmentBounds,
+    RecursiveEstimator,
+    RecursiveSettings,
+)
+from rpms_ros.identification.recursion.paper_kernel import (
+    _bounded,
+    _damped_step,
+    _judge,
+    _plain_derivative,
+    _update_linear,
+    mix,
+)
+from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 
 
 def estimator_of(**changes: object) -> RecursiveEstimator:

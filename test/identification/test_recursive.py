@@ -8,17 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import RecursiveSettings
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import TABLE_4, RecursiveEstimator, RecursiveSettings
+from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000
 

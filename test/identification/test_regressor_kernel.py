@@ -3,17 +3,16 @@
 """Regressors of Eqs. (15) and (16) against dense and direct sums."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.identification import DistortedSineBasis
-from rpms_ros.identification.regressor_kernel import basis_of_pulses
-from rpms_ros.identification.regressor_kernel import mix
-from rpms_ros.identification.regressor_kernel import regress
-from rpms_ros.identification.regressor_kernel import regress_with_gradient
-from rpms_ros.muscle.identified_form import RecruitmentParameters
-from rpms_ros.muscle.identified_form import identified_recruitment
+from rpms_ros.identification.recursion.paper_kernel import (
+    basis_of_pulses,
+    mix,
+    regress,
+    regress_with_gradient,
+)
+from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 
 BASIS = DistortedSineBasis()
 SHAPE = np.array([1e6, 350.0, 120.0])

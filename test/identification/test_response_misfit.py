@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.identification.plausibility import RESPONSE_MISFIT
-from rpms_ros.identification.response_misfit import ResponseMisfit
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import StreamSettings, estimator_by_name, identify
+from rpms_ros.identification.stream.doubts import RESPONSE_MISFIT, ResponseMisfit
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 
 def doubts(name: str, what) -> tuple[str, ...]:

@@ -16,15 +16,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rpms_ros.identification.catalogue import ESTIMATORS
-from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.identification.estimate import CONVERGED
-from rpms_ros.identification.estimate import CURVE_INTENSITY
+from rpms_ros.identification.catalogue import ESTIMATORS, estimator_by_name
+from rpms_ros.identification.model.estimate import CONVERGED, CURVE_INTENSITY
 from rpms_ros.identification.session import identify
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 pytestmark = pytest.mark.long
 

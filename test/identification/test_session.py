@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import BatchEstimator
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import identify
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    BatchEstimator,
+    Estimate,
+    IdentifiedSession,
+    RecursiveEstimator,
+    StreamSettings,
+    identify,
+)
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 SECOND = 1_000_000_000
 

@@ -8,12 +8,14 @@ from dataclasses import replace
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import TABLE_5
-from rpms_ros.identification import RecruitmentBounds
-from rpms_ros.identification import RecursiveSettings
-from rpms_ros.identification import settings_by_name
-from rpms_ros.muscle.identified_form import RecruitmentParameters
+from rpms_ros.identification import (
+    TABLE_4,
+    TABLE_5,
+    RecruitmentBounds,
+    RecursiveSettings,
+    settings_by_name,
+)
+from rpms_ros.muscle.recruitment import RecruitmentParameters
 
 
 @pytest.mark.parametrize(

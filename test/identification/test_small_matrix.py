@@ -4,14 +4,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rpms_ros.identification.small_matrix import condition_number
-from rpms_ros.identification.small_matrix import dot
-from rpms_ros.identification.small_matrix import solve_positive
+from rpms_ros.identification.model.levenberg_marquardt import condition_number, dot, solve_positive
 
 squares = st.integers(1, 5).flatmap(
     lambda n: arrays(np.float64, (n, n), elements=st.floats(-9, 9))

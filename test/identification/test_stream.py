@@ -8,22 +8,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import BatchEstimator
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import Estimator
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification.monitors import Monitor
-from rpms_ros.identification.monitors import ProcessedSamples
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    BatchEstimator,
+    Estimate,
+    Estimator,
+    IdentificationStream,
+    RecursiveEstimator,
+    StreamSettings,
+)
+from rpms_ros.identification.stream.sensor_checks import Monitor, ProcessedSamples
+from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000
 SECOND = 1000 * MILLISECOND

@@ -7,10 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import RecursiveSettings
+from rpms_ros.identification import CURVE_INTENSITY, TABLE_4, RecursiveEstimator, RecursiveSettings
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import FloatArray
 

@@ -10,16 +10,11 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import HorizonEstimator
-from rpms_ros.identification import ProjectionSettings
-from rpms_ros.identification import estimator_by_name
+from rpms_ros.identification import HorizonEstimator, ProjectionSettings, estimator_by_name
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.train_model import fit_equal
-from rpms_ros.identification.analysis.train_model import fit_scaled
-from rpms_ros.identification.analysis.train_model import pulse_twitches
-from rpms_ros.identification.projection.pulse_delay_line import PulseDelayLine
-from rpms_ros.identification.temporal_summation import PulseHistory
-from rpms_ros.identification.temporal_summation import TemporalSummation
+from rpms_ros.identification.analysis.trains import fit_equal, fit_scaled, pulse_twitches
+from rpms_ros.identification.estimation.blocks import PulseDelayLine
+from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import PulseTrain
 

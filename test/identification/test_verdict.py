@@ -10,25 +10,29 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.identification.constancy.force_change import force_change
-from rpms_ros.identification.simulated_fit import simulated_fit
-from rpms_ros.identification.simulated_fit import simulated_force
-from rpms_ros.identification.simulated_fit import white_noise
-from rpms_ros.identification.verdict import Verdict
-from rpms_ros.identification.verdict import doublings
-from rpms_ros.identification.verdict import of_reasons
-from rpms_ros.identification.verdict import period_of_estimates
-from rpms_ros.identification.verdict import verdict_of
-from rpms_ros.identification.verdict_settings import VerdictSettings
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    Estimate,
+    IdentifiedSession,
+    StreamSettings,
+    estimator_by_name,
+    identify,
+)
+from rpms_ros.identification.quality.explained_force import (
+    simulated_fit,
+    simulated_force,
+    white_noise,
+)
+from rpms_ros.identification.quality.stationarity import force_change
+from rpms_ros.identification.quality.verdict import (
+    Verdict,
+    VerdictSettings,
+    doublings,
+    of_reasons,
+    period_of_estimates,
+    verdict_of,
+)
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 SECONDS = 20
 NOISE = 0.02

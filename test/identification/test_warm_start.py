@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import checkpoint
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.warm_start import known_from
-from rpms_ros.identification.warm_start import warm_start
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle.identified_form import PARAMETER_NAMES
-from rpms_ros.muscle.identified_form import RecruitmentParameters
-from rpms_ros.muscle.identified_form import identified_recruitment
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    CURVE_INTENSITY,
+    IdentificationStream,
+    StreamSettings,
+    estimator_by_name,
+)
+from rpms_ros.identification.estimation.prior import known_from, warm_start
+from rpms_ros.identification.stream import checkpoint
+from rpms_ros.muscle import Contraction, IntensityRecruitment, Subject
+from rpms_ros.muscle.recruitment import (
+    PARAMETER_NAMES,
+    RecruitmentParameters,
+    identified_recruitment,
+)
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 LAST_TIME = Subject()
 RATE = 20.0

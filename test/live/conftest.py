@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rpms_ros.identification.estimate import Estimate
+from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.live.heard import Topic
 from rpms_ros.live.session import LiveSession
-from rpms_ros.muscle.identified_form import PARAMETER_NAMES
+from rpms_ros.muscle.recruitment import PARAMETER_NAMES
 
 START_NS = 1_700_000_000_000_000_000
 

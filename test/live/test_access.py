@@ -5,10 +5,7 @@
 import pytest
 
 from rpms_ros.errors import LiveError
-from rpms_ros.live.access import HEADERS
-from rpms_ros.live.access import Access
-from rpms_ros.live.access import new_token
-from rpms_ros.live.access import token_of
+from rpms_ros.live.server import HEADERS, Access, new_token, token_of
 
 TOKEN = 'correct horse battery'
 

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from rpms_ros.live.force_bins import BIN_NS
-from rpms_ros.live.force_bins import KEPT
-from rpms_ros.live.force_bins import ForceBins
+from rpms_ros.live.force_course import BIN_NS, KEPT, ForceBins
 
 MILLISECOND = 1_000_000
 

@@ -4,9 +4,7 @@
 
 import pytest
 
-from rpms_ros.live.heard import Endpoint
-from rpms_ros.live.heard import Topic
-from rpms_ros.live.heard import mismatches
+from rpms_ros.live.heard import Endpoint, Topic, mismatches
 
 PULSE = 'rpms_msgs/msg/Pulse'
 

@@ -17,15 +17,11 @@ import numpy as np
 import pytest
 from tornado.httpclient import HTTPRequest
 from tornado.iostream import StreamClosedError
-from tornado.websocket import WebSocketClosedError
-from tornado.websocket import websocket_connect
+from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from rpms_ros.errors import LiveError
 from rpms_ros.live import server as module
-from rpms_ros.live.access import Access
-from rpms_ros.live.server import FILES
-from rpms_ros.live.server import MOST_BROWSERS
-from rpms_ros.live.server import LiveServer
+from rpms_ros.live.server import FILES, MOST_BROWSERS, Access, LiveServer
 from rpms_ros.live.session import Cursor
 
 TOKEN = 'correct-horse-battery'

@@ -8,23 +8,20 @@ import math
 import numpy as np
 import pytest
 
-from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.plausibility import meaning_of_doubt
-from rpms_ros.identification.tracking.report import RATE_NAMES
-from rpms_ros.live.force_bins import BIN_NS
+from rpms_ros.identification.estimation.tracking import RATE_NAMES
+from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
+from rpms_ros.identification.stream.doubts import meaning_of_doubt
+from rpms_ros.live.force_course import BIN_NS, ModelledForce
 from rpms_ros.live.heard import Endpoint
-from rpms_ros.live.modelled import ModelledForce
-from rpms_ros.live.numbers import LONGEST_TEXT
-from rpms_ros.live.numbers import MOST_NAMES
-from rpms_ros.live.session import Cursor
-from rpms_ros.live.session import LiveSession
-from rpms_ros.live.words import PARAMETERS
-from rpms_ros.live.words import RATES
-from rpms_ros.muscle.identified_form import PARAMETER_NAMES
-from rpms_ros.muscle.identified_form import RecruitmentParameters
-from rpms_ros.muscle.identified_form import identified_recruitment
+from rpms_ros.live.numbers import LONGEST_TEXT, MOST_NAMES
+from rpms_ros.live.session import PARAMETERS, RATES, Cursor, LiveSession
+from rpms_ros.muscle.recruitment import (
+    PARAMETER_NAMES,
+    RecruitmentParameters,
+    identified_recruitment,
+)
 from rpms_ros.pulses import Pulse
-from rpms_ros.report.named import interval_of
+from rpms_ros.report.text import interval_of
 
 MILLISECOND = 1_000_000
 

@@ -7,20 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle import twitch
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.muscle import Contraction, Subject, average_subject, simulation_subject, twitch
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
 
 MILLISECOND = 1_000_000
 # As many nanoseconds as have passed since 1970: what `header.stamp` really holds.

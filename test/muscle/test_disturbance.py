@@ -6,13 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle import Disturbances
-from rpms_ros.muscle import Sensor
+from rpms_ros.muscle import Disturbances, Sensor
 from rpms_ros.pulses import FloatArray
 
 SAMPLES = 2000

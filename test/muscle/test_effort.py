@@ -6,20 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle.effort import EFFORTS
-from rpms_ros.muscle.effort import Bump
-from rpms_ros.muscle.effort import Spasm
-from rpms_ros.muscle.effort import Tremor
-from rpms_ros.muscle.effort import VoluntaryEffort
-from rpms_ros.muscle.effort import total_effort
-from rpms_ros.muscle.sensor_faults import KINDS
-from rpms_ros.muscle.sensor_faults import FaultySensor
-from rpms_ros.muscle.sensor_faults import SensorFault
+from rpms_ros.muscle.effort import EFFORTS, Bump, Spasm, Tremor, VoluntaryEffort, total_effort
+from rpms_ros.muscle.sensor import KINDS, FaultySensor, SensorFault
 from rpms_ros.pulses import ForceTrace
 
 START_NS = 1_700_000_000_000_000_000

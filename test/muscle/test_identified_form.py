@@ -4,15 +4,15 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from rpms_ros.muscle import PARAMETER_NAMES
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle import identified_recruitment_with_gradient
+from rpms_ros.muscle import (
+    PARAMETER_NAMES,
+    IntensityRecruitment,
+    RecruitmentParameters,
+    identified_recruitment,
+    identified_recruitment_with_gradient,
+)
 
 EVERY_INTENSITY = np.linspace(0.0, 1.0, 101)
 

@@ -6,26 +6,20 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.integrate import solve_ivp
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle.changes import Change
-from rpms_ros.muscle.changes import Timeline
-from rpms_ros.muscle.fatigue import Fatigue
-from rpms_ros.muscle.fatigue import Potentiation
-from rpms_ros.muscle.living import LivingContraction
-from rpms_ros.muscle.living import LivingSettings
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.muscle import Contraction, Subject, average_subject, simulation_subject
+from rpms_ros.muscle.time_varying import (
+    Change,
+    Fatigue,
+    LivingContraction,
+    LivingSettings,
+    Potentiation,
+    Timeline,
+)
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
 
 MILLISECOND = 1_000_000
 EPOCH_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND

@@ -4,14 +4,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RateRecruitment
-from rpms_ros.muscle import RecruitmentField
+from rpms_ros.muscle import IntensityRecruitment, RateRecruitment, RecruitmentField
 
 EVERY_INTENSITY = np.linspace(0.0, 1.0, 1001)
 

@@ -7,14 +7,10 @@ import re
 import pytest
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle.changes import Change
-from rpms_ros.muscle.effort import Tremor
-from rpms_ros.muscle.effort import VoluntaryEffort
-from rpms_ros.muscle.fatigue import Fatigue
-from rpms_ros.muscle.scenario import load_scenario
-from rpms_ros.muscle.scenario import scenario_from_text
-from rpms_ros.muscle.scenario import scenario_names
-from rpms_ros.muscle.sensor_faults import SensorFault
+from rpms_ros.muscle.effort import Tremor, VoluntaryEffort
+from rpms_ros.muscle.scenario import load_scenario, scenario_from_text, scenario_names
+from rpms_ros.muscle.sensor import SensorFault
+from rpms_ros.muscle.time_varying import Change, Fatigue
 
 TEXT = """\
 name: example

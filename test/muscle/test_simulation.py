@@ -5,17 +5,12 @@
 import numpy as np
 import pytest
 
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle.changes import Change
-from rpms_ros.muscle.disturbance import Disturbances
+from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.muscle.effort import VoluntaryEffort
-from rpms_ros.muscle.living import LivingSettings
-from rpms_ros.muscle.living import muscle_of
 from rpms_ros.muscle.scenario import Scenario
-from rpms_ros.muscle.sensor_faults import SensorFault
-from rpms_ros.muscle.simulation import simulate_session
-from rpms_ros.muscle.surroundings import Surroundings
+from rpms_ros.muscle.sensor import Disturbances, SensorFault
+from rpms_ros.muscle.simulation import Surroundings, simulate_session
+from rpms_ros.muscle.time_varying import Change, LivingSettings, muscle_of
 from rpms_ros.pulses import PulseTrain
 
 START_NS = 1_700_000_000_000_000_000

@@ -4,22 +4,22 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle import SUBJECTS
-from rpms_ros.muscle import Modality
-from rpms_ros.muscle import RateRecruitment
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle import random_subject
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle import steady_mean
-from rpms_ros.muscle import subject_by_name
+from rpms_ros.muscle import (
+    SUBJECTS,
+    Modality,
+    RateRecruitment,
+    RecruitmentParameters,
+    Subject,
+    average_subject,
+    identified_recruitment,
+    random_subject,
+    simulation_subject,
+    steady_mean,
+    subject_by_name,
+)
 
 EVERY_INTENSITY = np.linspace(0.0, 1.0, 101)
 

@@ -6,16 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.integrate import quad
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle import steady_mean
-from rpms_ros.muscle import summed_twitches
-from rpms_ros.muscle import twitch
-from rpms_ros.muscle import twitch_area
+from rpms_ros.muscle import steady_mean, summed_twitches, twitch, twitch_area
 
 time_constants = st.floats(5e-3, 0.2)
 orders = st.floats(1.0, 6.0)

@@ -12,15 +12,13 @@ import pytest
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.nodes import stimulator_driver
-from rpms_ros.nodes.driver_parameters import driver_settings_of
+from rpms_ros.nodes.driver.parameters import driver_settings_of
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.recording import read_recording
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import UniformRandom
-from rpms_ros.stimulation import schedule_to_text
+from rpms_ros.stimulation import Schedule, UniformRandom, schedule_to_text
 
 RPMS = [sys.executable, '-c', 'import sys; from rpms_ros.cli import main; sys.exit(main())']
 TOKEN = 'correct-horse-battery'

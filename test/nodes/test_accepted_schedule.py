@@ -15,18 +15,16 @@ from rclpy.node import Node
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import AcceptedSchedule
 from rpms_ros import messages
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.scan import Scan
-from rpms_ros.recording.verifying import verify as verify_recording
+from rpms_ros.recording import read_recording, write_recording
+from rpms_ros.recording.rosbag.scan import Scan
+from rpms_ros.recording.rosbag.verifying import verify as verify_recording
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.audit_log import verify
+from rpms_ros.stimulation.records.audit_log import verify_log
 
 TEXT = """name: wärm-up
 segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]
@@ -113,7 +111,7 @@ def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, 
     assert order.index('/accepted_schedule') < order.index('/pulses_commanded')
     (entry,) = [
         record.content
-        for record in verify(running.audit).records
+        for record in verify_log(running.audit).records
         if record.content['kind'] == 'schedule'
     ]
     assert entry['text_sha256'] == told.sha256

@@ -4,7 +4,7 @@
 
 import pytest
 
-from rpms_ros.nodes.clock_jump import JumpDetector
+from rpms_ros.nodes.plant_simulator import JumpDetector
 
 SECOND = 1_000_000_000
 

@@ -6,23 +6,20 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 
-from rpms_msgs.msg import MuscleEstimate
-from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import messages
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import recorder_health as health_module
-from rpms_ros.nodes.diagnostics import RecentChange
+from rpms_ros.nodes import recorder as health_module
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.diagnostics import RecentChange
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator
-from rpms_ros.nodes.recorder import Recorder
-from rpms_ros.nodes.recorder_health import recorder_health
+from rpms_ros.nodes.recorder import Recorder, recorder_health
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.pulses import Pulse
 

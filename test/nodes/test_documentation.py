@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
+from rpms_ros.nodes.common import qos, topics
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'nodes.md').read_text()

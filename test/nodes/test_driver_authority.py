@@ -11,20 +11,16 @@ import time
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.srv import SetParameters
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import Pulse
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.button_publisher import ButtonPublisher
-from rpms_ros.nodes.operator_client import OperatorClient
+from rpms_msgs.msg import DriverStatus, Pulse
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.operator import ButtonPublisher, OperatorClient
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
-from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.driver.interlocks import Refused
 
 CODES = RunSchedule.Result
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
@@ -33,8 +29,8 @@ CLIENT = f"""
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rpms_ros.nodes.discovery import use_fast_discovery
-from rpms_ros.nodes.operator_client import OperatorClient
+from rpms_ros.nodes.common.subscriptions import use_fast_discovery
+from rpms_ros.nodes.common.operator import OperatorClient
 use_fast_discovery()
 rclpy.init()
 node, executor = Node('client'), EventsExecutor()
@@ -332,7 +328,7 @@ def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(
 
 
 def test_who_did_what_is_written_down(clinic, tmp_path):
-    from rpms_ros.stimulation.audit_log import verify
+    from rpms_ros.stimulation.records.audit_log import verify_log
 
     path = tmp_path / 'audit.jsonl'
     lab = clinic(audit_log=str(path))
@@ -342,7 +338,7 @@ def test_who_did_what_is_written_down(clinic, tmp_path):
     lab.wait_for_state(DriverStatus.STOPPED)
     lab.graph.wait_for(lambda: not lab.driver._active)
     lab.driver._audit.close()
-    audit = verify(path)
+    audit = verify_log(path)
     assert audit.intact
     kinds = [record.content['kind'] for record in audit.records]
     # how often it was refused before the button was heard differs

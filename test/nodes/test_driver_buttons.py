@@ -10,20 +10,17 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import Pulse
+from rpms_msgs.msg import DriverStatus, Pulse
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.button_publisher import ButtonPublisher
-from rpms_ros.nodes.driver_parameters import DriverParameters
-from rpms_ros.nodes.driver_watch import says_released
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.operator import ButtonPublisher
+from rpms_ros.nodes.driver.parameters import DriverParameters
+from rpms_ros.nodes.driver.watch import says_released
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'

@@ -6,12 +6,12 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from rpms_ros.nodes.driver_diagnostics import DriverDiagnostics
-from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.nodes.driver.reports import DriverDiagnostics
 from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.dose_ledger import MemoryLedger
-from rpms_ros.stimulation.settings import DriverSettings
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.states import DriverSettings
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 SECOND = 1_000_000_000
 

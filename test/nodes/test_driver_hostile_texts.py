@@ -10,7 +10,7 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 
 from rpms_msgs.action import RunSchedule
-from rpms_ros.nodes import topics
+from rpms_ros.nodes.common import topics
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
 # bench/hostile_goals.py asks for ten thousand

@@ -13,13 +13,10 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node
 
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import Pulse
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.button_publisher import ButtonPublisher
-from rpms_ros.nodes.driver_parameters import driver_settings_of
-from rpms_ros.nodes.operator_client import OperatorClient
+from rpms_msgs.msg import DriverStatus, Pulse
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.operator import ButtonPublisher, OperatorClient
+from rpms_ros.nodes.driver.parameters import driver_settings_of
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 

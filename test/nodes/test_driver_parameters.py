@@ -7,13 +7,15 @@ import time
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.nodes.driver_parameters import DriverParameters
-from rpms_ros.nodes.driver_parameters import build_device
-from rpms_ros.nodes.driver_parameters import device_specification_of
-from rpms_ros.nodes.driver_parameters import driver_settings_of
-from rpms_ros.nodes.driver_parameters import ledger_of
-from rpms_ros.nodes.driver_parameters import patience_s
-from rpms_ros.stimulation.dose import PlannedPulse
+from rpms_ros.nodes.driver.parameters import (
+    DriverParameters,
+    build_device,
+    device_specification_of,
+    driver_settings_of,
+    ledger_of,
+    patience_s,
+)
+from rpms_ros.stimulation.limits.dose import PlannedPulse
 
 
 @pytest.mark.parametrize(('parameter', 'percent'), [(1.0, 55), (0.305, 30)])

@@ -10,14 +10,11 @@ import sys
 import pytest
 from rclpy.node import Node
 
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import Pulse
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.stop_request import ENDING
-from rpms_ros.nodes.stop_request import name_of
+from rpms_msgs.msg import DriverStatus, Pulse
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.runner import ENDING, name_of
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.audit_log import verify
+from rpms_ros.stimulation.records.audit_log import verify_log
 
 # a machine under load may hold up the driver for seconds; what these limits do is tested elsewhere
 START = """
@@ -99,7 +96,7 @@ def test_a_signal_disarms_and_ends_the_driver(driver, number):
     driver.run()
     driver.process.send_signal(number)
     assert driver.ended() == 0
-    stops = [record.content for record in verify(driver.audit).records]
+    stops = [record.content for record in verify_log(driver.audit).records]
     assert stops[-1]['kind'] == 'end'
     reasons = [content['reason'] for content in stops if content['kind'] == 'signal']
     assert reasons == [f'signal {name_of(number)}']

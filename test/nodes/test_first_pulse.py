@@ -12,19 +12,17 @@ import pytest
 import yaml
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.srv import ChangeState
-from rclpy.action import ActionClient
-from rclpy.action import get_action_names_and_types
+from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.node import Node
 
-from rpms_ros.nodes.driver_parameters import DriverParameters
-from rpms_ros.nodes.operator_console import ConsoleParameters
-from rpms_ros.nodes.operator_console import OperatorConsole
-from rpms_ros.nodes.parameters import descriptions
+from rpms_ros.nodes.common.parameters import descriptions
+from rpms_ros.nodes.driver.parameters import DriverParameters
+from rpms_ros.nodes.operator_console import ConsoleParameters, OperatorConsole
 from rpms_ros.nodes.recorder import RecorderParameters
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation import schedule_from_text
-from rpms_ros.stimulation.patient import patient_from_mapping
-from rpms_ros.stimulation.yaml_places import from_text
+from rpms_ros.stimulation.limits.patient import patient_from_mapping
+from rpms_ros.stimulation.schedule.description import from_text
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'how-to' / 'first-pulse.md').read_text()

@@ -3,40 +3,33 @@
 """The identifier on real rclpy: the off-line answer, and bad input that it must survive."""
 
 import math
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from rpms_msgs.msg import MuscleEstimate
-from rpms_msgs.msg import Pulse as PulseMessage
-from rpms_ros import estimate_messages
-from rpms_ros import messages
+from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
+from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import NodeError
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import HorizonEstimator
-from rpms_ros.identification import IdentificationStream
-from rpms_ros.identification import checkpoint
-from rpms_ros.identification import identify
-from rpms_ros.identification.temporal_summation import TemporalSummation
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.identification import Estimate, HorizonEstimator, IdentificationStream, identify
+from rpms_ros.identification.model.summation import TemporalSummation
+from rpms_ros.identification.stream import checkpoint
+from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.nodes import identifier as identifier_module
-from rpms_ros.nodes import qos
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.identifier_parameters import IdentifierParameters
-from rpms_ros.nodes.identifier_parameters import build_estimator
-from rpms_ros.nodes.identifier_parameters import build_stream
-from rpms_ros.nodes.identifier_parameters import stream_settings
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.nodes.identifier_parameters import (
+    IdentifierParameters,
+    build_estimator,
+    build_stream,
+    stream_settings,
+)
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 START_NS = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000

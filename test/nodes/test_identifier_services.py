@@ -11,20 +11,17 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-from rpms_msgs.msg import MuscleEstimate
-from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_msgs.srv import StateFile
-from rpms_ros import estimate_messages
-from rpms_ros import messages
+from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
-from rpms_ros.nodes import qos
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
 
 START_NS = 1_700_000_000_000_000_000

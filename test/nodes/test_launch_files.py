@@ -7,8 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,9 +16,8 @@ import pytest
 import yaml
 from rclpy.node import Node
 
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import MuscleEstimate
-from rpms_ros.nodes import qos
+from rpms_msgs.msg import DriverStatus, MuscleEstimate
+from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator

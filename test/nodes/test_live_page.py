@@ -14,19 +14,15 @@ import rclpy
 from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
 from rclpy.node import Node
-from std_msgs.msg import Bool
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64
 
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import DriverStatus, MuscleEstimate
 from rpms_ros import messages
 from rpms_ros.cli import live
 from rpms_ros.errors import LiveError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.live_page import LivePage
-from rpms_ros.nodes.live_stop import UNCONFIRMED
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.live_page import UNCONFIRMED, LivePage
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 

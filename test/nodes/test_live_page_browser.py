@@ -9,13 +9,11 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import MuscleEstimate
+from rpms_msgs.msg import DriverStatus, MuscleEstimate
 from rpms_ros import messages
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.live_stop import UNCONFIRMED
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.live_page import UNCONFIRMED
 
 pytestmark = pytest.mark.long
 

@@ -7,20 +7,16 @@ import pty
 import time
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import OperatorHeartbeat
-from rpms_msgs.msg import Pulse
+from rpms_msgs.msg import DriverStatus, OperatorHeartbeat, Pulse
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.button_publisher import ButtonPublisher
-from rpms_ros.nodes.keyboard import Keyboard
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.keyboard import Keyboard
+from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton

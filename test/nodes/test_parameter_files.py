@@ -9,17 +9,14 @@ import yaml
 from rclpy.context import Context
 from rclpy.node import Node
 
-from rpms_ros.errors import NodeError
-from rpms_ros.errors import StimulationError
+from rpms_ros.errors import NodeError, StimulationError
 from rpms_ros.muscle.scenario import load_scenario
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, descriptions
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
 from rpms_ros.nodes.live_page import LivePageParameters
-from rpms_ros.nodes.parameters import NodeParameters
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import descriptions
-from rpms_ros.nodes.plant_parameters import PlantParameters
+from rpms_ros.nodes.plant_simulator import PlantParameters
 from rpms_ros.nodes.recorder import RecorderParameters
-from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 ROOT = Path(__file__).resolve().parents[2]
 WITH_AN_AXIS = ('identifier', 'plant_simulator', 'live_page')

@@ -11,17 +11,19 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes.driver_parameters import DriverParameters
+from rpms_ros.nodes.common.parameters import (
+    NodeParameters,
+    declare_parameters,
+    descriptions,
+    follow_parameters,
+    parameter,
+    type_of,
+)
+from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.nodes.identifier_parameters import IdentifierParameters
 from rpms_ros.nodes.live_page import LivePageParameters
 from rpms_ros.nodes.operator_console import ConsoleParameters
-from rpms_ros.nodes.parameters import NodeParameters
-from rpms_ros.nodes.parameters import declare_parameters
-from rpms_ros.nodes.parameters import descriptions
-from rpms_ros.nodes.parameters import follow_parameters
-from rpms_ros.nodes.parameters import parameter
-from rpms_ros.nodes.parameters import type_of
-from rpms_ros.nodes.plant_parameters import PlantParameters
+from rpms_ros.nodes.plant_simulator import PlantParameters
 from rpms_ros.nodes.recorder import RecorderParameters
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButtonParameters

@@ -12,19 +12,13 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from rpms_msgs.msg import MuscleTruth
-from rpms_msgs.msg import Pulse as PulseMessage
-from rpms_ros import estimate_messages
-from rpms_ros import messages
+from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
+from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import NodeError
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import average_subject
-from rpms_ros.nodes import qos
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.plant_parameters import PlantParameters
-from rpms_ros.nodes.plant_parameters import scenario_of
-from rpms_ros.nodes.plant_parameters import subject_of
-from rpms_ros.nodes.plant_simulator import PlantSimulator
+from rpms_ros.muscle import Contraction, average_subject
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.plant_simulator import PlantParameters, PlantSimulator, scenario_of, subject_of
 from rpms_ros.pulses import Pulse
 
 

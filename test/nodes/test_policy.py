@@ -13,8 +13,8 @@ import pytest
 from rclpy.node import Node
 
 from rpms_ros.nodes import policy
+from rpms_ros.nodes.common.keyboard import Keyboard
 from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.keyboard import Keyboard
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.plant_simulator import PlantSimulator

@@ -14,28 +14,26 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from rosbags.interfaces import QosDurability
-from rosbags.interfaces import QosReliability
+from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 from std_msgs.msg import String
 
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
-from rpms_ros.errors import NodeError
-from rpms_ros.errors import RecordingError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.recorded_types import _installed_text
-from rpms_ros.nodes.recorded_types import definition_of
-from rpms_ros.nodes.recorded_types import message_class
-from rpms_ros.nodes.recorder import Recorder
-from rpms_ros.nodes.recorder import TopicCount
+from rpms_ros.errors import NodeError, RecordingError
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.recorder import (
+    Recorder,
+    TopicCount,
+    _installed_text,
+    definition_of,
+    message_class,
+)
 from rpms_ros.pulses import Pulse
-from rpms_ros.recording import Recording
-from rpms_ros.recording import read_facts
-from rpms_ros.recording import read_recording
-from rpms_ros.recording.definitions import described_type
-from rpms_ros.recording.verifying import verify
+from rpms_ros.recording import Recording, read_facts, read_recording
+from rpms_ros.recording.rosbag.definitions import described_type
+from rpms_ros.recording.rosbag.verifying import verify
 
 MILLISECOND = 1_000_000
 SAMPLES = 2000

@@ -7,8 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,11 +18,10 @@ from rclpy.node import Node
 
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
-from rpms_ros.nodes import qos
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
-from rpms_ros.recording import Recording
-from rpms_ros.recording import read_recording
+from rpms_ros.recording import Recording, read_recording
 
 RATE = 5000
 SAMPLES_PER_PULSE = 250

@@ -13,21 +13,15 @@ import numpy as np
 import pytest
 import yaml
 
-from rpms_ros import estimate_messages
-from rpms_ros import messages
+from rpms_ros import estimate_messages, messages
 from rpms_ros.cli import main
 from rpms_ros.identification import Estimate
-from rpms_ros.nodes.identifier_parameters import IdentifierParameters
-from rpms_ros.nodes.identifier_parameters import build_stream
-from rpms_ros.nodes.replayer import ReplaySettings
-from rpms_ros.recording import Recording
-from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording import read_recording
-from rpms_ros.recording.axis import direction_of
-from rpms_ros.recording.definitions import known_types
-from rpms_ros.recording.encoding import encode_forces
-from rpms_ros.recording.encoding import encode_pulses
-from rpms_ros.recording.records import Records
+from rpms_ros.nodes.identifier_parameters import IdentifierParameters, build_stream
+from rpms_ros.nodes.replay import ReplaySettings
+from rpms_ros.recording import Recording, RecordingWriter, read_recording
+from rpms_ros.recording.rosbag.definitions import direction_of, known_types
+from rpms_ros.recording.rosbag.records import Records
+from rpms_ros.recording.rosbag.writing import encode_forces, encode_pulses
 
 Replayed = Callable[..., tuple[int, str, str]]
 

@@ -9,22 +9,15 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 
-from rpms_msgs.msg import MuscleEstimate
-from rpms_msgs.msg import Pulse as PulseMessage
+from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.nodes import qos
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.replay import replay
-from rpms_ros.nodes.replayer import Replayer
-from rpms_ros.nodes.replayer import ReplaySettings
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import Recording
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.replay import Replayer, ReplaySettings, replay
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import Recording, read_recording, write_recording
 from rpms_ros.report.agreement import compare
 
 START_NS = 1_700_000_000_000_000_000

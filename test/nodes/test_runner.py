@@ -17,13 +17,10 @@ from rclpy.node import Node
 
 import rpms_ros
 from rpms_ros.nodes import executables
+from rpms_ros.nodes.common.parameters import descriptions, is_for, nodes_of, without_effect
+from rpms_ros.nodes.common.runner import run
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.operator_console import OperatorConsole
-from rpms_ros.nodes.parameter_files import is_for
-from rpms_ros.nodes.parameter_files import nodes_of
-from rpms_ros.nodes.parameter_files import without_effect
-from rpms_ros.nodes.parameters import descriptions
-from rpms_ros.nodes.runner import run
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 
 # of a process that imports and ends on a machine under load [s]
@@ -32,8 +29,8 @@ NODE = """
 import sys
 from dataclasses import dataclass
 from rclpy.node import Node
-from rpms_ros.nodes.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.runner import run
+from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
+from rpms_ros.nodes.common.runner import run
 
 @dataclass(frozen=True)
 class Example(NodeParameters):
@@ -236,7 +233,7 @@ def test_bad_ros_arguments_are_no_traceback_and_exit_code_two(
 
 COMPILING = """
 import ctypes, os, signal, sys
-from rpms_ros.nodes.runner import run
+from rpms_ros.nodes.common.runner import run
 
 def build():
     # as where a signal comes while LLVM calls back: ctypes discards the exception
@@ -333,8 +330,7 @@ def test_a_node_without_ros_says_so_in_a_line(name: str) -> None:
 
 
 def test_a_user_s_discovery_profile_is_kept() -> None:
-    from rpms_ros.nodes.discovery import PROFILE
-    from rpms_ros.nodes.discovery import use_fast_discovery
+    from rpms_ros.nodes.common.subscriptions import PROFILE, use_fast_discovery
 
     theirs = {'FASTDDS_DEFAULT_PROFILES_FILE': '/their.xml'}
     use_fast_discovery(theirs)
@@ -346,7 +342,7 @@ def test_a_user_s_discovery_profile_is_kept() -> None:
 
 
 def test_reserved_domains_differ() -> None:
-    from rpms_ros.nodes.discovery import reserved_domain
+    from rpms_ros.nodes.common.subscriptions import reserved_domain
 
     with reserved_domain() as first, reserved_domain() as second:
         assert first != second
@@ -355,7 +351,7 @@ def test_reserved_domains_differ() -> None:
 def test_a_domain_that_was_just_left_is_the_last_to_be_reserved_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rpms_ros.nodes.discovery import reserved_domain
+    from rpms_ros.nodes.common.subscriptions import reserved_domain
 
     # as if no other process had reserved any
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
@@ -369,7 +365,7 @@ def test_a_domain_that_was_just_left_is_the_last_to_be_reserved_again(
 
 RESERVING = """
 import os, signal, sys, tempfile
-from rpms_ros.nodes.discovery import reserved_domain
+from rpms_ros.nodes.common.subscriptions import reserved_domain
 tempfile.tempdir = sys.argv[1]
 with reserved_domain() as domain:
     print(domain, flush=True)
@@ -380,7 +376,7 @@ with reserved_domain() as domain:
 def test_a_domain_whose_process_was_killed_is_not_the_next_to_be_reserved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rpms_ros.nodes.discovery import reserved_domain
+    from rpms_ros.nodes.common.subscriptions import reserved_domain
 
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
     for _ in range(91):

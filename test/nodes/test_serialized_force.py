@@ -8,8 +8,7 @@ from rclpy.serialization import serialize_message
 
 from rpms_ros import messages
 from rpms_ros.errors import MessageError
-from rpms_ros.live.serialized_force import alike
-from rpms_ros.live.serialized_force import forces_of
+from rpms_ros.live.serialized import alike, forces_of
 
 AXIS = messages.axis_of('0.6,0,0.8')
 

@@ -7,8 +7,8 @@ from rclpy.serialization import serialize_message
 
 from rpms_ros import messages
 from rpms_ros.errors import MessageError
-from rpms_ros.live.serialized_pulse import pulse_in
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.live.serialized import pulse_in
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
 
 PULSE = Pulse(-5_000_000_123, 1.0 / 3.0, 2**32 - 1, 1e-4, 21)

@@ -18,16 +18,14 @@ from rpms_msgs.msg import MuscleEstimate
 from rpms_ros import estimate_messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
-from rpms_ros.nodes import qos
+from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.plant_simulator import PlantSimulator
-from rpms_ros.nodes.simulation_launcher import SimulationLauncher
-from rpms_ros.nodes.simulation_launcher import SimulationSettings
+from rpms_ros.nodes.simulation_launcher import SimulationLauncher, SimulationSettings
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.recording import read_recording
 from rpms_ros.report.recorded import true_muscle
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import UniformRandom
+from rpms_ros.stimulation import Schedule, UniformRandom
 
 pytestmark = pytest.mark.long
 

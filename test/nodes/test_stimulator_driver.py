@@ -14,27 +14,22 @@ from types import SimpleNamespace
 
 import pytest
 from action_msgs.msg import GoalStatus
-from lifecycle_msgs.msg import State
-from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
 import rpms_ros
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import AcceptedSchedule
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import Pulse
+from rpms_msgs.msg import AcceptedSchedule, DriverStatus, Pulse
 from rpms_ros.errors import RpmsError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.driver_priority import ask_for_realtime
-from rpms_ros.nodes.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.driver.pulses import ask_for_realtime
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.schedule_messages import schedule_message
-from rpms_ros.stimulation import constant
-from rpms_ros.stimulation import schedule_from_text
-from rpms_ros.stimulation.audit_log import verify
+from rpms_ros.stimulation import constant, schedule_from_text
+from rpms_ros.stimulation.records.audit_log import verify_log
 
 SPECIFICATIONS = Path(rpms_ros.__file__).parent / 'stimulation' / 'device_specifications'
 SHORT = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]'
@@ -310,7 +305,7 @@ def test_an_automatic_start_that_is_refused_is_announced_nowhere(graph, schedule
     )
     graph.wait_for(lambda: 'maximum_rate_hz: expected' in lab.reason)
     lab.driver._audit.close()
-    kinds = [record.content['kind'] for record in verify(log).records]
+    kinds = [record.content['kind'] for record in verify_log(log).records]
     assert 'refusal' in kinds
     assert 'schedule' not in kinds
     assert heard == []
@@ -320,7 +315,7 @@ def test_the_process_that_drives_loads_no_identification():
     code = 'import sys, rpms_ros.nodes.stimulator_driver; print(*sys.modules)'
     said = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     loaded = set(said.stdout.split())
-    assert 'rpms_ros.stimulation.controller' in loaded
+    assert 'rpms_ros.stimulation.driver.controller' in loaded
     for name in ('identification', 'live', 'muscle', 'recording'):
         assert f'rpms_ros.{name}' not in loaded
     assert not {'numba', 'scipy', 'matplotlib'} & loaded

@@ -8,17 +8,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rpms_ros.nodes.driver_parameters import DriverParameters
-from rpms_ros.nodes.parameters import descriptions
-from rpms_ros.nodes.parameters import type_of
+from rpms_ros.nodes.common.parameters import descriptions, type_of
+from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.schedule_messages import schedule_of
-from rpms_ros.stimulation import SEGMENT_KINDS
-from rpms_ros.stimulation import schedule_from_text
-from rpms_ros.stimulation.patient import patient_from_mapping
-from rpms_ros.stimulation.states import TRANSITIONS
-from rpms_ros.stimulation.states import Command
-from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.yaml_places import from_text
+from rpms_ros.stimulation import SEGMENT_KINDS, schedule_from_text
+from rpms_ros.stimulation.driver.states import TRANSITIONS, Command, State
+from rpms_ros.stimulation.limits.patient import patient_from_mapping
+from rpms_ros.stimulation.schedule.description import from_text
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'driver.md').read_text()

@@ -5,10 +5,8 @@
 import time
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Vector3
-from geometry_msgs.msg import WrenchStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Vector3, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
@@ -16,11 +14,9 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import Pulse
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import topics
-from rpms_ros.nodes.button_publisher import ButtonPublisher
+from rpms_msgs.msg import DriverStatus, Pulse
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation.devices import SimulatedFaults
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from rpms_ros.nodes.stop_request import StopRequest
+from rpms_ros.nodes.common.runner import StopRequest
 
 
 @pytest.fixture

@@ -7,10 +7,9 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes import qos
-from rpms_ros.nodes import taking
-from rpms_ros.nodes.driver_graph import publishers_of
-from rpms_ros.nodes.taking import Taker
+from rpms_ros.nodes.common import qos, subscriptions
+from rpms_ros.nodes.common.subscriptions import Taker
+from rpms_ros.nodes.driver.watch import publishers_of
 
 
 def test_a_message_comes_with_the_publisher_that_the_graph_shows(graph, wait_for):
@@ -59,6 +58,6 @@ def test_another_rcl_is_refused(graph, monkeypatch):
     def missing(name):
         raise OSError(f'{name} is not there')
 
-    monkeypatch.setattr(taking.ctypes, 'CDLL', missing)
+    monkeypatch.setattr(subscriptions.ctypes, 'CDLL', missing)
     with pytest.raises(NodeError, match=r'expected rcl of ROS 2 Jazzy, got librcl\.so is not'):
         Taker(subscription)

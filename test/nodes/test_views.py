@@ -12,11 +12,9 @@ from xml.etree import ElementTree as ET
 import pytest
 from geometry_msgs.msg import WrenchStamped
 
-from rpms_msgs.msg import DriverStatus
-from rpms_msgs.msg import MuscleEstimate
-from rpms_msgs.msg import Pulse
-from rpms_ros.muscle.identified_form import PARAMETER_NAMES
-from rpms_ros.nodes import topics
+from rpms_msgs.msg import DriverStatus, MuscleEstimate, Pulse
+from rpms_ros.muscle.recruitment import PARAMETER_NAMES
+from rpms_ros.nodes.common import topics
 from rpms_ros.nodes.recorder import RecorderParameters
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

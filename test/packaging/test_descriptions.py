@@ -10,8 +10,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
-from catkin_pkg.changelog import Changelog
-from catkin_pkg.changelog import populate_changelog_from_rst
+from catkin_pkg.changelog import Changelog, populate_changelog_from_rst
 from catkin_pkg.package_version import get_forthcoming_label
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -196,7 +195,7 @@ def test_every_import_is_a_declared_dependency() -> None:
 
 def test_what_launch_files_need_is_declared() -> None:
     used = {'ros2launch'}
-    shared = ROOT / 'rpms_ros' / 'nodes' / 'launching.py'
+    shared = ROOT / 'rpms_ros' / 'nodes' / 'common' / 'launching.py'
     for path in (shared, *(ROOT / 'launch').glob('*.py')):
         used |= set(re.findall(r'^ *(?:from|import) (\w+)', path.read_text(), re.MULTILINE))
     used -= {'collections', 'pathlib', 'rpms_ros', 'typing'}

@@ -2,30 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the paper claims of the identification, and what of it can hold with its own basis."""
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import TABLE_5
-from rpms_ros.identification import DistortedSineBasis
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import RecursiveSettings
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle import twitch
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    CURVE_INTENSITY,
+    TABLE_4,
+    TABLE_5,
+    DistortedSineBasis,
+    RecursiveEstimator,
+    RecursiveSettings,
+)
+from rpms_ros.muscle import (
+    Contraction,
+    IntensityRecruitment,
+    RecruitmentParameters,
+    Subject,
+    average_subject,
+    identified_recruitment,
+    simulation_subject,
+    twitch,
+)
+from rpms_ros.pulses import FloatArray, IntArray, PulseTrain
 
 MILLISECOND = 1_000_000
 RATE = 20.0

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.identification import DistortedSineBasis
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RecruitmentParameters
+from rpms_ros.muscle import IntensityRecruitment, RecruitmentParameters
 
 ROOT = Path(__file__).resolve().parents[2]
 ROW = re.compile(r'^\| [^|]+ \| `(?P<name>[\w.]+)(?:\((?P<argument>\w+)\))?` \| [^|]+ \| ', re.M)

@@ -8,21 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import TABLE_5
-from rpms_ros.identification import DistortedSineBasis
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification.recursion_kernel import _judge
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RateRecruitment
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle import twitch
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import TABLE_4, TABLE_5, DistortedSineBasis, RecursiveEstimator
+from rpms_ros.identification.recursion.paper_kernel import _judge
+from rpms_ros.muscle import (
+    Contraction,
+    IntensityRecruitment,
+    RateRecruitment,
+    RecruitmentParameters,
+    average_subject,
+    identified_recruitment,
+    simulation_subject,
+    twitch,
+)
+from rpms_ros.pulses import FloatArray, PulseTrain
 
 T_A = 38.44e-3
 ENDS = np.array([0.0, 1.0])

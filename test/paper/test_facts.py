@@ -7,13 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RateRecruitment
-from rpms_ros.muscle import random_subject
-from rpms_ros.muscle import steady_mean
-from rpms_ros.muscle import summed_twitches
-from rpms_ros.muscle import twitch
-from rpms_ros.muscle import twitch_area
+from rpms_ros.muscle import (
+    IntensityRecruitment,
+    RateRecruitment,
+    random_subject,
+    steady_mean,
+    summed_twitches,
+    twitch,
+    twitch_area,
+)
 
 T_A = 38.44e-3
 T_S = 1e-3

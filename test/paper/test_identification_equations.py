@@ -2,25 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Equations 12 to 31: every step of the recursion against plain NumPy."""
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import DistortedSineBasis
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import RecursiveSettings
-from rpms_ros.identification.recursion_kernel import _judge
-from rpms_ros.identification.recursion_state import RecursionState
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle import identified_recruitment_with_gradient
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import (
+    TABLE_4,
+    DistortedSineBasis,
+    RecursiveEstimator,
+    RecursiveSettings,
+)
+from rpms_ros.identification.recursion.paper_kernel import RecursionState, _judge
+from rpms_ros.muscle import (
+    Contraction,
+    RecruitmentParameters,
+    identified_recruitment,
+    identified_recruitment_with_gradient,
+    simulation_subject,
+)
+from rpms_ros.pulses import FloatArray, PulseTrain
 
 MILLISECOND = 1_000_000
 BASIS = DistortedSineBasis()

@@ -12,17 +12,19 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 from scipy.optimize import minimize_scalar
 
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import RateRecruitment
-from rpms_ros.muscle import RecruitmentField
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle import steady_mean
-from rpms_ros.muscle import summed_twitches
-from rpms_ros.muscle import twitch
-from rpms_ros.muscle import twitch_area
+from rpms_ros.muscle import (
+    Contraction,
+    IntensityRecruitment,
+    RateRecruitment,
+    RecruitmentField,
+    RecruitmentParameters,
+    Subject,
+    identified_recruitment,
+    steady_mean,
+    summed_twitches,
+    twitch,
+    twitch_area,
+)
 from rpms_ros.pulses import PulseTrain
 
 T_A = 38.44e-3

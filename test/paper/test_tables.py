@@ -5,17 +5,17 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification import TABLE_4
-from rpms_ros.identification import TABLE_5
-from rpms_ros.identification import RecursiveSettings
-from rpms_ros.muscle import IntensityRecruitment
-from rpms_ros.muscle import Modality
-from rpms_ros.muscle import RateRecruitment
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import identified_recruitment
-from rpms_ros.muscle import random_subject
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.identification import TABLE_4, TABLE_5, RecursiveSettings
+from rpms_ros.muscle import (
+    IntensityRecruitment,
+    Modality,
+    RateRecruitment,
+    RecruitmentParameters,
+    average_subject,
+    identified_recruitment,
+    random_subject,
+    simulation_subject,
+)
 
 MANY = 400
 # Of 400 uniform draws the extremes come this close to the ends of the range, in parts of it:

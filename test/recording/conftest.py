@@ -3,21 +3,17 @@
 """Recordings for tests, made by the package and by rosbags."""
 
 import os
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import CompressionMode
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat
 
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.definitions import known_types
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording.rosbag.definitions import known_types
 
 START_NS = 1_700_000_000_000_000_000
 RECORDINGS = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / 'shared/data'))

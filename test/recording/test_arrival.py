@@ -7,20 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import Recording
-from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.definitions import PULSE
-from rpms_ros.recording.definitions import WRENCH_STAMPED
-from rpms_ros.recording.definitions import known_types
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import Recording, RecordingWriter, read_recording, write_recording
+from rpms_ros.recording.rosbag.definitions import PULSE, WRENCH_STAMPED, known_types
 
 SECOND = 1_000_000_000
 Arrivals = list[tuple[bool, int]]

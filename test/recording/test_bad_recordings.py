@@ -14,23 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import CompressionMode
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import Topics
-from rpms_ros.recording import read_facts
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.definitions import FLOAT64
-from rpms_ros.recording.definitions import PULSE
-from rpms_ros.recording.definitions import WRENCH
-from rpms_ros.recording.definitions import WRENCH_STAMPED
-from rpms_ros.recording.mcap_records import CHUNK
-from rpms_ros.recording.mcap_records import MAGIC
-from rpms_ros.recording.mcap_records import walk
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import Topics, read_facts, read_recording, write_recording
+from rpms_ros.recording.rosbag.definitions import FLOAT64, PULSE, WRENCH, WRENCH_STAMPED
+from rpms_ros.recording.rosbag.mcap_files import CHUNK, MAGIC, walk
 
 Session = tuple[PulseTrain, ForceTrace]
 WriteWithRosbags = Callable[..., Path]
@@ -162,7 +152,7 @@ KILLED_WRITER = """
 import sys, time
 import numpy as np
 from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording.definitions import PULSE, known_types
+from rpms_ros.recording.rosbag.definitions import PULSE, known_types
 
 types = known_types().types
 header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2), 'coil')

@@ -6,23 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rosbags.serde import SerdeError
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.axis import direction_of
-from rpms_ros.recording.decoding import Decoder
-from rpms_ros.recording.definitions import PULSE
-from rpms_ros.recording.definitions import WRENCH_STAMPED
-from rpms_ros.recording.definitions import known_types
-from rpms_ros.recording.definitions import written_definition
-from rpms_ros.recording.encoding import encode_forces
-from rpms_ros.recording.encoding import encode_pulses
-from rpms_ros.recording.records import Channel
-from rpms_ros.recording.records import Records
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording.rosbag.definitions import (
+    PULSE,
+    WRENCH_STAMPED,
+    direction_of,
+    known_types,
+    written_definition,
+)
+from rpms_ros.recording.rosbag.records import Channel, Records
+from rpms_ros.recording.rosbag.topic_reading import Decoder
+from rpms_ros.recording.rosbag.writing import encode_forces, encode_pulses
 
 STORE = known_types()
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import GateSettings
-from rpms_ros.recording.importing import read_csv
+from rpms_ros.recording.importing import GateSettings, read_csv
 from rpms_ros.recording.importing.gates import gate_pulses
 
 HEADER = 'Time [s],STIM [ ],"fGM [N]"\n'

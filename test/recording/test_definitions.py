@@ -11,12 +11,14 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.definitions import FOLDER
-from rpms_ros.recording.definitions import PULSE
-from rpms_ros.recording.definitions import differs_from_known
-from rpms_ros.recording.definitions import known_types
-from rpms_ros.recording.definitions import types_of
-from rpms_ros.recording.definitions import written_definition
+from rpms_ros.recording.rosbag.definitions import (
+    FOLDER,
+    PULSE,
+    differs_from_known,
+    known_types,
+    types_of,
+    written_definition,
+)
 
 SOURCES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
 NAMES = sorted(path.stem for path in SOURCES.glob('*.msg'))

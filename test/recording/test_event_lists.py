@@ -10,10 +10,7 @@ import pytest
 from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import Ambiguous
-from rpms_ros.recording.importing import Imported
-from rpms_ros.recording.importing import ImportOptions
-from rpms_ros.recording.importing import import_file
+from rpms_ros.recording.importing import Ambiguous, Imported, ImportOptions, import_file
 
 COUNT = 4000
 TIME = np.arange(COUNT) / 1000.0

@@ -11,10 +11,7 @@ import pytest
 from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import Ambiguous
-from rpms_ros.recording.importing import ImportOptions
-from rpms_ros.recording.importing import import_file
-from rpms_ros.recording.importing import read_csv
+from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file, read_csv
 
 COUNT = 200
 

@@ -9,11 +9,13 @@ import pytest
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
-from rpms_ros.recording.importing import Ambiguous
-from rpms_ros.recording.importing import GateSettings
-from rpms_ros.recording.importing import Imported
-from rpms_ros.recording.importing import ImportOptions
-from rpms_ros.recording.importing import import_file
+from rpms_ros.recording.importing import (
+    Ambiguous,
+    GateSettings,
+    Imported,
+    ImportOptions,
+    import_file,
+)
 from rpms_ros.recording.importing.gates import gate_pulses
 
 COUNT = 4000

@@ -10,8 +10,7 @@ import openpyxl
 import pytest
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import ImportOptions
-from rpms_ros.recording.importing import import_file
+from rpms_ros.recording.importing import ImportOptions, import_file
 
 
 def workbook(path: Path, *rows: list[Any]) -> Path:

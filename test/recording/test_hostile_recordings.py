@@ -17,17 +17,11 @@ import pytest
 from backports import zstd
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_facts
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.findings import Findings
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import read_facts, read_recording, write_recording
 from rpms_ros.recording.importing import read_csv
-from rpms_ros.recording.mcap_records import CHANNEL
-from rpms_ros.recording.mcap_records import CHUNK
-from rpms_ros.recording.mcap_records import MAGIC
-from rpms_ros.recording.mcap_records import SCHEMA
+from rpms_ros.recording.rosbag.mcap_files import CHANNEL, CHUNK, MAGIC, SCHEMA
+from rpms_ros.recording.rosbag.records import Findings
 
 Session = tuple[PulseTrain, ForceTrace]
 BENCH = Path(__file__).parents[2] / 'bench' / 'hostile_recordings.py'

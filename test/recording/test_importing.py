@@ -12,16 +12,17 @@ import pytest
 from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.importing import Ambiguous
-from rpms_ros.recording.importing import GateSettings
-from rpms_ros.recording.importing import ImportChoices
-from rpms_ros.recording.importing import ImportOptions
-from rpms_ros.recording.importing import converted
-from rpms_ros.recording.importing import guessed
-from rpms_ros.recording.importing import import_file
-from rpms_ros.recording.importing import read_signals
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording.importing import (
+    Ambiguous,
+    GateSettings,
+    ImportChoices,
+    ImportOptions,
+    converted,
+    guessed,
+    import_file,
+    read_signals,
+)
 
 h5py = pytest.importorskip('h5py')
 openpyxl = pytest.importorskip('openpyxl')

@@ -14,17 +14,17 @@ import pytest
 from mcap.reader import make_reader
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import Recording
-from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording import read_facts
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import session_hash
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.checksums import read_key
-from rpms_ros.recording.checksums import signature_fits
-from rpms_ros.recording.definitions import PULSE
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import (
+    Recording,
+    RecordingWriter,
+    read_facts,
+    read_recording,
+    session_hash,
+    write_recording,
+)
+from rpms_ros.recording.rosbag.checksums import read_key, signature_fits
+from rpms_ros.recording.rosbag.definitions import PULSE
 
 Session = tuple[PulseTrain, ForceTrace]
 STORAGES = [('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', '')]

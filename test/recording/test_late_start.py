@@ -7,16 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import Subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.importing import Imported
-from rpms_ros.recording.importing import ImportOptions
-from rpms_ros.recording.importing import import_file
+from rpms_ros.identification import CURVE_INTENSITY, estimator_by_name, identify
+from rpms_ros.muscle import Contraction, Subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording.importing import Imported, ImportOptions, import_file
 from rpms_ros.recording.importing.whole_file import begins_amid
 
 RATE = 20.0

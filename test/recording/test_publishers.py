@@ -10,17 +10,11 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from rpms_ros.api import load
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording import read_recording
-from rpms_ros.recording.axis import direction_of
-from rpms_ros.recording.definitions import PULSE
-from rpms_ros.recording.definitions import WRENCH_STAMPED
-from rpms_ros.recording.encoding import encode_forces
-from rpms_ros.recording.encoding import encode_pulses
-from rpms_ros.report.identified import IdentificationOptions
-from rpms_ros.report.identified import identified
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import RecordingWriter, read_recording
+from rpms_ros.recording.rosbag.definitions import PULSE, WRENCH_STAMPED, direction_of
+from rpms_ros.recording.rosbag.writing import encode_forces, encode_pulses
+from rpms_ros.report.result import IdentificationOptions, identified
 
 START_NS = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000

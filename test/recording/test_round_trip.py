@@ -9,20 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import CompressionMode
-from rosbags.rosbag2 import Reader
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording import Topics
-from rpms_ros.recording import read_facts
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.definitions import PULSE
-from rpms_ros.recording.definitions import WRENCH_STAMPED
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import RecordingWriter, Topics, read_facts, read_recording, write_recording
+from rpms_ros.recording.rosbag.definitions import PULSE, WRENCH_STAMPED
 
 Session = tuple[PulseTrain, ForceTrace]
 WriteWithRosbags = Callable[..., Path]

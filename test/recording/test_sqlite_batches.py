@@ -6,11 +6,10 @@ from typing import Any
 
 import apsw
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_ros.recording import sqlite_batches
-from rpms_ros.recording.sqlite_batches import batches
+from rpms_ros.recording.rosbag import sqlite_files
+from rpms_ros.recording.rosbag.sqlite_files import batches
 
 ids = st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(0, 20_000))
 rows_by_id = st.dictionaries(
@@ -43,7 +42,7 @@ def test_rows_come_in_the_order_of_their_ids(rows: dict[int, tuple[int, int, byt
 
 
 def test_large_messages_beside_small_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sqlite_batches, '_LARGEST', 10_000)
+    monkeypatch.setattr(sqlite_files, '_LARGEST', 10_000)
     rows = {key: (1, key, bytes(key % 7)) for key in range(100)}
     rows[50] = (2, 50, bytes(60_000))
     assert read(database(rows)) == list(rows.values())

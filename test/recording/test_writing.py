@@ -10,14 +10,10 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import FurtherTopic
-from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording import read_facts
-from rpms_ros.recording import write_recording
-from rpms_ros.recording.definitions import PULSE
-from rpms_ros.recording.scan import Scan
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import FurtherTopic, RecordingWriter, read_facts, write_recording
+from rpms_ros.recording.rosbag.definitions import PULSE
+from rpms_ros.recording.rosbag.scan import Scan
 
 # A limit of the file size is met like the end of a device, at the same calls.
 FULL_DEVICE = """

@@ -12,14 +12,10 @@ from rpms_ros.identification.analysis import analyze
 from rpms_ros.identification.analysis.simulated import simulated_force
 from rpms_ros.muscle import average_subject
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.report.analysis_document import analysis_document
-from rpms_ros.report.analysis_figures import draw_analysis
-from rpms_ros.report.analysis_figures import draw_trains
-from rpms_ros.report.analysis_text import analysis_text
+from rpms_ros.report.analysis_figures import draw_analysis, draw_trains
+from rpms_ros.report.analysis_report import analysis_document, analysis_text
 from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation.analysis_protocols import recruitment
-from rpms_ros.stimulation.analysis_protocols import trains
-from rpms_ros.stimulation.analysis_protocols import twitches
+from rpms_ros.stimulation.schedule.protocols import recruitment, trains, twitches
 
 
 @pytest.fixture(scope='module')

@@ -3,8 +3,7 @@
 """The truth of a simulated recording: from its topic, from its notes, and never from nonsense."""
 
 import json
-from dataclasses import asdict
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -12,15 +11,12 @@ import numpy as np
 import pytest
 
 from rpms_ros.cli import main
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle import twitch
+from rpms_ros.muscle import simulation_subject, twitch
+from rpms_ros.muscle.simulation import Truth
 from rpms_ros.muscle.state import MuscleState
-from rpms_ros.muscle.truth import Truth
 from rpms_ros.recording import read_recording
 from rpms_ros.report.course import course_of
-from rpms_ros.report.known_muscle import known_muscle
-from rpms_ros.report.known_muscle import of_subject
-from rpms_ros.report.known_muscle import of_truths
+from rpms_ros.report.known_muscle import known_muscle, of_subject, of_truths
 from rpms_ros.report.recorded import true_muscle
 
 POINTS = np.linspace(0.0, 1.0, 41)

@@ -7,8 +7,7 @@ from matplotlib.figure import Figure
 
 import rpms_ros
 from rpms_ros.muscle import twitch
-from rpms_ros.report.response_begin import begin_of_response
-from rpms_ros.report.session.panels import draw_response
+from rpms_ros.report.session.figures import begin_of_response, draw_response
 
 TIME = np.arange(80) * 0.005
 

@@ -11,19 +11,12 @@ import pytest
 from matplotlib.image import imread
 
 from rpms_ros.errors import ReportError
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.identification import identify
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.report.agreement import compare
-from rpms_ros.report.agreement import differences
-from rpms_ros.report.known_muscle import of_subject
-from rpms_ros.report.session_figure import draw_session
-from rpms_ros.report.truth_table import truth_table
+from rpms_ros.identification import Estimate, IdentifiedSession, RecursiveEstimator, identify
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.report.agreement import compare, differences
+from rpms_ros.report.known_muscle import of_subject, truth_table
+from rpms_ros.report.session.session_figure import draw_session
 
 
 @cache

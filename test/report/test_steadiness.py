@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpms_ros.report.course import course_of
-from rpms_ros.report.steadiness import steadiness
+from rpms_ros.report.course import course_of, steadiness
 
 COUNT = 80
 

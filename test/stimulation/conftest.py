@@ -8,17 +8,14 @@ from functools import cache
 import pytest
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
-from rpms_ros.stimulation.dose_ledger import DoseLedger
-from rpms_ros.stimulation.safety_monitor import EMERGENCY_STOP
-from rpms_ros.stimulation.safety_monitor import EXECUTOR
-from rpms_ros.stimulation.safety_monitor import HEARTBEAT
-from rpms_ros.stimulation.settings import DriverSettings
-from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.threads import ControllerThreads
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, EXECUTOR, HEARTBEAT
+from rpms_ros.stimulation.driver.states import DriverSettings, State
+from rpms_ros.stimulation.driver.threads import ControllerThreads
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 MILLISECOND = 1_000_000
 SECOND = 1_000_000_000

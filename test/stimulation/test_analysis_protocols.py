@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.identification.analysis.segmentation import Kind
-from rpms_ros.identification.analysis.segmentation import groups_of
-from rpms_ros.stimulation import schedule_from_text
-from rpms_ros.stimulation import schedule_to_text
-from rpms_ros.stimulation.analysis_protocols import FIELD_LEVELS
-from rpms_ros.stimulation.analysis_protocols import FIELD_RATES_HZ
-from rpms_ros.stimulation.analysis_protocols import TRAIN_RATES_HZ
-from rpms_ros.stimulation.analysis_protocols import TWITCH_INTENSITIES
-from rpms_ros.stimulation.analysis_protocols import muscle
-from rpms_ros.stimulation.analysis_protocols import recruitment
-from rpms_ros.stimulation.analysis_protocols import trains
-from rpms_ros.stimulation.analysis_protocols import twitches
+from rpms_ros.identification.analysis.responses import Kind, groups_of
+from rpms_ros.stimulation import schedule_from_text, schedule_to_text
+from rpms_ros.stimulation.schedule.protocols import (
+    FIELD_LEVELS,
+    FIELD_RATES_HZ,
+    TRAIN_RATES_HZ,
+    TWITCH_INTENSITIES,
+    muscle,
+    recruitment,
+    trains,
+    twitches,
+)
 
 REST = 0.4
 

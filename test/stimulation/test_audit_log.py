@@ -12,9 +12,8 @@ import textwrap
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.audit_log import AuditLog
-from rpms_ros.stimulation.audit_log import verify
-from rpms_ros.stimulation.record_chain import FIRST
+from rpms_ros.stimulation.records.append_only import FIRST
+from rpms_ros.stimulation.records.audit_log import AuditLog, verify_log
 
 
 @pytest.fixture
@@ -40,7 +39,7 @@ def test_every_line_is_json_with_number_time_and_boot_and_chained(path):
         assert line['time'].endswith('Z')
         assert len(line['boot_id']) == 36
     assert lines[3]['pulse'] == 2
-    found = verify(path)
+    found = verify_log(path)
     assert found.intact
     assert [record.content for record in found.records] == lines
     assert found.hash == lines[-1]['hash']
@@ -51,8 +50,8 @@ def test_it_goes_on_where_it_ended(path):
     before = path.read_bytes()
     filled(path)
     assert path.read_bytes().startswith(before)
-    assert verify(path).intact
-    assert len(verify(path).records) == 7
+    assert verify_log(path).intact
+    assert len(verify_log(path).records) == 7
 
 
 def test_a_log_that_is_removed_takes_nothing_more_and_a_look_finds_it(path):
@@ -90,7 +89,7 @@ def test_one_process_at_a_time(path):
 def test_a_change_is_found_at_its_first_record_and_nothing_is_added(path, change, line):
     lines = filled(path)
     path.write_bytes(b''.join(change(lines)))
-    found = verify(path)
+    found = verify_log(path)
     assert not found.intact
     assert found.line == line
     assert len(found.records) == line - 1
@@ -104,9 +103,9 @@ def test_a_line_cut_off_by_a_kill_is_marked_and_the_log_goes_on(path, cut):
     filled(path)
     whole = path.read_bytes()
     path.write_bytes(whole[:-cut])
-    assert verify(path).torn > 0
+    assert verify_log(path).torn > 0
     filled(path, 1)
-    found = verify(path)
+    found = verify_log(path)
     assert found.intact
     kinds = [record.content['kind'] for record in found.records]
     # only the end of the line was missing: the record itself is whole
@@ -118,22 +117,22 @@ def test_a_line_cut_off_by_a_kill_is_marked_and_the_log_goes_on(path, cut):
     data = bytearray(path.read_bytes())
     data[len(whole) - cut - 5] ^= 1
     path.write_bytes(data)
-    assert verify(path).line == 4
+    assert verify_log(path).line == 4
 
 
 def test_a_first_line_cut_off_begins_again(path):
     path.parent.mkdir()
     path.write_bytes(b'{"number":0,"ki')
     filled(path, 1)
-    assert verify(path).intact
-    assert [record.line for record in verify(path).records] == [2, 3]
+    assert verify_log(path).intact
+    assert [record.line for record in verify_log(path).records] == [2, 3]
 
 
 def test_with_a_key_nobody_else_can_go_on(path):
     filled(path, key=b'secret')
-    assert verify(path, b'secret').intact
+    assert verify_log(path, b'secret').intact
     for key in (None, b'guess'):
-        assert 'record 0 or was made with another key' in verify(path, key).fault
+        assert 'record 0 or was made with another key' in verify_log(path, key).fault
         with pytest.raises(StimulationError, match='was made with another key'):
             AuditLog(path, key)
 
@@ -145,10 +144,10 @@ def test_a_file_of_another_kind_is_refused(path):
         AuditLog(path)
     assert path.read_text() == '{"not": "ours"}\n'
     path.write_text('')
-    assert 'expected at least one record, got none' in verify(path).fault
-    assert 'expected a readable file' in verify(path.parent / 'absent').fault
+    assert 'expected at least one record, got none' in verify_log(path).fault
+    assert 'expected a readable file' in verify_log(path.parent / 'absent').fault
     (path.parent / 'long').write_bytes(b'x' * 2_000_000)
-    assert 'expected a shorter line' in verify(path.parent / 'long').fault
+    assert 'expected a shorter line' in verify_log(path.parent / 'long').fault
 
 
 def test_what_is_logged_is_bounded_and_anything_printable_or_not_is_kept(path):
@@ -165,7 +164,7 @@ def test_what_is_logged_is_bounded_and_anything_printable_or_not_is_kept(path):
             deep = [deep]
         with pytest.raises(StimulationError, match='expected a field of at most 6 levels'):
             log.append('wrong', value=deep)
-    found = verify(path)
+    found = verify_log(path)
     assert found.intact
     _, first, second, third = (record.content for record in found.records)
     assert first['reason'] == '\ud800\n\x00"'
@@ -179,7 +178,7 @@ def test_what_is_logged_is_bounded_and_anything_printable_or_not_is_kept(path):
 KILLED = """
     import sys
     from pathlib import Path
-    from rpms_ros.stimulation.audit_log import AuditLog
+    from rpms_ros.stimulation.records.audit_log import AuditLog
     log = AuditLog(Path(sys.argv[1]))
     number = 0
     while True:
@@ -198,7 +197,7 @@ def test_what_append_returned_from_survives_a_kill(path):
             said.extend(process.stdout.readlines())
         last = int(said[-1])
         filled(path, 1)
-        found = verify(path)
+        found = verify_log(path)
         assert found.intact
         pulses = [r.content['pulse'] for r in found.records if r.content['kind'] == 'arm']
         # one more may have been written than could be said

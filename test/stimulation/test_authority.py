@@ -4,9 +4,8 @@
 
 import pytest
 
-from rpms_ros.stimulation.authority import Authority
-from rpms_ros.stimulation.authority import Beat
-from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.driver.authority import Authority, Beat
+from rpms_ros.stimulation.driver.interlocks import Refused
 
 SECOND = 1_000_000_000
 DAY = 86_400 * SECOND

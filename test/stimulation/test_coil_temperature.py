@@ -8,11 +8,11 @@ from itertools import pairwise
 import pytest
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import WireTimes
-from rpms_ros.stimulation.dose import BookedPulse
-from rpms_ros.stimulation.dose_ledger import MemoryLedger
-from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.dose import BookedPulse
+from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 SECOND = 1_000_000_000
 # 9600 baud, ten bits a byte: a status and a temperature take 6.3 and 12.5 ms

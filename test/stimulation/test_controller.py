@@ -7,11 +7,9 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.interlocks import Refused
-from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.states import TRANSITIONS
-from rpms_ros.stimulation.states import Command
-from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.states import TRANSITIONS, Command, State
+from rpms_ros.stimulation.limits.limits import Limits
 
 SECOND = 1_000_000_000
 TRAIN = constant(0.5, 0.5, 20.0)

@@ -5,14 +5,9 @@
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import Single
-from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.devices import UNVERIFIED
-from rpms_ros.stimulation.devices import Delivery
-from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices import SimulatedFaults
-from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation import Schedule, Single, constant
+from rpms_ros.stimulation.devices import UNVERIFIED, Delivery, DeviceError, SimulatedFaults
+from rpms_ros.stimulation.driver.states import State
 
 SECOND = 1_000_000_000
 MILLISECOND = 1_000_000

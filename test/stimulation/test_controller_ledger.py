@@ -9,21 +9,16 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.audit_log import AuditLog
-from rpms_ros.stimulation.clocks import Clocks
-from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.device_specification import load_device_specification
 from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.dose import BookedPulse
-from rpms_ros.stimulation.dose import DoseLimits
-from rpms_ros.stimulation.dose import LedgerError
-from rpms_ros.stimulation.dose import PlannedPulse
-from rpms_ros.stimulation.dose_ledger import DoseLedger
-from rpms_ros.stimulation.dose_ledger import MemoryLedger
-from rpms_ros.stimulation.interlocks import Refused
-from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.settings import DriverSettings
-from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.states import DriverSettings, State
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.dose import BookedPulse, DoseLimits, LedgerError, PlannedPulse
+from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.records.audit_log import AuditLog
+from rpms_ros.stimulation.records.clocks import Clocks
+from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
 SECOND = 1_000_000_000
 TRAIN = constant(0.5, 5.0, 20.0)

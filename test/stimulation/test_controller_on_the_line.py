@@ -5,8 +5,8 @@
 import pytest
 
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.driver.states import State
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 
 def test_whole_driver_on_the_line(instrument, armed_on_the_line, wait_for):

@@ -13,29 +13,20 @@ RPMS_RANDOM_SCHEDULES sets how many examples there are (bench/random_schedules.p
 import math
 import os
 from bisect import bisect_left
-from itertools import accumulate
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import Constant
-from rpms_ros.stimulation import Doublet
-from rpms_ros.stimulation import Pause
-from rpms_ros.stimulation import Ramp
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import UniformRandom
-from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices import SimulatedFaults
-from rpms_ros.stimulation.dose import DoseLimits
-from rpms_ros.stimulation.dose_ledger import MemoryLedger
-from rpms_ros.stimulation.interlocks import Refused
-from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.safety_monitor import EXECUTOR
-from rpms_ros.stimulation.safety_monitor import HEARTBEAT
-from rpms_ros.stimulation.safety_monitor import POSSIBLE
-from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation import Constant, Doublet, Pause, Ramp, Schedule, UniformRandom
+from rpms_ros.stimulation.devices import DeviceError, SimulatedFaults
+from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, HEARTBEAT, POSSIBLE
+from rpms_ros.stimulation.driver.states import State
+from rpms_ros.stimulation.limits.dose import DoseLimits
+from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 SECOND = 1_000_000_000
 PER_BATCH = 100

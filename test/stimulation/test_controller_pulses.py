@@ -5,15 +5,11 @@
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import Constant
-from rpms_ros.stimulation import Pause
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import Single
-from rpms_ros.stimulation import constant
+from rpms_ros.stimulation import Constant, Pause, Schedule, Single, constant
 from rpms_ros.stimulation.devices import WireTimes
-from rpms_ros.stimulation.interlocks import Refused
-from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.states import State
+from rpms_ros.stimulation.limits.limits import Limits
 
 MILLISECOND = 1_000_000
 TRAIN = constant(0.5, 5.0, 20.0)

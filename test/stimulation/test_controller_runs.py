@@ -9,23 +9,15 @@ from itertools import pairwise
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import Constant
-from rpms_ros.stimulation import Pause
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import Single
-from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.devices import SimulatedFaults
+from rpms_ros.stimulation import Constant, Pause, Schedule, Single, constant
+from rpms_ros.stimulation.devices import DeviceError, SimulatedDevice, SimulatedFaults
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
-from rpms_ros.stimulation.interlocks import Refused
-from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.safety_monitor import Halt
-from rpms_ros.stimulation.settings import DriverSettings
-from rpms_ros.stimulation.states import Command
-from rpms_ros.stimulation.states import State
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.safety_monitor import Halt
+from rpms_ros.stimulation.driver.states import Command, DriverSettings, State
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.limits import Limits
 
 MILLISECOND = 1_000_000
 TRAIN = constant(0.5, 0.5, 20.0)

@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.devices import interface
-from rpms_ros.stimulation.devices import registry
+from rpms_ros.stimulation.devices import SimulatedDevice, registry, registry as interface
 from rpms_ros.stimulation.devices.registry import DeviceOptions
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
@@ -75,9 +73,8 @@ def test_device_from_outside_of_the_package(distribution):
 
 def test_driver_takes_a_device_from_outside_by_its_name(distribution):
     from rpms_ros.errors import NodeError
-    from rpms_ros.nodes.driver_parameters import DriverParameters
-    from rpms_ros.nodes.driver_parameters import build_device
-    from rpms_ros.stimulation.device_specification import load_device_specification
+    from rpms_ros.nodes.driver.parameters import DriverParameters, build_device
+    from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
     distribution('acme = acme_stimulator:AcmeDevice')
     # whatever is not `simulated` is held to what a real device needs

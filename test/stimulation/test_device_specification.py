@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import device_specification
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.fields import bounded_names
-from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.limits import device_specification
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.schedule.fields import bounded_names
 
 FOLDER = Path(device_specification.__file__).with_name('device_specifications')
 RAPID = (FOLDER / 'rapid2-240v.yaml').read_text(encoding='utf-8')

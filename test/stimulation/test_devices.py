@@ -4,15 +4,16 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.devices import SimulatedFaults
-from rpms_ros.stimulation.devices import TooLate
-from rpms_ros.stimulation.devices import WireTimes
-from rpms_ros.stimulation.devices.interface import quantized_down
+from rpms_ros.stimulation.devices import (
+    DeviceError,
+    SimulatedDevice,
+    SimulatedFaults,
+    TooLate,
+    WireTimes,
+)
+from rpms_ros.stimulation.devices.registry import quantized_down
 
 WIDTH = 100e-6
 

@@ -8,19 +8,12 @@ import sys
 import textwrap
 
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.clocks import EARLIEST_WALL_NS
-from rpms_ros.stimulation.clocks import Clocks
-from rpms_ros.stimulation.dose import DoseExceeded
-from rpms_ros.stimulation.dose import DoseLimits
-from rpms_ros.stimulation.dose import LedgerError
-from rpms_ros.stimulation.dose import PlannedPulse
-from rpms_ros.stimulation.dose_ledger import DoseLedger
-from rpms_ros.stimulation.dose_ledger import MemoryLedger
+from rpms_ros.stimulation.limits.dose import DoseExceeded, DoseLimits, LedgerError, PlannedPulse
+from rpms_ros.stimulation.records.clocks import EARLIEST_WALL_NS, Clocks
+from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
 SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
@@ -429,8 +422,8 @@ def test_any_tail_is_refused_or_only_adds(tmp_path_factory, tail, cut):
 LIMITED = """
     import resource, sys, time
     from pathlib import Path
-    from rpms_ros.stimulation.dose import LedgerError, PlannedPulse
-    from rpms_ros.stimulation.dose_ledger import DoseLedger
+    from rpms_ros.stimulation.limits.dose import LedgerError, PlannedPulse
+    from rpms_ros.stimulation.records.dose_ledger import DoseLedger
     ledger = DoseLedger(Path(sys.argv[1]), 'coil-1', 'P01')
     size = max(path.stat().st_size for path in Path(sys.argv[1]).iterdir())
     resource.setrlimit(resource.RLIMIT_FSIZE, (size + 3000, size + 3000))

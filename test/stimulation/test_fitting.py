@@ -3,35 +3,27 @@
 """Schedules fitted to a device and a patient pass the forecast, whatever was asked for."""
 
 import dataclasses
-from datetime import UTC
-from datetime import datetime
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 
 import pytest
-from hypothesis import example
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import Constant
-from rpms_ros.stimulation import Doublet
-from rpms_ros.stimulation import Pause
-from rpms_ros.stimulation import PulseBurst
-from rpms_ros.stimulation import Repeat
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import Single
-from rpms_ros.stimulation import Staircase
-from rpms_ros.stimulation import UniformRandom
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.dose import DoseLimits
-from rpms_ros.stimulation.fitting import fitted
-from rpms_ros.stimulation.fitting import forecast_within
-from rpms_ros.stimulation.fitting import scaled
-from rpms_ros.stimulation.fitting import strongest
-from rpms_ros.stimulation.patient import Patient
-from rpms_ros.stimulation.patient import Rest
-from rpms_ros.stimulation.patient import for_session
+from rpms_ros.stimulation import (
+    Constant,
+    Doublet,
+    Pause,
+    PulseBurst,
+    Repeat,
+    Schedule,
+    Single,
+    Staircase,
+    UniformRandom,
+)
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.dose import DoseLimits
+from rpms_ros.stimulation.limits.fitting import fitted, forecast_within, scaled, strongest
+from rpms_ros.stimulation.limits.patient import Patient, Rest, for_session
 
 RAPID = load_device_specification('rapid2-240v')
 # midnight may come between the import and a test

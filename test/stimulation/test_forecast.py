@@ -10,22 +10,23 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import Constant
-from rpms_ros.stimulation import Pause
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import Single
-from rpms_ros.stimulation import constant
-from rpms_ros.stimulation import paper_random
-from rpms_ros.stimulation import paper_sinusoid
-from rpms_ros.stimulation.books import Books
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.device_specification import profile_names
-from rpms_ros.stimulation.forecast import forecast
-from rpms_ros.stimulation.forecast import forecast_plan
-from rpms_ros.stimulation.forecast import offers
-from rpms_ros.stimulation.refusals import too_short_a_wait
-from rpms_ros.stimulation.thermal import CoilTemperature
-from rpms_ros.stimulation.thermal import CoilThermal
+from rpms_ros.stimulation import (
+    Constant,
+    Pause,
+    Schedule,
+    Single,
+    constant,
+    paper_random,
+    paper_sinusoid,
+)
+from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature, CoilThermal
+from rpms_ros.stimulation.limits.device_specification import (
+    load_device_specification,
+    profile_names,
+)
+from rpms_ros.stimulation.limits.forecast import forecast, forecast_plan, offers
+from rpms_ros.stimulation.limits.pulse_history import Books
+from rpms_ros.stimulation.limits.refusals import too_short_a_wait
 
 SHIPPED = load_device_specification('rapid2-240v')
 # of a subject who knows every intensity: the other limits are looked at one by one

@@ -14,12 +14,10 @@ from pathlib import Path
 import pytest
 
 import rpms_ros.guard
-from rpms_ros.guard import packets
-from rpms_ros.guard import rapid2
+from rpms_ros.guard import packets, rapid2
 from rpms_ros.guard.packets import Packet
 from rpms_ros.guard.port import open_port
-from rpms_ros.guard.relay import Guard
-from rpms_ros.guard.relay import GuardLimits
+from rpms_ros.guard.relay import Guard, GuardLimits
 
 TRAIN = Path(__file__).parents[1] / 'guarded_train.py'
 RATE_HZ = 20.0

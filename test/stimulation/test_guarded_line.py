@@ -11,18 +11,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from rpms_ros.guard import packets
-from rpms_ros.guard import rapid2
-from rpms_ros.guard.line import Line
-from rpms_ros.guard.line import LineBusy
-from rpms_ros.guard.line import LineError
-from rpms_ros.guard.line import write
-from rpms_ros.guard.line import write_silence
+from rpms_ros.guard import packets, rapid2
+from rpms_ros.guard.line import Line, LineBusy, LineError, write, write_silence
 from rpms_ros.guard.packets import Packet
-from rpms_ros.guard.relay import Guard
-from rpms_ros.guard.relay import GuardLimits
-from rpms_ros.stimulation.devices.descriptor import Descriptor
-from rpms_ros.stimulation.devices.guarded_line import GuardedLine
+from rpms_ros.guard.relay import Guard, GuardLimits
+from rpms_ros.stimulation.devices.guarded_line import Descriptor, GuardedLine
 
 FILLER = b'\x55' * 20_000
 

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is held: a key that repeats, a button of a joystick that speaks."""
 
-from rpms_ros.stimulation.held import HeldKey
-from rpms_ros.stimulation.held import JoystickButton
+from rpms_ros.stimulation.driver.stop_buttons import HeldKey, JoystickButton
 
 MILLISECOND = 1_000_000
 

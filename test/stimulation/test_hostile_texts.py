@@ -7,17 +7,13 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import schedule_from_mapping
-from rpms_ros.stimulation import schedule_from_text
-from rpms_ros.stimulation import schedule_to_text
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.patient import load_patient
-from rpms_ros.stimulation.schedule import LONGEST_NAME
+from rpms_ros.stimulation import schedule_from_mapping, schedule_from_text, schedule_to_text
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.patient import load_patient
+from rpms_ros.stimulation.schedule.schedule import LONGEST_NAME
 
 # set by bench/hostile_texts.py for the full count
 COUNT = int(os.environ.get('RPMS_HOSTILE_TEXTS', '150'))

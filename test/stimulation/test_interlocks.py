@@ -4,9 +4,8 @@
 
 import pytest
 
-from rpms_ros.stimulation.heartbeat import Heartbeat
-from rpms_ros.stimulation.interlocks import Interlocks
-from rpms_ros.stimulation.interlocks import Refused
+from rpms_ros.stimulation.driver.authority import Heartbeat
+from rpms_ros.stimulation.driver.interlocks import Interlocks, Refused
 
 SECOND = 1_000_000_000
 NOW = 1000 * SECOND

@@ -7,14 +7,13 @@ import math
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.dose import BookedPulse
-from rpms_ros.stimulation.limiter import PulseLimiter
-from rpms_ros.stimulation.limits import Limits
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.dose import BookedPulse
+from rpms_ros.stimulation.limits.limiter import PulseLimiter
+from rpms_ros.stimulation.limits.limits import Limits
 
 SECOND = 1_000_000_000
 WIDTH = 100e-6

@@ -7,12 +7,10 @@ from datetime import date
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import patient as patient_module
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.dose import DoseLimits
-from rpms_ros.stimulation.patient import for_session
-from rpms_ros.stimulation.patient import load_patient
-from rpms_ros.stimulation.patient import patient_from_mapping
+from rpms_ros.stimulation.limits import patient as patient_module
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.dose import DoseLimits
+from rpms_ros.stimulation.limits.patient import for_session, load_patient, patient_from_mapping
 
 # the example of the module is the one that is tested
 PATIENT = patient_module.__doc__.partition('\n\n')[2]

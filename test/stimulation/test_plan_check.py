@@ -7,16 +7,13 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from rpms_ros.stimulation import Constant
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation.limiter import PulseLimiter
-from rpms_ros.stimulation.limits import Limits
-from rpms_ros.stimulation.plan_check import PlanCheck
-from rpms_ros.stimulation.schedule import Plan
+from rpms_ros.stimulation import Constant, Schedule
+from rpms_ros.stimulation.limits.forecast import PlanCheck
+from rpms_ros.stimulation.limits.limiter import PulseLimiter
+from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.schedule.schedule import Plan
 
 SECOND = 1_000_000_000
 MILLISECOND = 1_000_000

@@ -2,13 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hash of pulses as they are given is that of the same pulses in a recording."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_ros.pulses import Pulse
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.stimulation.pulse_hash import PulseHash
-from rpms_ros.stimulation.pulse_hash import hash_of
+from rpms_ros.pulses import Pulse, PulseTrain
+from rpms_ros.stimulation.driver.fired_pulse import PulseHash, hash_of
 
 PULSES = st.lists(
     st.builds(

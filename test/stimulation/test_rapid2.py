@@ -3,8 +3,7 @@
 """Frames of the Rapid2 class: what is taken for an answer, and what is not."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rpms_ros.guard import rapid2
 from rpms_ros.guard.rapid2 import framed

@@ -4,25 +4,26 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation import SEGMENT_KINDS
-from rpms_ros.stimulation import Constant
-from rpms_ros.stimulation import DescriptionError
-from rpms_ros.stimulation import Pause
-from rpms_ros.stimulation import Repeat
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import Single
-from rpms_ros.stimulation import UniformRandom
-from rpms_ros.stimulation import constant
-from rpms_ros.stimulation import load_schedule
-from rpms_ros.stimulation import paper_random
-from rpms_ros.stimulation import paper_sinusoid
-from rpms_ros.stimulation import schedule_from_text
-from rpms_ros.stimulation import schedule_to_text
-from rpms_ros.stimulation import staircase
+from rpms_ros.stimulation import (
+    SEGMENT_KINDS,
+    Constant,
+    DescriptionError,
+    Pause,
+    Repeat,
+    Schedule,
+    Single,
+    UniformRandom,
+    constant,
+    load_schedule,
+    paper_random,
+    paper_sinusoid,
+    schedule_from_text,
+    schedule_to_text,
+    staircase,
+)
 
 SIMPLE = st.one_of(
     st.builds(

@@ -6,23 +6,24 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.stimulation import Constant
-from rpms_ros.stimulation import Doublet
-from rpms_ros.stimulation import MultilevelPRBS
-from rpms_ros.stimulation import Pause
-from rpms_ros.stimulation import PulseBurst
-from rpms_ros.stimulation import Ramp
-from rpms_ros.stimulation import Schedule
-from rpms_ros.stimulation import Single
-from rpms_ros.stimulation import Sinusoid
-from rpms_ros.stimulation import Staircase
-from rpms_ros.stimulation import UniformRandom
-from rpms_ros.stimulation.multilevel_prbs import maximal_sequence
+from rpms_ros.stimulation import (
+    Constant,
+    Doublet,
+    MultilevelPRBS,
+    Pause,
+    PulseBurst,
+    Ramp,
+    Schedule,
+    Single,
+    Sinusoid,
+    Staircase,
+    UniformRandom,
+)
+from rpms_ros.stimulation.schedule.segments import maximal_sequence
 
 RATES = st.floats(0.5, 200.0)
 DURATIONS = st.floats(0.01, 20.0)

@@ -12,10 +12,9 @@ import pytest
 
 from rpms_ros.guard import rapid2
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
-from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices import DeviceStatus
+from rpms_ros.stimulation.devices import DeviceError, DeviceStatus
 from rpms_ros.stimulation.devices.guarded_line import Reply
-from rpms_ros.stimulation.devices.interface import TooLate
+from rpms_ros.stimulation.devices.registry import TooLate
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
 

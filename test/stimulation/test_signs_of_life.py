@@ -12,10 +12,9 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.device_lock import DeviceLock
-from rpms_ros.stimulation.process_life import ProcessLife
-from rpms_ros.stimulation.process_life import host_identity
-from rpms_ros.stimulation.sensor_life import SensorLife
+from rpms_ros.stimulation.driver.authority import ProcessLife, host_identity
+from rpms_ros.stimulation.driver.interlocks import SensorLife
+from rpms_ros.stimulation.records.clocks import DeviceLock
 
 SECOND = 1_000_000_000
 

@@ -3,12 +3,9 @@
 """Stop buttons: unknown, silent or pressed stands against pulses; the newest of each counts."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_ros.stimulation.stop_buttons import UNCOUNTED
-from rpms_ros.stimulation.stop_buttons import ButtonState
-from rpms_ros.stimulation.stop_buttons import StopButtons
+from rpms_ros.stimulation.driver.stop_buttons import UNCOUNTED, ButtonState, StopButtons
 
 A, B = b'a', b'b'
 LATER_NS = 300_000_001

@@ -11,17 +11,13 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.controller import StimulationController
-from rpms_ros.stimulation.device_specification import load_device_specification
-from rpms_ros.stimulation.devices import DeviceError
-from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.devices import SimulatedFaults
-from rpms_ros.stimulation.orders import NoAnswer
-from rpms_ros.stimulation.orders import Orders
-from rpms_ros.stimulation.safety_monitor import EXECUTOR
-from rpms_ros.stimulation.settings import DriverSettings
-from rpms_ros.stimulation.states import State
-from rpms_ros.stimulation.threads import ControllerThreads
+from rpms_ros.stimulation.devices import DeviceError, SimulatedDevice, SimulatedFaults
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.device_owner import NoAnswer, Orders
+from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR
+from rpms_ros.stimulation.driver.states import DriverSettings, State
+from rpms_ros.stimulation.driver.threads import ControllerThreads
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 CALLS = ('open', 'prepare', 'fire', 'rest', 'beat', 'silence')
 

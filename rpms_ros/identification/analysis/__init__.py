@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Muscle analysis: latency, twitch, order, summation and recruitment (Sec. 2 of the paper)."""
 
-from rpms_ros.identification.analysis.analyze import analyze
-from rpms_ros.identification.analysis.field_fit import FieldAnalysis
-from rpms_ros.identification.analysis.field_fit import fit_field
-from rpms_ros.identification.analysis.history_law import TrainLaw
-from rpms_ros.identification.analysis.muscle_analysis import MuscleAnalysis
-from rpms_ros.identification.analysis.settings import AnalysisSettings
-from rpms_ros.identification.analysis.steady import SteadyPoint
-from rpms_ros.identification.analysis.summation import SummationAnalysis
-from rpms_ros.identification.analysis.summation import analyze_trains
+from rpms_ros.identification.analysis.analyze import MuscleAnalysis, analyze
+from rpms_ros.identification.analysis.recruitment_field import (
+    FieldAnalysis,
+    SteadyPoint,
+    fit_field,
+)
+from rpms_ros.identification.analysis.responses import AnalysisSettings
+from rpms_ros.identification.analysis.summation import SummationAnalysis, analyze_trains
+from rpms_ros.identification.analysis.trains import TrainLaw
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis
 
 __all__ = [

@@ -1,43 +1,92 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of a recording: results of each kind of pulse group, and why results are missing."""
+"""Analysis of a recording: results of each kind of pulse group, and why results are missing.
+
+Results of the analysis of a recording.
+"""
 
 from collections import Counter
-from collections.abc import Callable
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis.artifact import Artifacts
-from rpms_ros.identification.analysis.artifact import find_artifacts
-from rpms_ros.identification.analysis.artifact import without_artifacts
-from rpms_ros.identification.analysis.cleaning import CleanTrace
-from rpms_ros.identification.analysis.cleaning import clean
-from rpms_ros.identification.analysis.field_fit import FieldAnalysis
-from rpms_ros.identification.analysis.field_fit import fit_field
-from rpms_ros.identification.analysis.muscle_analysis import MuscleAnalysis
-from rpms_ros.identification.analysis.responses import Cutter
-from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.segmentation import Kind
-from rpms_ros.identification.analysis.segmentation import PulseGroup
-from rpms_ros.identification.analysis.segmentation import groups_of
-from rpms_ros.identification.analysis.segmentation import in_order
-from rpms_ros.identification.analysis.settings import AnalysisSettings
-from rpms_ros.identification.analysis.steady import SteadyPoint
-from rpms_ros.identification.analysis.steady import resting_force
-from rpms_ros.identification.analysis.steady import steady_point
-from rpms_ros.identification.analysis.summation import MOST_PULSES
-from rpms_ros.identification.analysis.summation import SummationAnalysis
-from rpms_ros.identification.analysis.summation import analyze_trains
-from rpms_ros.identification.analysis.twitches import TwitchAnalysis
-from rpms_ros.identification.analysis.twitches import analyze_twitches
-from rpms_ros.identification.pulse_checks import outside_shares
+from rpms_ros.identification.analysis.recruitment_field import (
+    FieldAnalysis,
+    SteadyPoint,
+    fit_field,
+    resting_force,
+    steady_point,
+)
+from rpms_ros.identification.analysis.responses import (
+    AnalysisSettings,
+    Artifacts,
+    CleanTrace,
+    Cutter,
+    Kind,
+    PulseGroup,
+    Response,
+    clean,
+    find_artifacts,
+    groups_of,
+    in_order,
+    without_artifacts,
+)
+from rpms_ros.identification.analysis.summation import (
+    MOST_PULSES,
+    SummationAnalysis,
+    analyze_trains,
+)
+from rpms_ros.identification.analysis.twitches import TwitchAnalysis, analyze_twitches
+from rpms_ros.identification.stream.pulse_checks import outside_shares
 from rpms_ros.muscle import RateRecruitment
-from rpms_ros.pulses import BoolArray
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import BoolArray, ForceTrace, PulseTrain
+
+
+@dataclass(frozen=True)
+class MuscleAnalysis:
+    """Results of the analysis of a recording.
+
+    Attributes
+    ----------
+    contents : mapping of str to int
+        Groups of pulses by kind.
+    pulses, samples : int
+        Pulses within the force, and force samples.
+    sample_rate_hz : float
+        Median rate of the force [Hz].
+    noise : float
+        Standard deviation of the white noise of the sensor [N].
+    artifacts : Artifacts or None
+        Stimulation artifacts and the offset of the clocks; None without pulses.
+    twitches : TwitchAnalysis or None
+        From single pulses.
+    summation : SummationAnalysis or None
+        From trains.
+    steady : tuple of SteadyPoint
+        Steady forces of long levels.
+    recruitment : FieldAnalysis or None
+        From the steady forces.
+    findings : tuple of str
+        Irregularities, and why results are missing; a sentence each.
+    unit : str
+        Of every force: ``N``, or ``N m`` where the sensor measured a torque.
+    """
+
+    contents: Mapping[str, int]
+    pulses: int
+    samples: int
+    sample_rate_hz: float
+    noise: float
+    artifacts: Artifacts | None
+    twitches: TwitchAnalysis | None
+    summation: SummationAnalysis | None
+    steady: tuple[SteadyPoint, ...]
+    recruitment: FieldAnalysis | None
+    findings: tuple[str, ...]
+    unit: str = 'N'
+
 
 USUAL_ORDER = 3
 ALIKE = 2e-3

@@ -8,22 +8,20 @@ law.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
-from rpms_ros.identification.analysis.force_onset import ForceOnset
-from rpms_ros.identification.analysis.force_onset import force_onset
-from rpms_ros.identification.analysis.history_fit import law_deviations
-from rpms_ros.identification.analysis.history_law import TrainLaw
-from rpms_ros.identification.analysis.muscle_analysis import MuscleAnalysis
-from rpms_ros.identification.analysis.summation import SummationAnalysis
-from rpms_ros.identification.analysis.summation import TrainAnalysis
-from rpms_ros.identification.analysis.train_model import TrainFit
-from rpms_ros.identification.analysis.train_model import fit_deviations
+from rpms_ros.identification.analysis.analyze import MuscleAnalysis
+from rpms_ros.identification.analysis.latency import ForceOnset, force_onset
+from rpms_ros.identification.analysis.summation import SummationAnalysis, TrainAnalysis
+from rpms_ros.identification.analysis.trains import (
+    TrainFit,
+    TrainLaw,
+    fit_deviations,
+    law_deviations,
+)
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray
 from rpms_ros.schema import documented

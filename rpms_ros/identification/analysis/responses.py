@@ -1,22 +1,516 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Responses to groups of pulses, cut out of a recording, or the reason for rejecting them."""
+"""Responses to groups of pulses, cut out of a recording, or the reason for rejecting them.
 
-from dataclasses import dataclass
+Divides the pulses of a recording into single pulses, trains and staircases.
+
+Preparation of a force: ascending samples that can be forces, rate, saturation, noise.
+
+Settings of the muscle analysis.
+
+Stimulation artifacts in the force: the stimulus instant by the clock of the sensor.
+
+The artifact lasts one or two samples, so the force minus its running median over five samples is
+the artifact and noise.  Its maximum is the paper's stimulus instant (Sec. 2.1); its distance from
+the stamp of the pulse shows the offset between the clocks of stimulator and sensor.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 
-from rpms_ros.identification.analysis.artifact import Artifacts
-from rpms_ros.identification.analysis.artifact import near_pulses
-from rpms_ros.identification.analysis.cleaning import CleanTrace
-from rpms_ros.identification.analysis.segmentation import PulseGroup
-from rpms_ros.identification.analysis.settings import AnalysisSettings
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import BoolArray
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.pulses import nanoseconds
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.stream.stream_input import LARGEST_FORCE
+from rpms_ros.pulses import (
+    NANOSECONDS_PER_SECOND,
+    BoolArray,
+    FloatArray,
+    ForceTrace,
+    IntArray,
+    PulseTrain,
+    nanoseconds,
+)
+
+# Intensities or intervals that differ by less are one level: drivers round, triggers jitter.
+SAME_INTENSITY = 2e-3
+SAME_INTERVAL = 0.05
+SHORTEST_LEVEL = 3
+LEVEL_SHARE = 0.8
+
+
+class Kind(Enum):
+    """Kind of a group of pulses."""
+
+    SINGLE = 'single pulse'
+    TRAIN = 'train'
+    STAIRCASE = 'staircase'
+    MODULATED = 'modulated train'
+    OVERLAPPING = 'overlapping trains'
+
+
+@dataclass(frozen=True)
+class Level:
+    """Consecutive pulses of one intensity and one rate.
+
+    Attributes
+    ----------
+    first, last : int
+        Indices of its first pulse and of the one after its last.
+    intensity : float
+        Share of the maximum; NaN if it is not recorded.
+    rate_hz : float
+        Repetition rate [Hz]; NaN for a single pulse.
+    """
+
+    first: int
+    last: int
+    intensity: float
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class PulseGroup:
+    """Pulses without a rest between them.
+
+    Attributes
+    ----------
+    kind : Kind
+        Its kind.
+    first, last : int
+        Indices of its first pulse and of the one after its last.
+    start_ns, end_ns : int
+        Onsets of its first and last pulse [ns].
+    levels : tuple of Level
+        Runs of equal pulses, in the order of time.
+    """
+
+    kind: Kind
+    first: int
+    last: int
+    start_ns: int
+    end_ns: int
+    levels: tuple[Level, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of pulses."""
+        return self.last - self.first
+
+
+def in_order(pulses: PulseTrain) -> PulseTrain:
+    """Return the pulses by onset, each onset once."""
+    onset, first = np.unique(pulses.onset_ns, return_index=True)
+    return PulseTrain(onset, pulses.intensity[first], pulses.sequence[first], pulses.width[first])
+
+
+def groups_of(pulses: PulseTrain, rest: float) -> tuple[PulseGroup, ...]:
+    """Return the groups of pulses that are separated by rests.
+
+    Parameters
+    ----------
+    pulses : PulseTrain
+        Ascending in onset.
+    rest : float
+        Least interval between two groups [s].
+    """
+    if not len(pulses):
+        return ()
+    gap = np.diff(pulses.onset_ns) >= nanoseconds(rest)
+    edges = np.concatenate(([0], np.flatnonzero(gap) + 1, [len(pulses)]))
+    return tuple(_group(pulses, int(first), int(last)) for first, last in pairwise(edges))
+
+
+def _group(pulses: PulseTrain, first: int, last: int) -> PulseGroup:
+    levels = _levels(pulses, first, last)
+    start_ns, end_ns = int(pulses.onset_ns[first]), int(pulses.onset_ns[last - 1])
+    kind = _kind(levels, last - first)
+    return PulseGroup(kind, first, last, start_ns, end_ns, levels)
+
+
+def _kind(levels: tuple[Level, ...], count: int) -> Kind:
+    if count == 1:
+        return Kind.SINGLE
+    if len(levels) == 1:
+        return Kind.TRAIN
+    if all(_same(one, next_one) for one, next_one in pairwise(levels)):
+        return Kind.OVERLAPPING
+    held = sum(level.last - level.first for level in levels if _long(level))
+    return Kind.STAIRCASE if held >= LEVEL_SHARE * count else Kind.MODULATED
+
+
+def _same(one: Level, other: Level) -> bool:
+    return (
+        not abs(one.intensity - other.intensity) > SAME_INTENSITY
+        and abs(one.rate_hz / other.rate_hz - 1.0) <= SAME_INTERVAL
+    )
+
+
+def _long(level: Level) -> bool:
+    return level.last - level.first >= SHORTEST_LEVEL
+
+
+def _levels(pulses: PulseTrain, first: int, last: int) -> tuple[Level, ...]:
+    """Return the runs of equal intensity and equal interval to the next pulse."""
+    intensity = pulses.intensity[first:last]
+    if last - first == 1:
+        return (Level(first, last, float(intensity[0]), float('nan')),)
+    gap = np.diff(pulses.onset_ns[first:last])
+    interval = np.append(gap, gap[-1])
+    edges = _edges(intensity, interval)
+    return tuple(
+        Level(
+            first + int(low),
+            first + int(high),
+            float(intensity[low]),
+            float(NANOSECONDS_PER_SECOND / np.median(interval[low : max(low + 1, high - 1)])),
+        )
+        for low, high in pairwise(edges)
+    )
+
+
+def _edges(intensity: FloatArray, interval: IntArray) -> list[int]:
+    """Return the first pulses of runs of equal pulses, and the end (runs + 1,).
+
+    The interval between two levels belongs to neither: a single pulse that differs only by it
+    belongs to the level before it.
+    """
+    known = ~np.isnan(intensity)
+    other = known[1:] != known[:-1]
+    other |= np.abs(np.nan_to_num(np.diff(intensity))) > SAME_INTENSITY
+    jump = np.abs(interval[1:] / interval[:-1] - 1.0) > SAME_INTERVAL
+    starts = np.flatnonzero(other | jump) + 1
+    ends = np.append(starts, len(intensity))[1:]
+    kept = [
+        int(start)
+        for start, end in zip(starts, ends, strict=True)
+        if other[start - 1] or end - start > 1
+    ]
+    return [0, *kept, len(intensity)]
+
+
+# Noise never repeats its extreme value so often in a row; a sensor at the end of its range does.
+SATURATED_RUN = 5
+RATE_CHANGE = 0.1
+RATE_BLOCK = 100
+
+
+@dataclass(frozen=True)
+class CleanTrace:
+    """Force samples in order, with properties of the sensor.
+
+    Attributes
+    ----------
+    stamp_ns : ndarray of int64, shape (samples,)
+        Ascending times [ns].
+    force : ndarray, shape (samples,)
+        Finite forces [N].
+    saturated : ndarray of bool, shape (samples,)
+        Samples at an end of the range of the sensor.
+    sample_period : float
+        Median time between samples [s].
+    noise : float
+        Standard deviation of the white part of the noise [N].
+    findings : tuple of str
+        Irregularities, a sentence each; without a unit, since a force may be a torque.
+    """
+
+    stamp_ns: IntArray
+    force: FloatArray
+    saturated: BoolArray
+    sample_period: float
+    noise: float
+    findings: tuple[str, ...]
+
+    def between(self, first_ns: int, last_ns: int) -> slice:
+        """Return the samples from `first_ns` up to, not including, `last_ns`."""
+        first, last = np.searchsorted(self.stamp_ns, [first_ns, last_ns])
+        return slice(int(first), int(last))
+
+
+def clean(trace: ForceTrace) -> CleanTrace:
+    """Return the trace in order, without samples that are not finite or beyond `LARGEST_FORCE`.
+
+    Parameters
+    ----------
+    trace : ForceTrace
+        Samples in any order.
+
+    Raises
+    ------
+    IdentificationError
+        If fewer than 100 samples are left: nothing can be analysed then.
+    """
+    findings = []
+    finite = np.isfinite(trace.force)
+    if not finite.all():
+        count = int((~finite).sum())
+        findings.append(f'{count} force samples are NaN or infinite; they are not used')
+    believed = finite & (np.abs(trace.force) <= LARGEST_FORCE)
+    used = int(believed.sum())
+    if used < finite.sum():
+        findings.append(
+            f'{int(finite.sum()) - used} force samples are beyond {LARGEST_FORCE:g}; they are '
+            'not used'
+        )
+    stamps, first = np.unique(trace.stamp_ns[believed], return_index=True)
+    force = trace.force[believed][first]
+    if len(stamps) < used:
+        findings.append(
+            f'{used - len(stamps)} force samples have the stamp of another; '
+            'the first of each is kept'
+        )
+    if len(stamps) < RATE_BLOCK:
+        raise IdentificationError(f'expected at least {RATE_BLOCK} samples, got {len(stamps)}')
+    saturated = _saturated(force)
+    if saturated.any():
+        findings.append(
+            f'the sensor is saturated in {int(saturated.sum())} samples '
+            f'(at {_end_values(force, saturated)}); responses with such samples are not used'
+        )
+    period = float(np.median(np.diff(stamps))) / NANOSECONDS_PER_SECOND
+    findings += _rate_findings(stamps)
+    return CleanTrace(stamps, force, saturated, period, _noise(force), tuple(findings))
+
+
+def _noise(force: FloatArray) -> float:
+    """Return the white noise [N], from the median of third differences: robust against artifacts.
+
+    The third difference of white noise has 20 times its variance; the median of the absolute
+    value of a normal variable is 0.6745 standard deviations.
+    """
+    return float(np.median(np.abs(np.diff(force, 3))) / 0.6745 / np.sqrt(20.0))
+
+
+def _saturated(force: FloatArray) -> BoolArray:
+    """Return the samples (samples,) in runs of the greatest or the least value."""
+    result = np.zeros(len(force), dtype=np.bool_)
+    if force.max() == force.min():
+        return result
+    for end in (force.max(), force.min()):
+        at_end = force == end
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], at_end.astype(np.int8), [0]))))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            result[first:last] |= last - first >= SATURATED_RUN
+    return result
+
+
+def _end_values(force: FloatArray, saturated: BoolArray) -> str:
+    return ' and '.join(f'{value:.4g}' for value in np.unique(force[saturated]))
+
+
+def _rate_findings(stamps: IntArray) -> list[str]:
+    """Return a sentence for each change of the sample rate."""
+    interval = np.diff(stamps) / NANOSECONDS_PER_SECOND
+    whole = len(interval) // RATE_BLOCK * RATE_BLOCK
+    local = np.median(interval[:whole].reshape(-1, RATE_BLOCK), axis=1)
+    if not len(local):
+        return []
+    findings = []
+    current = local[0]
+    for block, value in enumerate(local):
+        steady = block + 1 == len(local) or abs(local[block + 1] / value - 1.0) < RATE_CHANGE
+        if abs(value / current - 1.0) > RATE_CHANGE and steady:
+            moment = (stamps[block * RATE_BLOCK] - stamps[0]) / NANOSECONDS_PER_SECOND
+            findings.append(
+                f'the sample rate changes from {1 / current:.0f} to {1 / value:.0f} Hz at '
+                f'{moment:.1f} s; fits use the true time of every sample'
+            )
+            current = value
+    return findings
+
+
+@dataclass(frozen=True)
+class AnalysisSettings:
+    """Spans and thresholds of the analysis.
+
+    Attributes
+    ----------
+    orders : tuple of int
+        Orders of the twitch that are compared (Eq. 2).
+    rest : float
+        Silence that separates one response from the next [s].
+    before, after : float
+        How much force before the first and after the last pulse belongs to a response [s].
+    filter_span : float
+        Length of the moving average before the derivative [s]: 9 samples at 1 kHz (Sec. 2.1).
+    blanking : float
+        Time after a pulse that is not fitted if the recording shows artifacts [s].
+    artifact_search : float
+        Largest distance of an artifact from the stamp of its pulse [s].
+    least_response : float
+        Smallest peak of a twitch that is analysed, in standard deviations of the noise.
+    longest_latency : float
+        A twitch with a longer latency is not a response to its pulse [s].
+    least_fit : float
+        Smallest fit of a twitch that is accepted, ``1 - |residual| / |force - mean|``, 0..1.
+    settling : float
+        Time after a change of the stimulation until the force counts as steady [s].
+    left_over : float
+        Share of a response that may be left when the next one begins.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
+    """
+
+    orders: tuple[int, ...] = (2, 3, 4)
+    rest: float = 0.4
+    before: float = 0.05
+    after: float = 0.5
+    filter_span: float = 9e-3
+    blanking: float = 4e-3
+    artifact_search: float = 20e-3
+    least_response: float = 8.0
+    longest_latency: float = 60e-3
+    least_fit: float = 0.5
+    settling: float = 0.5
+    left_over: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not self.orders or any(order < 2 for order in self.orders):
+            raise IdentificationError(f'expected orders of at least 2, got {self.orders}')
+        for name in ('rest', 'before', 'after', 'filter_span', 'longest_latency', 'settling'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise IdentificationError(f'expected a {name} above 0 s, got {value}')
+        for name in ('blanking', 'artifact_search', 'least_response', 'least_fit', 'left_over'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise IdentificationError(f'expected a {name} of at least 0, got {value}')
+
+
+# Of 40 samples of white noise one in a million trials exceeds six standard deviations.
+STANDS_OUT = 6.0
+LEAST_SHARE = 0.5
+LEAST_OF_RESPONSE = 0.02
+MEDIAN_SPAN = 5
+
+
+@dataclass(frozen=True)
+class Artifacts:
+    """Offset between the clocks of force and pulses, by the artifacts.
+
+    Attributes
+    ----------
+    offset : ndarray, shape (pulses,)
+        Artifact's maximum minus stamp [s]; NaN where no artifact stands out.
+    found : bool
+        Whether the recording shows artifacts at all.
+    median_offset, spread : float
+        Median and scaled interquartile range of the offsets [s].
+    clock_offset : float
+        Clock of the sensor minus clock of the stimulator [s]; 0 if the artifacts agree with the
+        stamps within the sampling.
+    """
+
+    offset: FloatArray
+    found: bool
+    median_offset: float
+    spread: float
+    clock_offset: float
+
+    @property
+    def count(self) -> int:
+        """Number of pulses with an artifact."""
+        return int(np.isfinite(self.offset).sum())
+
+
+def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Artifacts:
+    """Return the offsets of the artifacts of pulses.
+
+    Parameters
+    ----------
+    trace : CleanTrace
+        Force.
+    onset_ns : ndarray of int64, shape (pulses,)
+        Stamps of the pulses, ascending [ns].
+    search : float
+        Largest distance between artifact and stamp [s].
+    """
+    offset = np.full(len(onset_ns), np.nan)
+    reach = _reaches(onset_ns, search)
+    noise = max(trace.noise, 1e-12)
+    least = max(STANDS_OUT * noise, LEAST_OF_RESPONSE * float(np.ptp(trace.force)))
+    for index, onset in enumerate(onset_ns):
+        part = trace.between(int(onset - reach[index]), int(onset + reach[index]) + 1)
+        if part.stop - part.start < MEDIAN_SPAN:
+            continue
+        standing = _standing_out(trace.force[part])
+        best = int(np.argmax(standing))
+        if standing[best] > least:
+            moment = trace.stamp_ns[part.start + best]
+            offset[index] = (moment - onset) / NANOSECONDS_PER_SECOND
+    return _judged(offset, trace.sample_period)
+
+
+def near_pulses(
+    stamp_ns: IntArray, onset_ns: IntArray, sample_period: float, blanking: float
+) -> BoolArray:
+    """Return the samples (samples,) that an artifact may affect.
+
+    Parameters
+    ----------
+    stamp_ns : ndarray of int64, shape (samples,)
+        Ascending times [ns].
+    onset_ns : ndarray of int64, shape (pulses,)
+        Pulses in the clock of the sensor, ascending, at least one [ns].
+    sample_period : float
+        Time between samples: clocks that count as equal may differ by 1.5 of it [s].
+    blanking : float
+        Span after a pulse [s].
+    """
+    margin = nanoseconds(1.5 * sample_period)
+    latest = np.searchsorted(onset_ns, stamp_ns + margin, side='right') - 1
+    since = stamp_ns - onset_ns[np.maximum(latest, 0)]
+    touched: BoolArray = (latest >= 0) & (since < blanking * NANOSECONDS_PER_SECOND)
+    return touched
+
+
+def without_artifacts(trace: CleanTrace, onset_ns: IntArray, blanking: float) -> CleanTrace:
+    """Return the trace with straight lines where artifacts were."""
+    touched = near_pulses(trace.stamp_ns, onset_ns, trace.sample_period, blanking)
+    clear = ~touched
+    if not touched.any() or not clear.any():
+        return trace
+    force = trace.force.copy()
+    time = trace.stamp_ns - trace.stamp_ns[0]
+    force[touched] = np.interp(time[touched], time[clear], trace.force[clear])
+    return replace(trace, force=force)
+
+
+def _reaches(onset_ns: IntArray, search: float) -> IntArray:
+    """Return how far from each stamp to search without reaching a neighbour (pulses,) [ns]."""
+    reach = np.full(len(onset_ns), nanoseconds(search), dtype=np.int64)
+    if len(onset_ns) > 1:
+        half = np.diff(onset_ns) // 2
+        reach = np.minimum(reach, np.minimum(np.append(half, half[-1]), np.append(half[0], half)))
+    return reach
+
+
+def _standing_out(force: FloatArray) -> FloatArray:
+    """Return the force minus its running median."""
+    padded = np.pad(force, MEDIAN_SPAN // 2, mode='edge')
+    windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_SPAN)
+    return force - np.median(windows, axis=1)
+
+
+def _judged(offset: FloatArray, period: float) -> Artifacts:
+    """Return the offsets, and whether they are artifacts: these have one distance from stamps."""
+    seen = offset[np.isfinite(offset)]
+    if not len(seen):
+        return Artifacts(offset, False, float('nan'), float('nan'), 0.0)
+    low, median, high = np.percentile(seen, [25, 50, 75])
+    steady = np.abs(seen - median) <= 2.0 * period
+    found = len(seen) >= 2 and bool(steady.mean() >= LEAST_SHARE)
+    # The first sample after the pulse comes half a period late on average.
+    shift = float(median - 0.5 * period)
+    clock = shift if found and abs(shift) > 1.5 * period else 0.0
+    return Artifacts(offset, found, float(median), float((high - low) / 1.349), clock)
+
 
 LEAST_SAMPLES = 50
 LEAST_BEFORE = 10

@@ -6,13 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import Disturbances
-from rpms_ros.muscle import Sensor
-from rpms_ros.muscle import Subject
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.muscle import Contraction, Disturbances, Sensor, Subject
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 
 _BLOCK = 1000
 # At this rate twitches do not overlap.

@@ -7,22 +7,22 @@ pulse, and the history law, which is fitted to the shorter trains and judged on 
 if the recording has both.
 """
 
-from collections.abc import Callable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rpms_ros.identification.analysis.force_onset import force_onset
-from rpms_ros.identification.analysis.history_fit import fit_history
-from rpms_ros.identification.analysis.history_fit import fit_with_law
-from rpms_ros.identification.analysis.history_law import TrainLaw
-from rpms_ros.identification.analysis.order_choice import spread
+from rpms_ros.identification.analysis.latency import force_onset
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.train_model import TrainFit
-from rpms_ros.identification.analysis.train_model import fit_equal
-from rpms_ros.identification.analysis.train_model import fit_gains
+from rpms_ros.identification.analysis.trains import (
+    TrainFit,
+    TrainLaw,
+    fit_equal,
+    fit_gains,
+    fit_history,
+    fit_with_law,
+)
+from rpms_ros.identification.analysis.twitch_fits import spread
 
 MOST_PULSES = 60
 MOST_TRAINS = 32

@@ -10,8 +10,8 @@ asked for, the order n are common,
 with Eq. (2) for the shape.  For given (t_0, ln T_a, n) the best a_i and b_i follow from two
 linear equations; the Jacobian of the residual is the derivative of the shape, scaled by a_i and
 projected orthogonally to shape and constant (Kaufman).  Two or three parameters remain for
-`rpms_ros.identification.levenberg_marquardt`, however many twitches there are.  This minimises
-Eq. (3) with its peak, its onset and a baseline free.
+`rpms_ros.identification.model.levenberg_marquardt`, however many twitches there are.  This
+minimises Eq. (3) with its peak, its onset and a baseline free.
 """
 
 import math
@@ -21,12 +21,9 @@ import numba
 import numpy as np
 from numba.extending import register_jitable
 
-from rpms_ros.identification.levenberg_marquardt import Ending
-from rpms_ros.identification.levenberg_marquardt import minimiser
-from rpms_ros.identification.small_matrix import dot
-from rpms_ros.identification.twitch_shape import twitch_row
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
+from rpms_ros.identification.model.levenberg_marquardt import Ending, dot, minimiser
+from rpms_ros.identification.model.physiology import twitch_row
+from rpms_ros.pulses import FloatArray, IntArray
 
 _STEPS = 60
 _SETTLED = 1e-9
@@ -56,7 +53,7 @@ class Twitches(NamedTuple):
 
 
 class SharedShape(NamedTuple):
-    """A shape and its residuals; a point of `rpms_ros.identification.levenberg_marquardt`.
+    """A shape and its residuals; a point of `rpms_ros.identification.model.levenberg_marquardt`.
 
     Attributes
     ----------

@@ -3,28 +3,26 @@
 """Analysis of single pulses: latency, time constant, order, peaks (Tables 1 and 2)."""
 
 from collections import Counter
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rpms_ros.identification.analysis.latency import LatencyTable
-from rpms_ros.identification.analysis.latency import crossing_latency
-from rpms_ros.identification.analysis.latency import latency_table
-from rpms_ros.identification.analysis.order_choice import OrderChoice
-from rpms_ros.identification.analysis.order_choice import choose_order
-from rpms_ros.identification.analysis.order_choice import signal_to_noise
-from rpms_ros.identification.analysis.order_choice import spread
-from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.settings import AnalysisSettings
-from rpms_ros.identification.analysis.twitch_fits import CONSTANT
-from rpms_ros.identification.analysis.twitch_fits import ERROR
-from rpms_ros.identification.analysis.twitch_fits import ONSET
-from rpms_ros.identification.analysis.twitch_fits import PEAK
-from rpms_ros.identification.analysis.twitch_fits import Progress
-from rpms_ros.identification.analysis.twitch_fits import TwitchFits
-from rpms_ros.identification.analysis.twitch_fits import fit_twitches
+from rpms_ros.identification.analysis.latency import LatencyTable, crossing_latency, latency_table
+from rpms_ros.identification.analysis.responses import AnalysisSettings, Response
+from rpms_ros.identification.analysis.twitch_fits import (
+    CONSTANT,
+    ERROR,
+    ONSET,
+    PEAK,
+    OrderChoice,
+    Progress,
+    TwitchFits,
+    choose_order,
+    fit_twitches,
+    signal_to_noise,
+    spread,
+)
 from rpms_ros.identification.analysis.twitch_kernel import shared_fit
 from rpms_ros.pulses import FloatArray
 

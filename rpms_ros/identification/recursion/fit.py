@@ -16,18 +16,16 @@ prior with the variance of the residuals as weight keeps H positive.
 import numba
 import numpy as np
 
-from rpms_ros.identification.levenberg_marquardt import bounded_step
-from rpms_ros.identification.projection.fit import LEAST_ENERGY
-from rpms_ros.identification.projection.fit import Fit
-from rpms_ros.identification.projection.fit import coordinate
-from rpms_ros.identification.projection.problem import PARAMETERS
-from rpms_ros.identification.projection.problem import Prior
-from rpms_ros.identification.projection.theta_step import move_theta
-from rpms_ros.identification.projection.theta_step import room_for_steps
-from rpms_ros.identification.recursion.knots import recruitment_at_knots
-from rpms_ros.identification.recursion.memory import Memory
-from rpms_ros.identification.small_matrix import dot
-from rpms_ros.identification.small_matrix import solve_positive
+from rpms_ros.identification.estimation.gauss_newton import (
+    LEAST_ENERGY,
+    Fit,
+    coordinate,
+    move_theta,
+    room_for_steps,
+)
+from rpms_ros.identification.estimation.settings import PARAMETERS, Prior
+from rpms_ros.identification.model.levenberg_marquardt import bounded_step, dot, solve_positive
+from rpms_ros.identification.recursion.sums import Memory, recruitment_at_knots
 from rpms_ros.pulses import FloatArray
 
 # The variance of the residuals is estimated with a prior value, this share of the mean square of

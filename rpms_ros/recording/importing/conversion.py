@@ -7,21 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.importing.event_lists import SAMPLES
-from rpms_ros.recording.importing.event_lists import stamps_of_numbers
-from rpms_ros.recording.importing.gates import GateSettings
-from rpms_ros.recording.importing.gates import gate_pulses
+from rpms_ros.pulses import (
+    MAGNETIC_PULSE_WIDTH,
+    NANOSECONDS_PER_SECOND,
+    FloatArray,
+    ForceTrace,
+    IntArray,
+    PulseTrain,
+)
+from rpms_ros.recording.importing.event_lists import SAMPLES, stamps_of_numbers
+from rpms_ros.recording.importing.gates import GateSettings, gate_pulses
 from rpms_ros.recording.importing.guess import Guess
-from rpms_ros.recording.importing.signals import SENSOR_UNITS
-from rpms_ros.recording.importing.signals import TIME_UNITS
-from rpms_ros.recording.importing.signals import Signal
-from rpms_ros.recording.importing.signals import SignalFile
+from rpms_ros.recording.importing.signals import SENSOR_UNITS, TIME_UNITS, Signal, SignalFile
 
 # No muscle shows a pulse for longer.
 _ACTS_NS = 3 * NANOSECONDS_PER_SECOND // 2

@@ -9,12 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
-from rpms_ros.recording.importing.signals import TIME_UNITS
-from rpms_ros.recording.importing.signals import Ambiguous
-from rpms_ros.recording.importing.signals import Signal
-from rpms_ros.recording.importing.signals import usual_unit
+from rpms_ros.pulses import FloatArray, IntArray
+from rpms_ros.recording.importing.signals import TIME_UNITS, Ambiguous, Signal, usual_unit
 
 SAMPLES = 'samples'
 LIST_UNITS = (*TIME_UNITS, SAMPLES)

@@ -9,10 +9,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing.signals import Signal
-from rpms_ros.recording.importing.signals import SignalFile
-from rpms_ros.recording.importing.signals import needed
-from rpms_ros.recording.importing.signals import unit_of
+from rpms_ros.recording.importing.signals import Signal, SignalFile, needed, unit_of
 from rpms_ros.recording.importing.text import header
 
 # A sheet has a million rows at most: of a few columns about a hundred megabytes of XML [bytes].

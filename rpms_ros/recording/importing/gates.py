@@ -10,12 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.importing.signals import Ambiguous
-from rpms_ros.recording.importing.signals import Signal
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
+from rpms_ros.recording.importing.signals import Ambiguous, Signal
 
 BoolArray = npt.NDArray[np.bool_]
 

@@ -3,34 +3,34 @@
 """Which signal is time, force and gate, and in which units: guessed, shown, decided by options."""
 
 import re
-from collections.abc import Collection
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rpms_ros.axis import FORCE
-from rpms_ros.axis import TORQUE
+from rpms_ros.axis import FORCE, TORQUE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
-from rpms_ros.recording.importing.event_lists import LIST_UNITS
-from rpms_ros.recording.importing.event_lists import described
-from rpms_ros.recording.importing.event_lists import list_unit
-from rpms_ros.recording.importing.event_lists import lists_beside
-from rpms_ros.recording.importing.event_lists import refuse_other_lengths
-from rpms_ros.recording.importing.event_lists import rises
-from rpms_ros.recording.importing.event_lists import sampled_like
-from rpms_ros.recording.importing.gates import GateSettings
-from rpms_ros.recording.importing.gates import gate_told
-from rpms_ros.recording.importing.gates import has_two_levels
-from rpms_ros.recording.importing.signals import SENSOR_UNITS
-from rpms_ros.recording.importing.signals import TIME_OF_DAY
-from rpms_ros.recording.importing.signals import TIME_UNITS
-from rpms_ros.recording.importing.signals import TORQUE_UNITS
-from rpms_ros.recording.importing.signals import Ambiguous
-from rpms_ros.recording.importing.signals import Signal
-from rpms_ros.recording.importing.signals import SignalFile
-from rpms_ros.recording.importing.signals import usual_unit
+from rpms_ros.recording.importing.event_lists import (
+    LIST_UNITS,
+    described,
+    list_unit,
+    lists_beside,
+    refuse_other_lengths,
+    rises,
+    sampled_like,
+)
+from rpms_ros.recording.importing.gates import GateSettings, gate_told, has_two_levels
+from rpms_ros.recording.importing.signals import (
+    SENSOR_UNITS,
+    TIME_OF_DAY,
+    TIME_UNITS,
+    TORQUE_UNITS,
+    Ambiguous,
+    Signal,
+    SignalFile,
+    usual_unit,
+)
 
 _TIME = re.compile(r'\b(t|time|zeit|temps|tiempo|timestamps?|seconds|sec)\b|time', re.IGNORECASE)
 _FORCE = re.compile(

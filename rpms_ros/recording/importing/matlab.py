@@ -3,8 +3,7 @@
 """MATLAB files: vectors and columns of matrices, in structures too; version 5 and 7.3 (HDF5)."""
 
 import zlib
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,16 +11,17 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.budget import LEAST
-from rpms_ros.recording.budget import PER_BYTE
-from rpms_ros.recording.exporting.reading import by_scipy
-from rpms_ros.recording.importing.signals import Events
-from rpms_ros.recording.importing.signals import Signal
-from rpms_ros.recording.importing.signals import SignalFile
-from rpms_ros.recording.importing.signals import as_samples
-from rpms_ros.recording.importing.signals import needed
-from rpms_ros.recording.importing.signals import unit_of
-from rpms_ros.recording.importing.signals import unlike
+from rpms_ros.recording.export.reading import by_scipy
+from rpms_ros.recording.importing.signals import (
+    Events,
+    Signal,
+    SignalFile,
+    as_samples,
+    needed,
+    unit_of,
+    unlike,
+)
+from rpms_ros.recording.rosbag.records import LEAST, PER_BYTE
 
 _HDF5 = b'\x89HDF'
 _RATES = ('fs', 'samplerate', 'samplingrate', 'sampling_rate', 'sample_rate', 'rate', 'srate')

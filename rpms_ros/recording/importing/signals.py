@@ -3,10 +3,8 @@
 """What a file of a laboratory holds: signals with names and units, and times of events."""
 
 import re
-from collections.abc import Callable
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 

@@ -4,20 +4,21 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
-from rpms_ros.recording.importing.signals import TIME_OF_DAY
-from rpms_ros.recording.importing.signals import Events
-from rpms_ros.recording.importing.signals import Signal
-from rpms_ros.recording.importing.signals import SignalFile
-from rpms_ros.recording.importing.signals import unit_of
-from rpms_ros.recording.importing.signals import unlike
+from rpms_ros.recording.importing.signals import (
+    TIME_OF_DAY,
+    Events,
+    Signal,
+    SignalFile,
+    unit_of,
+    unlike,
+)
 
 _MARKS = {
     b'\xef\xbb\xbf': 'utf-8-sig',

@@ -2,39 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """One file of a laboratory as pulses and force: read, guessed, converted."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from dataclasses import dataclass
-from dataclasses import fields
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from rpms_ros.axis import FORCE
-from rpms_ros.axis import QUANTITIES
+from rpms_ros.axis import FORCE, QUANTITIES
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording.exporting import is_export
-from rpms_ros.recording.exporting import read_export
-from rpms_ros.recording.files import READERS
-from rpms_ros.recording.importing.conversion import ImportChoices
-from rpms_ros.recording.importing.conversion import converted
-from rpms_ros.recording.importing.conversion import stamps_of
+from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
+from rpms_ros.recording.export import is_export, read_export
+from rpms_ros.recording.importing.conversion import ImportChoices, converted, stamps_of
 from rpms_ros.recording.importing.excel import read_excel
-from rpms_ros.recording.importing.gates import GateSettings
-from rpms_ros.recording.importing.gates import heights_told
-from rpms_ros.recording.importing.gates import odd_gate
-from rpms_ros.recording.importing.gates import values_at
-from rpms_ros.recording.importing.guess import Guess
-from rpms_ros.recording.importing.guess import guessed
+from rpms_ros.recording.importing.gates import GateSettings, heights_told, odd_gate, values_at
+from rpms_ros.recording.importing.guess import Guess, guessed
 from rpms_ros.recording.importing.matlab import read_matlab
 from rpms_ros.recording.importing.signals import SignalFile
-from rpms_ros.recording.importing.text import read_text
-from rpms_ros.recording.importing.text import unused
+from rpms_ros.recording.importing.text import read_text, unused
 from rpms_ros.recording.importing.xdf import read_xdf
+from rpms_ros.recording.rosbag.files import READERS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,11 +9,7 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing.signals import Events
-from rpms_ros.recording.importing.signals import Signal
-from rpms_ros.recording.importing.signals import SignalFile
-from rpms_ros.recording.importing.signals import needed
-from rpms_ros.recording.importing.signals import unlike
+from rpms_ros.recording.importing.signals import Events, Signal, SignalFile, needed, unlike
 
 
 def read_xdf(path: Path) -> SignalFile:

@@ -1,30 +1,196 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A report as one HTML page with style, script, figures and data inside."""
+"""A report as one HTML page with style, script, figures and data inside.
 
+Force traces for zooming: the whole session as envelopes, parts of it sample by sample.
+
+A page has to stay small enough to be sent: an hour at 1 kHz is 3.6 million samples.  Where all of
+them do not fit, the envelope shows every extreme, and three windows show every sample.
+
+HTML pages out of templates, with all that they show inside: the extra rpms_ros[report].
+"""
+
+import base64
 import json
-from datetime import UTC
-from datetime import datetime
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import numpy as np
+import numpy.typing as npt
 
 from rpms_ros.axis import QUANTITIES
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.report.named import label
-from rpms_ros.report.named import recruitment_shown
-from rpms_ros.report.named import shown
+from rpms_ros.identification import IdentifiedSession
+from rpms_ros.identification.session import settled
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.report.session.analysis import SessionAnalysis
 from rpms_ros.report.session.dose import TRAIN_GAP
-from rpms_ros.report.session.figures import OF_THE_ESTIMATOR
-from rpms_ros.report.session.figures import as_svg
-from rpms_ros.report.session.figures import names_of
-from rpms_ros.report.session.traces import force_traces
-from rpms_ros.report.templates import image_url
-from rpms_ros.report.templates import page_template
-from rpms_ros.report.templates import shipped
-from rpms_ros.report.text import with_interval
+from rpms_ros.report.session.figures import OF_THE_ESTIMATOR, as_svg, names_of
+from rpms_ros.report.text import label, recruitment_shown, shown, with_interval
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+    from markupsafe import Markup
+
+MOST_SAMPLES = 50_000
+"""Up to so many samples are kept one by one."""
+ENVELOPE_BINS = 4000
+WINDOW = 10.0
+"""Length of a window that is kept sample by sample [s]."""
+_MOST_IN_WINDOW = 10_000
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of a session that is kept sample by sample.
+
+    Attributes
+    ----------
+    label : str
+        What it shows.
+    first, last : int
+        Slice of the samples.
+    """
+
+    label: str
+    first: int
+    last: int
+
+
+def windows_of(session: IdentifiedSession) -> list[Window]:
+    """Return the parts of a session that are kept sample by sample."""
+    count = len(session.stamp_ns)
+    if count <= MOST_SAMPLES:
+        return [Window('whole session', 0, count)]
+    period = (session.stamp_ns[-1] - session.stamp_ns[0]) / (count - 1) / NANOSECONDS_PER_SECOND
+    length = min(_MOST_IN_WINDOW, count, max(2, round(WINDOW / period)))
+    return [
+        Window('start', 0, length),
+        _worst(session, length),
+        Window('end', count - length, count),
+    ]
+
+
+def force_traces(session: IdentifiedSession) -> dict[str, Any]:
+    """Return the traces as JSON takes them: arrays are little-endian float32 in base 64.
+
+    Times are in s after the first sample (`start` of a window, plus `time` within it), forces
+    in N; NaN where there is no prediction yet.
+    """
+    elapsed = (session.stamp_ns - session.stamp_ns[0]) / NANOSECONDS_PER_SECOND
+    traces: dict[str, Any] = {
+        'end': float(elapsed.max()),
+        'residual_limit': _residual_limit(session),
+        'unit': session.last.unit,
+        'quantity': QUANTITIES[session.last.unit],
+        'windows': [_window(session, elapsed, window) for window in windows_of(session)],
+    }
+    if len(elapsed) > MOST_SAMPLES:
+        traces['envelope'] = _envelope(session, elapsed)
+    return traces
+
+
+def _residual_limit(session: IdentifiedSession) -> float | None:
+    """Return the height of the residual's axis [N], None to let the plot choose.
+
+    Before an estimator has settled, residuals are as large as the force: they would flatten the
+    rest, and may leave the plot.
+    """
+    kept = settled(session.stamp_ns) & session.usable
+    if not kept.any():
+        return None
+    largest = float(np.abs(session.force - session.prediction)[kept].max())
+    return 1.1 * largest if largest > 0.0 else None
+
+
+def _worst(session: IdentifiedSession, length: int) -> Window:
+    """Return the window with the largest mean square of the residual, past the first fifth."""
+    square = np.where(session.usable, (session.force - session.prediction) ** 2, 0.0)
+    total = np.concatenate([[0.0], np.cumsum(square)])
+    energy = total[length:] - total[:-length]
+    # The start, before the estimator has settled, is always the worst and has its own window.
+    begin = min(len(square) // 5, len(energy) - 1)
+    first = begin + int(np.argmax(energy[begin:]))
+    return Window('largest residual', first, first + length)
+
+
+def _window(session: IdentifiedSession, elapsed: FloatArray, window: Window) -> dict[str, Any]:
+    part = slice(window.first, window.last)
+    start = float(elapsed[window.first])
+    return {
+        'label': window.label,
+        'start': start,
+        'time': encoded(elapsed[part] - start),
+        'measured': encoded(session.force[part]),
+        'modelled': encoded(session.shown_prediction[part]),
+    }
+
+
+def _envelope(session: IdentifiedSession, elapsed: FloatArray) -> dict[str, Any]:
+    """Return minimum and maximum, one after the other, of runs of equally many samples."""
+    starts = np.unique(np.linspace(0, len(elapsed), ENVELOPE_BINS, endpoint=False).astype(int))
+    middles = (starts + np.append(starts[1:], len(elapsed))) // 2
+    series = {
+        'measured': session.force,
+        'modelled': session.shown_prediction,
+        'residual': session.force - session.shown_prediction,
+    }
+    extremes = {
+        name: [np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)]
+        for name, values in series.items()
+    }
+    columns = {'time': [elapsed[starts], elapsed[middles]], **extremes}
+    return {name: encoded(np.stack(pair, axis=1).ravel()) for name, pair in columns.items()}
+
+
+def encoded(values: npt.NDArray[Any]) -> str:
+    """Return numbers as little-endian float32 in base 64."""
+    return base64.b64encode(np.asarray(values, dtype='<f4').tobytes()).decode('ascii')
+
+
+# What need not be escaped in a data URL; base64 would be longer.
+_KEPT = " !$&'()*+,/:;=?@\n"
+
+
+def page_template(folder: Path, **filters: Callable[..., str]) -> 'Template':
+    """Return the template ``page.html`` of a folder, of jinja2, which escapes every text.
+
+    Parameters
+    ----------
+    folder : Path
+        Beside the templates that pages share.
+    **filters : callable
+        By the names that the template calls them.
+    """
+    # figures are drawn without it
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader([folder, Path(__file__).parent]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies['json.dumps_kwargs'] = {'allow_nan': False}
+    environment.filters |= filters
+    return environment.get_template('page.html')
+
+
+def shipped(path: Path) -> 'Markup':
+    """Return a style or script of the package as text that is not escaped."""
+    from markupsafe import Markup
+
+    return Markup(path.read_text(encoding='utf-8'))
+
+
+def image_url(svg: bytes) -> str:
+    """Return a figure as a URL that holds it."""
+    return f'data:image/svg+xml,{quote(svg, safe=_KEPT)}'
+
 
 UNKNOWN = 'not known'
 # The year 2000: stamps before are those of a clock that began with the machine or the trial.

@@ -1,6 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's end of a serial line that a guard holds."""
+"""The driver's end of a serial line that a guard holds.
+
+A descriptor that several threads hold and none of them closes while another uses it.
+"""
 
 import contextlib
 import os
@@ -13,21 +16,32 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import rpms_ros.guard
-from rpms_ros.guard import packets
-from rpms_ros.guard import rapid2
-from rpms_ros.guard.line import LineError
-from rpms_ros.guard.line import write_silence
+from rpms_ros.guard import packets, rapid2
+from rpms_ros.guard.line import LineError, write_silence
 from rpms_ros.guard.packets import Packet
-from rpms_ros.guard.port import open_port
-from rpms_ros.guard.port import release_port
+from rpms_ros.guard.port import open_port, release_port
 from rpms_ros.guard.relay import GuardLimits
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation.devices.descriptor import Descriptor
-from rpms_ros.stimulation.devices.interface import DeviceError
+from rpms_ros.stimulation.devices.registry import DeviceError
+
+
+class Descriptor:
+    """A descriptor that is closed when no thread holds it any more.
+
+    `silence` uses one while another thread closes the line: without a lock, which it would have
+    to wait for, it must not write to a number that meanwhile stands for something else.
+    """
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+    def __del__(self) -> None:
+        with contextlib.suppress(OSError):
+            os.close(self.number)
+
 
 _SECOND = 1_000_000_000
 # A process has to start, on a machine that may be busy.

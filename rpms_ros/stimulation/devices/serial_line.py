@@ -20,13 +20,15 @@ from rpms_ros.guard.rapid2 import wire_s
 from rpms_ros.guard.relay import GuardLimits
 from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.guarded_line import GuardedLine
-from rpms_ros.stimulation.devices.interface import Delivery
-from rpms_ros.stimulation.devices.interface import DeviceError
-from rpms_ros.stimulation.devices.interface import DeviceStatus
-from rpms_ros.stimulation.devices.interface import Shares
-from rpms_ros.stimulation.devices.interface import TooLate
-from rpms_ros.stimulation.devices.interface import quantized_down
-from rpms_ros.stimulation.devices.registry import DeviceOptions
+from rpms_ros.stimulation.devices.registry import (
+    Delivery,
+    DeviceError,
+    DeviceOptions,
+    DeviceStatus,
+    Shares,
+    TooLate,
+    quantized_down,
+)
 
 _SECOND = 1_000_000_000
 _FOREVER_S = 1e6

@@ -11,17 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation.devices.interface import Delivery
-from rpms_ros.stimulation.devices.interface import DeviceError
-from rpms_ros.stimulation.devices.interface import DeviceStatus
-from rpms_ros.stimulation.devices.interface import Shares
-from rpms_ros.stimulation.devices.interface import TooLate
-from rpms_ros.stimulation.devices.interface import quantized_down
-from rpms_ros.stimulation.devices.registry import DeviceOptions
-from rpms_ros.stimulation.fields import Bound
-from rpms_ros.stimulation.fields import bounded
-from rpms_ros.stimulation.fields import check_bounds
-from rpms_ros.stimulation.fields import share
+from rpms_ros.stimulation.devices.registry import (
+    Delivery,
+    DeviceError,
+    DeviceOptions,
+    DeviceStatus,
+    Shares,
+    TooLate,
+    quantized_down,
+)
+from rpms_ros.stimulation.schedule.fields import Bound, bounded, check_bounds, share
 
 _SECONDS = Bound(0.0, 60.0, 's')
 # A device that listens every 0.5 s allows one message to be lost.

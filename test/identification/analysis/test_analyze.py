@@ -8,18 +8,12 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis import AnalysisSettings
-from rpms_ros.identification.analysis import analyze
-from rpms_ros.identification.analysis.simulated import SensorShares
-from rpms_ros.identification.analysis.simulated import simulated_force
-from rpms_ros.identification.analysis.twitch_fits import CONSTANT
-from rpms_ros.identification.analysis.twitch_fits import ONSET
+from rpms_ros.identification.analysis import AnalysisSettings, analyze
+from rpms_ros.identification.analysis.simulated import SensorShares, simulated_force
+from rpms_ros.identification.analysis.twitch_fits import CONSTANT, ONSET
 from rpms_ros.muscle import average_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.stimulation.analysis_protocols import recruitment
-from rpms_ros.stimulation.analysis_protocols import trains
-from rpms_ros.stimulation.analysis_protocols import twitches
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.stimulation.schedule.protocols import recruitment, trains, twitches
 
 SUBJECT = average_subject()
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.analysis.artifact import find_artifacts
-from rpms_ros.identification.analysis.artifact import near_pulses
-from rpms_ros.identification.analysis.artifact import without_artifacts
-from rpms_ros.identification.analysis.cleaning import clean
-from rpms_ros.identification.analysis.simulated import SensorShares
-from rpms_ros.identification.analysis.simulated import simulated_force
+from rpms_ros.identification.analysis.responses import (
+    clean,
+    find_artifacts,
+    near_pulses,
+    without_artifacts,
+)
+from rpms_ros.identification.analysis.simulated import SensorShares, simulated_force
 from rpms_ros.muscle import average_subject
 from rpms_ros.pulses import PulseTrain
 

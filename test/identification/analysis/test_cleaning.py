@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis.cleaning import clean
+from rpms_ros.identification.analysis.responses import clean
 from rpms_ros.pulses import ForceTrace
 
 MILLISECOND = 1_000_000

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification.analysis import analyze
-from rpms_ros.identification.analysis.dynamics import TrainDynamics
-from rpms_ros.identification.analysis.dynamics import train_dynamics
-from rpms_ros.identification.analysis.force_onset import force_onset
+from rpms_ros.identification.analysis.dynamics import TrainDynamics, train_dynamics
+from rpms_ros.identification.analysis.latency import force_onset
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.muscle import twitch
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording.importing import read_csv
 
 FOLDER = Path(os.environ.get('RPMS_RECORDINGS', Path(__file__).parents[3] / '../shared/data'))

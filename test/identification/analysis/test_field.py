@@ -4,18 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis import field_model
-from rpms_ros.identification.analysis.field_fit import fit_field
-from rpms_ros.identification.analysis.monotone import rising
-from rpms_ros.identification.analysis.monotone import rising_product
-from rpms_ros.identification.analysis.steady import SteadyPoint
-from rpms_ros.muscle import RecruitmentField
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import random_subject
+from rpms_ros.identification.analysis import recruitment_field
+from rpms_ros.identification.analysis.recruitment_field import (
+    SteadyPoint,
+    fit_field,
+    rising,
+    rising_product,
+)
+from rpms_ros.muscle import RecruitmentField, average_subject, random_subject
 
 LEVELS = np.linspace(0.0, 1.0, 21)
 RATES = np.array([15.0, 19.0, 23.0, 27.0, 31.0, 35.0])
@@ -63,13 +62,15 @@ def test_a_product_of_rising_factors_is_found():
 
 
 def test_the_model_is_the_field_of_the_muscle():
-    theta = field_model.CENTRE
-    by_intensity, by_rate = field_model.as_recruitment(theta)
+    theta = recruitment_field.CENTRE
+    by_intensity, by_rate = recruitment_field.as_recruitment(theta)
     u, f = np.meshgrid(LEVELS, RATES)
-    factors = field_model.intensity_factor(theta, u) * field_model.rate_factor(theta, f)
+    factors = recruitment_field.intensity_factor(theta, u) * recruitment_field.rate_factor(
+        theta, f
+    )
     assert np.allclose(RecruitmentField(by_intensity, by_rate)(u, f), factors)
-    assert field_model.intensity_factor(theta, np.array([0.0, 1.0])) == pytest.approx([0, 1])
-    assert field_model.rate_factor(theta, np.array([20.0])) == pytest.approx([1.0])
+    assert recruitment_field.intensity_factor(theta, np.array([0.0, 1.0])) == pytest.approx([0, 1])
+    assert recruitment_field.rate_factor(theta, np.array([20.0])) == pytest.approx([1.0])
 
 
 def test_table_3_is_found_in_its_own_field():

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.analysis.latency import crossing_latency
-from rpms_ros.identification.analysis.latency import latency_table
+from rpms_ros.identification.analysis.latency import crossing_latency, latency_table
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.muscle import twitch
 

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_ros.identification.analysis.onset import crossing_onset
-from rpms_ros.identification.analysis.onset import smoothed
+from rpms_ros.identification.analysis.latency import crossing_onset, smoothed
 from rpms_ros.muscle import twitch
 
 LAG = np.arange(-0.05, 0.4, 1e-3)

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.analysis.order_choice import choose_order
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.twitch_fits import CONSTANT
-from rpms_ros.identification.analysis.twitch_fits import CONSTANT_SD
-from rpms_ros.identification.analysis.twitch_fits import ONSET
-from rpms_ros.identification.analysis.twitch_fits import ONSET_SD
-from rpms_ros.identification.analysis.twitch_fits import PEAK
-from rpms_ros.identification.analysis.twitch_fits import fit_twitches
+from rpms_ros.identification.analysis.twitch_fits import (
+    CONSTANT,
+    CONSTANT_SD,
+    ONSET,
+    ONSET_SD,
+    PEAK,
+    choose_order,
+    fit_twitches,
+)
 from rpms_ros.muscle import twitch
 
 ORDERS = (2, 3, 4)

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_ros.identification.analysis.segmentation import Kind
-from rpms_ros.identification.analysis.segmentation import groups_of
-from rpms_ros.identification.analysis.segmentation import in_order
+from rpms_ros.identification.analysis.responses import Kind, groups_of, in_order
 from rpms_ros.pulses import PulseTrain
 
 REST = 0.4

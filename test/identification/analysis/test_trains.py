@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.analysis.history_fit import fit_history
-from rpms_ros.identification.analysis.history_fit import fit_with_law
-from rpms_ros.identification.analysis.history_law import TrainLaw
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.summation import analyze_trains
-from rpms_ros.identification.analysis.train_model import fit_equal
-from rpms_ros.identification.analysis.train_model import fit_gains
-from rpms_ros.identification.analysis.train_model import fit_percent
+from rpms_ros.identification.analysis.trains import (
+    TrainLaw,
+    fit_equal,
+    fit_gains,
+    fit_history,
+    fit_percent,
+    fit_with_law,
+)
 from rpms_ros.muscle import twitch
 
 LATENCY, CONSTANT = 0.0105, 0.030

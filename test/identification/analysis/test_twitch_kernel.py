@@ -2,14 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from rpms_ros.identification.analysis.twitch_kernel import coarse_start
-from rpms_ros.identification.analysis.twitch_kernel import linear_parts
-from rpms_ros.identification.analysis.twitch_kernel import shared_fit
-from rpms_ros.identification.twitch_shape import twitch_row
+from rpms_ros.identification.analysis.twitch_kernel import coarse_start, linear_parts, shared_fit
+from rpms_ros.identification.model.physiology import twitch_row
 from rpms_ros.muscle import twitch
 
 LAG = np.arange(-0.05, 0.5, 1e-3)

@@ -7,15 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.identification.constancy.answer import FOLLOWER
-from rpms_ros.identification.constancy.answer import change_over
-from rpms_ros.identification.constancy.answer import is_mixture
-from rpms_ros.identification.tracking.estimator import TrackingEstimator
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import IdentifiedSession, estimator_by_name, identify
+from rpms_ros.identification.estimation.tracking import TrackingEstimator
+from rpms_ros.identification.quality.stationarity import FOLLOWER, change_over, is_mixture
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 
 @pytest.fixture(scope='module')

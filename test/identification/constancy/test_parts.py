@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.constancy.parts import is_constant
-from rpms_ros.identification.constancy.parts import unexplained
-from rpms_ros.identification.plausibility import NO_CONSTANT_MUSCLE
-from rpms_ros.identification.plausibility import REASON
+from rpms_ros.identification.estimation.batch import is_constant, unexplained
+from rpms_ros.identification.stream.doubts import NO_CONSTANT_MUSCLE, REASON
 
 pytestmark = pytest.mark.long
 

@@ -8,10 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from rpms_ros.identification.estimate import CURVE_INTENSITY
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.identification.model.estimate import CURVE_INTENSITY
+from rpms_ros.muscle import Contraction, Subject, simulation_subject
 from rpms_ros.pulses import PulseTrain
 
 

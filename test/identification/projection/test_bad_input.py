@@ -7,12 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rpms_ros.identification.batch import BatchEstimator
-from rpms_ros.identification.estimate import CONVERGED
-from rpms_ros.identification.estimate import NOT_INFORMED
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.estimation.batch import BatchEstimator
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
+from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.estimate import CONVERGED, NOT_INFORMED
 
 SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
 BOTH = pytest.mark.parametrize('kind', [BatchEstimator, HorizonEstimator])

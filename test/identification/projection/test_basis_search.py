@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import Estimate
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.batch import BatchEstimator
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.basis_search import basis_at
-from rpms_ros.identification.projection.sample_record import SampleRecord
+from rpms_ros.identification import Estimate, estimator_by_name
+from rpms_ros.identification.estimation.batch import BatchEstimator, SampleRecord, basis_at
+from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 

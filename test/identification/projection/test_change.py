@@ -20,20 +20,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.identification import horizon
-from rpms_ros.identification.estimate import CONVERGED
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.arrival_cost import disagreement_limit
-from rpms_ros.identification.projection.arrival_cost import forget
-from rpms_ros.identification.projection.arrival_cost import marginalize
-from rpms_ros.identification.projection.arrival_cost import reduce_contradiction
-from rpms_ros.identification.projection.fit import empty_fit
-from rpms_ros.identification.projection.fit import fit_linear
-from rpms_ros.identification.projection.problem import PARAMETERS
-from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import identified_recruitment
+from rpms_ros.identification.estimation import horizon
+from rpms_ros.identification.estimation.gauss_newton import empty_fit, fit_linear
+from rpms_ros.identification.estimation.horizon import (
+    HorizonEstimator,
+    disagreement_limit,
+    forget,
+    marginalize,
+    reduce_contradiction,
+)
+from rpms_ros.identification.estimation.settings import PARAMETERS, ProjectionSettings
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.estimate import CONVERGED
+from rpms_ros.muscle import RecruitmentParameters, identified_recruitment
 
 SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
 SECOND = 1000

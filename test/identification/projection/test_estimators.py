@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.batch import BatchEstimator
-from rpms_ros.identification.estimate import CONVERGED
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import average_subject
+from rpms_ros.identification.estimation.batch import BatchEstimator
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
+from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.estimate import CONVERGED
+from rpms_ros.muscle import Contraction, RecruitmentParameters, average_subject
 
 BOTH = pytest.mark.parametrize('kind', [BatchEstimator, HorizonEstimator])
 SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.identification.batch import BatchEstimator
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.fit import fit_linear
-from rpms_ros.identification.projection.settings import ProjectionSettings
+from rpms_ros.identification.estimation.batch import BatchEstimator
+from rpms_ros.identification.estimation.gauss_newton import fit_linear
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
+from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.session import identify
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 SETTINGS = ProjectionSettings(basis=LaguerreBasis(7, 38e-3, 0.0))
 SECOND_NS = 1_000_000_000

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification.projection.missing_area import ResidualSums
-from rpms_ros.identification.projection.uncertainty import residual_spread
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.identification.estimation.uncertainty import ResidualSums, residual_spread
+from rpms_ros.muscle import Contraction, simulation_subject
 
 NOISE = 0.05
 # Cells of 0.1 s with one pulse each, sampled at 1 kHz.

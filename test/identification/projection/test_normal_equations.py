@@ -5,14 +5,11 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.projection.normal_equations import gradient_pass
-from rpms_ros.identification.projection.normal_equations import linear_pass
-from rpms_ros.identification.projection.problem import PARAMETERS
-from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.muscle import RecruitmentParameters
-from rpms_ros.muscle import identified_recruitment
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
+from rpms_ros.identification.estimation.normal_equations import gradient_pass, linear_pass
+from rpms_ros.identification.estimation.settings import PARAMETERS, ProjectionSettings
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.muscle import RecruitmentParameters, identified_recruitment
 
 THETA = np.array([0.5, 0.9, 6.0, 5.0])
 BASIS = LaguerreBasis(5, 38e-3, 3.3e-3)

@@ -5,17 +5,14 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.batch import BatchEstimator
-from rpms_ros.identification.estimate import CONVERGED
-from rpms_ros.identification.estimate import INFORMED
-from rpms_ros.identification.estimate import NOT_INFORMED
-from rpms_ros.identification.horizon import HorizonEstimator
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.projection.identifiability import identifiability
-from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.identification.estimation.batch import BatchEstimator
+from rpms_ros.identification.estimation.horizon import HorizonEstimator
+from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.estimation.uncertainty import identifiability
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.estimate import CONVERGED, INFORMED, NOT_INFORMED
+from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
+from rpms_ros.muscle import Subject, simulation_subject
 
 pytestmark = pytest.mark.long
 

@@ -7,13 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rpms_ros.identification import CURVE_INTENSITY
-from rpms_ros.identification import ExactRecursion
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import Subject
-from rpms_ros.muscle import average_subject
-from rpms_ros.pulses import FloatArray
-from rpms_ros.pulses import IntArray
+from rpms_ros.identification import CURVE_INTENSITY, ExactRecursion
+from rpms_ros.muscle import Contraction, Subject, average_subject
+from rpms_ros.pulses import FloatArray, IntArray
 
 RATE = 20.0
 

@@ -8,19 +8,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import CONVERGED
-from rpms_ros.identification import NOT_INFORMED
-from rpms_ros.identification import PEOPLE
-from rpms_ros.identification import ExactRecursion
-from rpms_ros.identification import ExactRecursionSettings
-from rpms_ros.identification.recursion.change import ChangeTest
-from rpms_ros.muscle import average_subject
-from rpms_ros.muscle import simulation_subject
+from rpms_ros.identification import (
+    CONVERGED,
+    NOT_INFORMED,
+    PEOPLE,
+    ExactRecursion,
+    ExactRecursionSettings,
+)
+from rpms_ros.identification.recursion.change_detection import ChangeTest
+from rpms_ros.muscle import average_subject, simulation_subject
 
 
 def test_random_intensities_show_the_curve_within_ten_seconds(session) -> None:

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import ExactRecursion
-from rpms_ros.identification.recursion.memory import empty_memory
-from rpms_ros.identification.recursion.memory import sums_of
-from rpms_ros.identification.recursion.memory import without
+from rpms_ros.identification.recursion.sums import empty_memory, sums_of, without
 
 CHANGED_S = 40
 # bench/recursion_people.py: all are named, and the curve is back, within a second.

@@ -5,13 +5,13 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.recursion.knots import KNOTS
-from rpms_ros.identification.recursion.knots import interpolate
-from rpms_ros.identification.recursion.knots import recruitment_at_knots
+from rpms_ros.identification.recursion.sums import KNOTS, interpolate, recruitment_at_knots
 from rpms_ros.muscle import random_subject
-from rpms_ros.muscle.identified_form import RecruitmentParameters
-from rpms_ros.muscle.identified_form import identified_recruitment
-from rpms_ros.muscle.identified_form import identified_recruitment_with_gradient
+from rpms_ros.muscle.recruitment import (
+    RecruitmentParameters,
+    identified_recruitment,
+    identified_recruitment_with_gradient,
+)
 
 INTENSITY = np.linspace(0.0, 1.0, 301)
 

@@ -5,22 +5,22 @@
 import numpy as np
 
 from rpms_ros.identification import LaguerreBasis
-from rpms_ros.identification.projection.block_statistics import newest
-from rpms_ros.identification.projection.fit import empty_fit
-from rpms_ros.identification.projection.settings import ProjectionSettings
-from rpms_ros.identification.recursion.fit import equations
-from rpms_ros.identification.recursion.fit import evaluate
-from rpms_ros.identification.recursion.intake import begin_block
-from rpms_ros.identification.recursion.intake import fresh_prediction_state
-from rpms_ros.identification.recursion.intake import take
-from rpms_ros.identification.recursion.knots import KNOTS
-from rpms_ros.identification.recursion.knots import interpolate
-from rpms_ros.identification.recursion.memory import Memory
-from rpms_ros.identification.recursion.memory import add_block
-from rpms_ros.identification.recursion.memory import empty_memory
-from rpms_ros.identification.recursion.memory import let_baseline_drift
-from rpms_ros.muscle.identified_form import RecruitmentParameters
-from rpms_ros.muscle.identified_form import identified_recruitment
+from rpms_ros.identification.estimation.blocks import newest
+from rpms_ros.identification.estimation.gauss_newton import empty_fit
+from rpms_ros.identification.estimation.settings import ProjectionSettings
+from rpms_ros.identification.recursion.fit import equations, evaluate
+from rpms_ros.identification.recursion.sums import (
+    KNOTS,
+    Memory,
+    add_block,
+    begin_block,
+    empty_memory,
+    fresh_prediction_state,
+    interpolate,
+    let_baseline_drift,
+    take,
+)
+from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 
 BASIS = LaguerreBasis(3, 38e-3, 0.0)
 RATE = 2.0 / BASIS.time_constant

@@ -5,15 +5,17 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.laguerre import LaguerreBasis
-from rpms_ros.identification.tracking.assembly import SLOPES
-from rpms_ros.identification.tracking.assembly import Point
-from rpms_ros.identification.tracking.assembly import assembled
-from rpms_ros.identification.tracking.assembly import disturbance_at
-from rpms_ros.identification.tracking.assembly import eliminated
-from rpms_ros.identification.tracking.intervals import empty_intervals
-from rpms_ros.identification.tracking.stretching import slowed
-from rpms_ros.identification.tracking.stretching import stretched
+from rpms_ros.identification.estimation.window_equations import (
+    SLOPES,
+    Point,
+    assembled,
+    disturbance_at,
+    eliminated,
+    empty_intervals,
+    slowed,
+    stretched,
+)
+from rpms_ros.identification.model.basis import LaguerreBasis
 
 FUNCTIONS, INTERVALS, SAMPLES, KNOTS = 6, 9, 40, 2
 LOCAL = 4 + FUNCTIONS

@@ -4,8 +4,7 @@
 
 import numpy as np
 
-from rpms_ros.identification.tracking.basis_schedule import BasisSchedule
-from rpms_ros.identification.tracking.basis_schedule import Search
+from rpms_ros.identification.estimation.basis_choice import BasisSchedule, Search
 
 SECOND = 1_000_000_000
 

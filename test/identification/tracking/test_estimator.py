@@ -10,17 +10,13 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import identify
-from rpms_ros.identification.checkpoint import load
-from rpms_ros.identification.checkpoint import save
-from rpms_ros.identification.estimate import CONVERGED
-from rpms_ros.identification.stream import IdentificationStream
-from rpms_ros.identification.tracking import window_fit
-from rpms_ros.identification.tracking.estimator import TrackingEstimator
-from rpms_ros.identification.tracking.settings import TrackingSettings
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification.estimation import window_fit
+from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
+from rpms_ros.identification.model.estimate import CONVERGED
+from rpms_ros.identification.stream.checkpoint import load, save
+from rpms_ros.identification.stream.stream import IdentificationStream
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 pytestmark = pytest.mark.long
 

@@ -3,16 +3,11 @@
 """A sensor that filters its noise: tracking says that it does not know how wrong it is."""
 
 import pytest
-from scipy.signal import butter
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
-from rpms_ros.identification import StreamSettings
-from rpms_ros.identification import estimator_by_name
-from rpms_ros.identification import identify
-from rpms_ros.identification.plausibility import REASON
-from rpms_ros.identification.plausibility import RESIDUALS_ALIKE
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.identification import StreamSettings, estimator_by_name, identify
+from rpms_ros.identification.stream.doubts import REASON, RESIDUALS_ALIKE
+from rpms_ros.pulses import ForceTrace, PulseTrain
 
 pytestmark = pytest.mark.long
 

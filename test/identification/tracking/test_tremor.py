@@ -5,8 +5,7 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.tracking.tremor import Tremor
-from rpms_ros.identification.tracking.tremor import line_in
+from rpms_ros.identification.estimation.tremor import Tremor, line_in
 
 pytestmark = pytest.mark.long
 

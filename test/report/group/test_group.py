@@ -12,13 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpms_ros.report.group import as_group_page
-from rpms_ros.report.group import group_document
-from rpms_ros.report.group.measured import Measured
-from rpms_ros.report.group.measured import change
-from rpms_ros.report.group.measured import spread_of
-from rpms_ros.report.group.page import link
-from rpms_ros.report.group.page import stated
+from rpms_ros.report.group import as_group_page, group_document
+from rpms_ros.report.group.document import Measured, change, spread_of
+from rpms_ros.report.group.page import link, stated
 from rpms_ros.report.session.page import embedded
 
 DAY_NS = 86_400_000_000_000

@@ -10,22 +10,14 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import RecursiveEstimator
-from rpms_ros.muscle import Contraction
-from rpms_ros.muscle import simulation_subject
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
-from rpms_ros.report.identified import IdentificationOptions
-from rpms_ros.report.identified import identified
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.report.recorded import recorded_messages
-from rpms_ros.report.result import result_of
-from rpms_ros.report.session import SessionAnalysis
-from rpms_ros.report.session import analyse
-from rpms_ros.report.session import as_document
-from rpms_ros.report.session import as_page
+from rpms_ros.report.result import IdentificationOptions, identified, result_of
+from rpms_ros.report.session import SessionAnalysis, analyse, as_document, as_page
 from rpms_ros.report.session.analysis import ReportSettings
-from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 START_NS = 1_700_000_000_000_000_000
 

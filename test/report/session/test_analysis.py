@@ -14,24 +14,15 @@ import pytest
 
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import identify
-from rpms_ros.identification.catalogue import ESTIMATORS
-from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
-from rpms_ros.recording import read_recording
-from rpms_ros.recording import write_recording
+from rpms_ros.identification.catalogue import ESTIMATORS, estimator_by_name
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.report import course
-from rpms_ros.report.session import SessionAnalysis
-from rpms_ros.report.session import as_document
-from rpms_ros.report.session import traces
-from rpms_ros.report.session.checklist import ITEMS
-from rpms_ros.report.session.checklist import ITEMS_OF_THE_CONSENSUS
-from rpms_ros.report.session.checklist import checklist_of
-from rpms_ros.report.session.dose import dose_of
-from rpms_ros.report.session.dose import load_of
-from rpms_ros.report.session.held_out import FrozenFrom
-from rpms_ros.report.session.held_out import boundary
-from rpms_ros.stimulation.device_specification import load_device_specification
+from rpms_ros.report.session import SessionAnalysis, as_document, page
+from rpms_ros.report.session.analysis import ITEMS, ITEMS_OF_THE_CONSENSUS, checklist_of
+from rpms_ros.report.session.dose import dose_of, load_of
+from rpms_ros.report.session.residuals import FrozenFrom, boundary
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 START_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
@@ -147,7 +138,7 @@ def decoded(text: str) -> np.ndarray:
 
 
 def test_a_short_session_is_kept_sample_by_sample(analysis: SessionAnalysis) -> None:
-    found: dict[str, Any] = traces.force_traces(analysis.session)
+    found: dict[str, Any] = page.force_traces(analysis.session)
     assert 'envelope' not in found
     (window,) = found['windows']
     # single precision: 24 bits
@@ -165,11 +156,11 @@ def test_before_the_first_prediction_there_is_none(
     late[4000] = 0.0
     session = replace(analysis.session, prediction=late)
     assert np.flatnonzero(np.isnan(session.shown_prediction)).tolist() == list(range(1000))
-    (window,) = traces.force_traces(session)['windows']
+    (window,) = page.force_traces(session)['windows']
     assert np.flatnonzero(np.isnan(decoded(window['modelled']))).tolist() == list(range(1000))
-    monkeypatch.setattr(traces, 'MOST_SAMPLES', 1000)
-    monkeypatch.setattr(traces, 'ENVELOPE_BINS', 50)
-    envelope = traces.force_traces(session)['envelope']
+    monkeypatch.setattr(page, 'MOST_SAMPLES', 1000)
+    monkeypatch.setattr(page, 'ENVELOPE_BINS', 50)
+    envelope = page.force_traces(session)['envelope']
     for name in ('modelled', 'residual'):
         # five bins of 200 samples, a minimum and a maximum each
         assert np.flatnonzero(np.isnan(decoded(envelope[name]))).tolist() == list(range(10))
@@ -179,12 +170,12 @@ def test_before_the_first_prediction_there_is_none(
 def test_of_a_long_session_no_extreme_is_lost(
     analysis: SessionAnalysis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(traces, 'MOST_SAMPLES', 1000)
-    monkeypatch.setattr(traces, 'ENVELOPE_BINS', 50)
-    monkeypatch.setattr(traces, 'WINDOW', 1.0)
+    monkeypatch.setattr(page, 'MOST_SAMPLES', 1000)
+    monkeypatch.setattr(page, 'ENVELOPE_BINS', 50)
+    monkeypatch.setattr(page, 'WINDOW', 1.0)
     force = analysis.session.force.copy()
     force[7321] = 99.0
-    found = traces.force_traces(replace(analysis.session, force=force))
+    found = page.force_traces(replace(analysis.session, force=force))
     low, high = decoded(found['envelope']['measured']).reshape(-1, 2).T
     time = decoded(found['envelope']['time'])
     assert 2 * len(low) == 2 * len(high) == len(time) == 100
@@ -197,7 +188,7 @@ def test_of_a_long_session_no_extreme_is_lost(
     assert np.float32(99.0) in decoded(worst['measured'])
 
 
-@pytest.mark.parametrize('count', [traces.MOST_SAMPLES, 20 * traces.MOST_SAMPLES])
+@pytest.mark.parametrize('count', [page.MOST_SAMPLES, 20 * page.MOST_SAMPLES])
 def test_traces_leave_room_for_the_rest_of_a_page(analysis: SessionAnalysis, count: int) -> None:
     zeros = np.zeros(count)
     session = replace(
@@ -208,7 +199,7 @@ def test_traces_leave_room_for_the_rest_of_a_page(analysis: SessionAnalysis, cou
         usable=np.ones(count, dtype=bool),
     )
     # of the 1.5 MB of a page
-    assert len(json.dumps(traces.force_traces(session))) < 850_000
+    assert len(json.dumps(page.force_traces(session))) < 850_000
 
 
 def test_of_many_estimates_first_and_last_are_shown(

@@ -15,10 +15,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from rpms_ros.report.session import FIGURES
-from rpms_ros.report.session import SessionAnalysis
-from rpms_ros.report.session import as_page
-from rpms_ros.report.session import traces
+from rpms_ros.report.session import FIGURES, SessionAnalysis, as_page, page as traces
 from rpms_ros.report.session.page import SECTIONS
 
 pytestmark = pytest.mark.long

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import ReportError
-from rpms_ros.identification.verdict import Verdict
+from rpms_ros.identification.quality.verdict import Verdict
 from rpms_ros.report.result import result_of
-from rpms_ros.report.session import SessionAnalysis
-from rpms_ros.report.session import as_document
-from rpms_ros.report.session import as_page
+from rpms_ros.report.session import SessionAnalysis, as_document, as_page
+from rpms_ros.report.session.analysis import headline_of
 from rpms_ros.report.session.figures import draw
-from rpms_ros.report.session.headline import headline_of
 from rpms_ros.report.session.page import CAPTIONS
 
 

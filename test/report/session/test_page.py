@@ -21,20 +21,13 @@ from matplotlib.image import imread
 
 from rpms_ros.errors import ReportError
 from rpms_ros.muscle import twitch
-from rpms_ros.pulses import ForceTrace
-from rpms_ros.pulses import PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
 from rpms_ros.report.recorded import DriverTotals
 from rpms_ros.report.result import result_of
-from rpms_ros.report.session import FIGURES
-from rpms_ros.report.session import SessionAnalysis
-from rpms_ros.report.session import as_document
-from rpms_ros.report.session import as_page
-from rpms_ros.report.session import write_figures
-from rpms_ros.report.session.figures import as_svg
-from rpms_ros.report.session.figures import draw
-from rpms_ros.report.session.page import SECTIONS
-from rpms_ros.report.session.page import embedded
+from rpms_ros.report.session import FIGURES, SessionAnalysis, as_document, as_page, write_figures
+from rpms_ros.report.session.figures import as_svg, draw
+from rpms_ros.report.session.page import SECTIONS, embedded
 
 VOID = {'meta', 'link', 'br', 'hr', 'img', 'input', 'col', 'area', 'base', 'source', 'wbr'}
 FETCHING = {'src', 'srcset', 'data', 'poster', 'action', 'formaction', 'background', 'ping'}

@@ -4,16 +4,16 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import ReportError
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.report.session.residuals import analyse_residuals
-from rpms_ros.report.session.residuals import correlation
-from rpms_ros.report.session.residuals import ljung_box
-from rpms_ros.report.session.residuals import stimulation_at
+from rpms_ros.report.session.residuals import (
+    analyse_residuals,
+    correlation,
+    ljung_box,
+    stimulation_at,
+)
 
 SAMPLES = 6000
 STAMPS = np.arange(SAMPLES, dtype=np.int64) * 1_000_000

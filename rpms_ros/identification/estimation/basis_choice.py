@@ -1,0 +1,584 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Choice of latency and time constant of the basis by the samples.
+
+Laguerre functions of any time constant can describe any twitch, but seven of them only one that
+is not far from their own, and none that begins before their latency.  So the basis is compared
+with others by the likelihood of the newest seconds: on a coarse grid while little is known, and
+uphill from neighbour to neighbour.  Each is given the disturbance and the slow change that suit
+it: with those of a basis that does not fit, all are much the same.
+
+When the basis is compared with others, by stamps alone.
+
+Samples and pulses of the window, from which blocks of another basis are made.
+"""
+
+import copy
+import math
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from itertools import pairwise
+
+import numpy as np
+
+from rpms_ros.identification.estimation.blocks import COUNT, empty_blocks
+from rpms_ros.identification.estimation.estimator import Intake, fresh_intake, take
+from rpms_ros.identification.estimation.gauss_newton import Fit, empty_fit
+from rpms_ros.identification.estimation.prior import Knowledge
+from rpms_ros.identification.estimation.settings import BaselineKnots, Prior, Problem, pass_arrays
+from rpms_ros.identification.estimation.tremor import (
+    SEARCHED_NS,
+    line_in,
+    polynomials,
+    seconds,
+    waves,
+)
+from rpms_ros.identification.estimation.window_equations import Origin
+from rpms_ros.identification.estimation.window_fit import (
+    Scales,
+    Window,
+    WindowFit,
+    fresh_fit,
+    improved,
+)
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
+from rpms_ros.saved_state import Restorable, expect
+
+# Least distance of samples that are kept: more are not needed to choose a basis [ns].
+_LEAST_DISTANCE_NS = 900_000
+# A tremor is subtracted in pieces of a second with at least so many samples, fitted together with
+# a polynomial of so many terms.
+_LEAST_IN_PIECE, _SLOW = 30, 4
+_ARRAYS = ('_stamp_ns', '_measured', '_force')
+
+
+class RawSamples(Restorable):
+    """Usable samples and pulses of the last seconds."""
+
+    _stamp_ns: IntArray
+    _measured: FloatArray
+    _force: FloatArray
+    _size: int
+    _onset_ns: IntArray
+    _intensity: FloatArray
+    _weight: FloatArray
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def _check_restored(self) -> None:
+        samples = {len(getattr(self, name)) for name in _ARRAYS}
+        pulses = {len(self._onset_ns), len(self._intensity), len(self._weight)}
+        fits = len(samples) == len(pulses) == 1 and 0 <= self._size <= len(self._force)
+        expect(fits, 'RawSamples', 'as many forces as stamps')
+
+    def forget(self) -> None:
+        """Forget everything."""
+        self._stamp_ns = np.zeros(4096, dtype=np.int64)
+        self._measured = np.zeros(4096)
+        self._force = np.zeros(4096)
+        self._size = 0
+        self._onset_ns = np.empty(0, dtype=np.int64)
+        self._intensity = np.empty(0)
+        self._weight = np.empty(0)
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray, weight: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, with the factor of their recruitment."""
+        self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
+        self._intensity = np.concatenate((self._intensity, intensity))
+        self._weight = np.concatenate((self._weight, weight))
+
+    def add(
+        self, stamp_ns: IntArray, force: FloatArray, tremor: FloatArray, usable: BoolArray
+    ) -> None:
+        """Add the usable ones of ascending samples (samples,), and the tremor in their force."""
+        last = int(self._stamp_ns[self._size - 1]) if self._size else -(2**62)
+        stamp_ns = stamp_ns[usable]
+        kept = _thinned(stamp_ns, last)
+        need = self._size + len(kept)
+        if need > len(self._force):
+            for name in _ARRAYS:
+                old = getattr(self, name)
+                larger = np.zeros(2 * need - len(old), dtype=old.dtype)
+                setattr(self, name, np.concatenate((old, larger)))
+        self._stamp_ns[self._size : need] = stamp_ns[kept]
+        self._measured[self._size : need] = force[usable][kept]
+        self._force[self._size : need] = (force - tremor)[usable][kept]
+        self._size = need
+
+    def drop(self, before_ns: int) -> None:
+        """Drop what lies before a time [ns], once it is a quarter of what is kept."""
+        first = int(np.searchsorted(self._stamp_ns[: self._size], before_ns))
+        if first > self._size // 4:
+            kept = self._size - first
+            for name in _ARRAYS:
+                values = getattr(self, name)
+                values[:kept] = values[first : self._size].copy()
+            self._size = kept
+            pulse = int(np.searchsorted(self._onset_ns, before_ns - 2 * NANOSECONDS_PER_SECOND))
+            self._onset_ns = self._onset_ns[pulse:]
+            self._intensity = self._intensity[pulse:]
+            self._weight = self._weight[pulse:]
+
+    def newest_pulses(self, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return onset [ns], intensity and weight of the newest pulses (count,)."""
+        first = len(self._onset_ns) - count
+        return self._onset_ns[first:], self._intensity[first:], self._weight[first:]
+
+    def condensed(
+        self,
+        basis: LaguerreBasis,
+        theta: FloatArray,
+        linear: FloatArray,
+        first_ns: int,
+        prior: Prior,
+        capacity: int | None = None,
+    ) -> tuple[Problem, Intake, int]:
+        """Return the blocks of another basis, from a time on.
+
+        Parameters
+        ----------
+        basis : LaguerreBasis
+            Functions behind a latency.
+        theta, linear : ndarray (4,), (functions,)
+            The muscle, for the states of the intake.
+        first_ns : int
+            Samples from here on are fitted [ns]; pulses before lead the state up to it.
+        prior : Prior
+            Goes with the problem.
+        capacity : int or None
+            Room for blocks; None for what is needed.
+
+        Returns
+        -------
+        tuple
+            Problem, intake at the newest sample, and how many pulses have not begun to act.
+        """
+        fit = empty_fit(theta, basis.functions, 2)
+        fit.linear[:] = linear
+        problem, intake, pending, _ = self._into_blocks(basis, fit, first_ns, prior, capacity)
+        return problem, intake, pending
+
+    def rest(
+        self,
+        basis: LaguerreBasis,
+        theta: FloatArray,
+        linear: FloatArray,
+        prior: Prior,
+        first_ns: int = -(2**62),
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return stamps [ns], measured force [N] and what a muscle leaves of it [N] (samples,).
+
+        Parameters
+        ----------
+        basis : LaguerreBasis
+            Functions behind a latency.
+        theta, linear : ndarray (4,), (functions,)
+            The muscle.
+        prior : Prior
+            Of no consequence.
+        first_ns : int
+            The first sample that counts [ns].
+        """
+        low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
+        stamp_ns = self._stamp_ns[low : self._size]
+        force = self._measured[low : self._size]
+        if not len(stamp_ns):
+            return stamp_ns, force, force
+        fit = empty_fit(theta, basis.functions, 2)
+        fit.linear[:] = linear
+        muscle = self._into_blocks(basis, fit, int(stamp_ns[0]), prior, None)[-1]
+        return stamp_ns, force, force - muscle
+
+    def without(self, hertz: float, rest: FloatArray) -> 'RawSamples':
+        """Return the same samples with a tremor taken off, piece by piece.
+
+        Parameters
+        ----------
+        hertz : float
+            Frequency of the tremor.
+        rest : ndarray (samples,)
+            What the muscle leaves [N], see `rest`.
+        """
+        result = copy.deepcopy(self)
+        if not self._size:
+            return result
+        stamp_ns = self._stamp_ns[: self._size]
+        first_ns = int(stamp_ns[0])
+        piece = (stamp_ns - first_ns) // NANOSECONDS_PER_SECOND
+        edges = np.flatnonzero(np.diff(piece, prepend=-1, append=-1))
+        for first, last in pairwise(edges):
+            if last - first < _LEAST_IN_PIECE:
+                continue
+            here = seconds(stamp_ns[first:last] - first_ns)
+            wave, slow = waves(hertz, here), polynomials(here, _SLOW)
+            found = np.linalg.lstsq(np.hstack((wave, slow)), rest[first:last], rcond=None)[0]
+            result._force[first:last] = self._measured[first:last] - wave @ found[:2]
+        return result
+
+    def _into_blocks(
+        self,
+        basis: LaguerreBasis,
+        fit: Fit,
+        first_ns: int,
+        prior: Prior,
+        capacity: int | None,
+    ) -> tuple[Problem, Intake, int, FloatArray]:
+        """See `condensed`; and the force of the muscle at the samples."""
+        low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
+        stamp_ns, force = self._stamp_ns[low : self._size], self._force[low : self._size]
+        memory_ns = round(basis.duration * NANOSECONDS_PER_SECOND)
+        pulse = int(np.searchsorted(self._onset_ns, first_ns - memory_ns))
+        begin_ns = self._onset_ns[pulse:] + round(basis.latency * NANOSECONDS_PER_SECOND)
+        span_ns = int(stamp_ns[-1] - stamp_ns[0]) if len(stamp_ns) else 0
+        need = len(begin_ns) + span_ns // 200_000_000 + 8
+        functions = basis.functions
+        problem = Problem(
+            blocks=empty_blocks(max(need, capacity or 0), functions),
+            first=0,
+            input_gain=basis.input_gain,
+            baseline=BaselineKnots(2, first_ns, NANOSECONDS_PER_SECOND),
+            prior=prior,
+            work=pass_arrays(functions),
+        )
+        prediction = np.empty(len(stamp_ns))
+        intake = fresh_intake(functions)
+        begun = take(
+            stamp_ns,
+            force,
+            np.ones(len(stamp_ns), dtype=np.bool_),
+            begin_ns,
+            self._intensity[pulse:],
+            self._weight[pulse:],
+            problem,
+            intake,
+            fit,
+            2.0 / basis.time_constant,
+            prediction,
+        )
+        size = int(problem.blocks.size[0])
+        first = int(np.searchsorted(problem.blocks.start_ns[:size], first_ns))
+        problem = problem._replace(first=min(first, max(size - 1, 0)))
+        return problem, intake, len(begin_ns) - begun, prediction
+
+
+def _thinned(stamp_ns: IntArray, last_ns: int) -> IntArray:
+    """Return which of ascending stamps (samples,) to keep, whatever the cut into blocks was."""
+    bins = stamp_ns // _LEAST_DISTANCE_NS
+    before = np.concatenate(([last_ns // _LEAST_DISTANCE_NS], bins[:-1]))
+    return np.flatnonzero(bins != before)
+
+
+TIME_CONSTANTS = (8e-3, 16e-3, 32e-3, 64e-3)
+LATENCIES = (0.0, 7e-3, 14e-3, 21e-3, 28e-3)
+_RATIO, _DIGITS = 1.25, 5
+_SHIFT = 2.5e-3
+_SHORTEST, _LONGEST = 5e-3, 0.11
+_LONGEST_LATENCY = 35e-3
+# Another basis has to be this much better [nat]: nothing is gained by going to and fro.  Few
+# samples may be explained by a basis that does not bear a slow change.  A voluntary effort is not
+# quite linear between its knots, and a wrong basis may explain what is left.
+_DECISION, _EARLY_DECISION, _LIVELY_DECISION = 6.0, 12.0, 50.0
+_EARLY_NS = 12 * NANOSECONDS_PER_SECOND
+# A tremor has to make the samples likelier by so much [nat]: it has two unknowns a second.
+_TREMOR_DECISION = 50.0
+_STEPS, _ROUGH_STEPS = 10, 3
+_FINALISTS = 5
+# From this place on its grid a disturbance is lively: below a ten thousandth of the force.
+LIVELY = 4
+_LIVELY_START = 7
+# Neighbouring residuals are this much alike where an effort has begun before the muscle was known
+# and is taken for the muscle.
+_HANGING = 10.0
+
+
+def grid(functions: int) -> list[LaguerreBasis]:
+    """Return the grid of bases over the range of people."""
+    return [
+        LaguerreBasis(functions, time_constant, latency)
+        for time_constant in TIME_CONSTANTS
+        for latency in LATENCIES
+    ]
+
+
+def neighbours(basis: LaguerreBasis) -> list[LaguerreBasis]:
+    """Return the bases next to one."""
+    constant, latency = basis.time_constant, basis.latency
+    faster, slower = max(constant / _RATIO, _SHORTEST), min(constant * _RATIO, _LONGEST)
+    sooner, later = max(latency - _SHIFT, 0.0), min(latency + _SHIFT, _LONGEST_LATENCY)
+    pairs = (
+        *((faster, latency), (slower, latency), (constant, sooner), (constant, later)),
+        # a slower basis that begins earlier is much like a faster one that begins later
+        *((faster, later), (slower, sooner), (faster, sooner), (slower, later)),
+    )
+    # rounded, so that a basis reached in two ways is fitted once
+    found = [
+        replace(basis, time_constant=round(one, _DIGITS), latency=round(two, _DIGITS))
+        for one, two in pairs
+    ]
+    return [one for one in found if one != basis]
+
+
+def conversion(old: LaguerreBasis, new: LaguerreBasis) -> FloatArray:
+    """Return the matrix (functions, functions) that takes coefficients from one basis to another.
+
+    The response of the new coefficients is the projection of the old one.
+    """
+    step = min(old.time_constant, new.time_constant) / 60.0
+    longest = max(old.duration, new.duration)
+    lag = np.arange(0.5 * step, longest, step)
+    result: FloatArray = step * (new.evaluate(lag).T @ old.evaluate(lag))
+    return result
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How well a basis explains the samples.
+
+    Attributes
+    ----------
+    fit : WindowFit
+        Its fit, disturbance and slow change as they suit the basis.
+    raw : RawSamples
+        The samples, without the tremor if there is one.
+    tremor : float
+        Frequency of a tremor that shows beside the muscle [Hz], 0 if there is none.
+    """
+
+    fit: WindowFit
+    raw: RawSamples
+    tremor: float = 0.0
+
+
+@dataclass(frozen=True)
+class BasisChoice:
+    """Likelihood of bases for the newest samples of a window, and the search for the best.
+
+    Attributes
+    ----------
+    raw : RawSamples
+        Samples and pulses.
+    basis : LaguerreBasis
+        The present one.
+    fit : WindowFit
+        Of the present basis: where the others begin.
+    knowledge : Knowledge
+        Physiology alone: what was learnt with one basis says little of another.
+    prior : Prior
+        Goes with the blocks.
+    first_ns, now_ns : int
+        First and newest sample [ns].
+    length_ns : int
+        Length of an interval [ns].
+    spacing : float
+        Distance of the knots of a slow change, in intervals.
+    lag : float
+        How long after its pulse the force acts in the mean, in intervals.
+    origin : Origin
+        The change at which the window begins, if there was one.
+    rates_hz : ndarray (rates,) or None
+        Repetition rates of the newest pulses; None if a tremor has been taken off.
+    """
+
+    raw: RawSamples
+    basis: LaguerreBasis
+    fit: WindowFit
+    knowledge: Knowledge
+    prior: Prior
+    first_ns: int
+    now_ns: int
+    length_ns: int
+    spacing: float
+    lag: float
+    origin: Origin
+    rates_hz: FloatArray | None
+    _found: dict[tuple[LaguerreBasis, bool], Explained] = field(default_factory=dict)
+
+    def better(self, everywhere: bool) -> LaguerreBasis:
+        """Return the best basis if it is clearly better than the present one, else that.
+
+        The search goes uphill from the present basis, or from the best that people have.  A few
+        steps tell which bases are among the best; these are fitted to the end.
+        """
+        basis = self.basis
+        candidates = (basis, *grid(len(self.fit.point.linear))) if everywhere else (basis,)
+        best = max(candidates, key=self._roughly)
+        while True:
+            nearest = max((best, *neighbours(best)), key=self._roughly)
+            if nearest == best:
+                break
+            best = nearest
+        tried = [one for one, rough in self._found if rough]
+        finalists = sorted(tried, key=self._roughly, reverse=True)[:_FINALISTS]
+        best = max((basis, *finalists), key=self._likelihood)
+        gain = self._likelihood(best) - self._likelihood(basis)
+        fit = self.explained(best).fit
+        least = _EARLY_DECISION if self.now_ns - self.first_ns < _EARLY_NS else _DECISION
+        if fit.scales.disturbance >= LIVELY:
+            least = _LIVELY_DECISION
+        return best if gain > least * min(fit.together, self.fit.most_together) else basis
+
+    def explained(self, basis: LaguerreBasis, rough: bool = False) -> Explained:
+        """Return how well a basis explains the samples, with a tremor or without.
+
+        The force of a muscle has lines of its own, and so has what a wrong basis leaves: so a
+        tremor has to make the samples much likelier.
+        """
+        key = basis, rough
+        if key not in self._found:
+            self._found[key] = self._judged(basis, rough)
+        return self._found[key]
+
+    def _likelihood(self, basis: LaguerreBasis) -> float:
+        return self.explained(basis).fit.likelihood
+
+    def _roughly(self, basis: LaguerreBasis) -> float:
+        return self.explained(basis, rough=True).fit.likelihood
+
+    def _judged(self, basis: LaguerreBasis, rough: bool) -> Explained:
+        fit = self._fitted(self.raw, basis, rough)
+        alone = Explained(fit, self.raw)
+        if self.rates_hz is None or not math.isfinite(fit.likelihood):
+            return alone
+        muscle = basis, fit.point.theta, fit.point.linear, self.prior
+        # before the window the muscle may have been another
+        searched_ns = max(self.now_ns - SEARCHED_NS, self.first_ns)
+        stamp_ns, _, rest = self.raw.rest(*muscle, searched_ns)
+        hertz = line_in(stamp_ns, rest, self.rates_hz)
+        if hertz == 0.0:
+            return alone
+        cleaned = self.raw.without(hertz, self.raw.rest(*muscle)[-1])
+        without = self._fitted(cleaned, basis, rough)
+        if without.likelihood < fit.likelihood + _TREMOR_DECISION:
+            return alone
+        return Explained(without, cleaned, hertz)
+
+    def _fitted(self, raw: RawSamples, basis: LaguerreBasis, rough: bool) -> WindowFit:
+        """Return the fit of a basis.
+
+        It begins with the present one.  From a disturbance that is as lively as at present a fit
+        does not find its way to a quiet one, nor the other way round, so both are tried; and where
+        the present fit hangs, one from the beginning with each.
+        """
+        present = self.fit
+        theta, functions = present.point.theta, len(present.point.linear)
+        problem, _, _ = raw.condensed(basis, theta, np.zeros(functions), self.first_ns, self.prior)
+        blocks, first = problem.blocks, problem.first
+        nothing = fresh_fit(theta, functions)
+        if int(blocks.size[0]) < 2:
+            return nothing
+        # Blocks end where a pulse begins to act: with the one before, the samples of all bases
+        # are the same.
+        if first > 0 and blocks.moments[first - 1, COUNT] > 0.0:
+            problem = problem._replace(first=first - 1)
+        begin_ns = int(blocks.start_ns[problem.first])
+        knots = int((self.now_ns - begin_ns) / (self.spacing * self.length_ns) + 0.5)
+        matrix = conversion(self.basis, basis)
+        origin = self.origin._replace(linear=matrix @ self.origin.linear)
+        window = Window(
+            begin_ns, self.now_ns, self.length_ns, self.spacing, knots, self.lag, origin
+        )
+        linear = matrix @ present.point.linear
+        alike = replace(
+            present,
+            point=present.point._replace(linear=linear),
+            levels=present.levels.copy(),
+            likelihood=-math.inf,
+        )
+        trials = [alike]
+        if present.together > _HANGING:
+            lively = fresh_fit(theta, functions)
+            lively.scales = Scales(disturbance=_LIVELY_START)
+            trials += [nothing, lively]
+        elif present.scales.disturbance >= LIVELY and not rough:
+            trials.append(nothing)
+        for one in trials:
+            # likelihoods are comparable only if all weight the samples alike
+            one.most_together = 1.0
+            steps = _ROUGH_STEPS if rough and one is alike else _STEPS
+            improved(problem, one, self.knowledge, window, steps)
+        return max(trials, key=lambda one: one.likelihood)
+
+
+# Since a response shows; later with this period [s].
+_CHOICES_S = (1.0, 3.0, 7.0, 16.0, 32.0)
+_PERIOD_S = 32.0
+# Where all seems well it is compared with its neighbours only, but so often with all that people
+# have.  Where residuals are alike it is compared sooner.
+_GRIDS = 4
+_AGAIN_NS = 3 * NANOSECONDS_PER_SECOND
+# After the first pulse, if no response shows.
+_UNSEEN_NS = 2 * NANOSECONDS_PER_SECOND
+_NEVER_NS = -(2**62)
+
+
+class Search(Enum):
+    """With which bases the present one is compared."""
+
+    NEIGHBOURS = 'its neighbours'
+    EVERYWHERE = 'all that people have'
+
+
+class BasisSchedule(Restorable):
+    """Says when the basis is to be compared with others, and with which.
+
+    Attributes
+    ----------
+    begun_ns : int or None
+        Since when a response shows, or has to be looked at anew [ns].
+    """
+
+    begun_ns: int | None
+    _stimulated_ns: int | None
+    _choices: int
+    _compared_ns: int
+
+    def __init__(self) -> None:
+        self._choices = 0
+        self.forget()
+
+    @property
+    def begun(self) -> bool:
+        """Whether a response shows."""
+        return self.begun_ns is not None
+
+    def begin(self, now_ns: int) -> None:
+        """Take note of a response that shows from now on [ns]."""
+        self.begun_ns, self._choices = now_ns, 0
+
+    def forget(self) -> None:
+        """Forget response and stimulation, but not how often bases were compared."""
+        self.begun_ns = self._stimulated_ns = None
+        self._compared_ns = _NEVER_NS
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Take note of pulses (pulses,) [ns, 1]: of the first that stimulates."""
+        if self._stimulated_ns is None and intensity.any():
+            self._stimulated_ns = int(onset_ns[(intensity > 0.0).argmax()])
+
+    def due(self, now_ns: int, alike: bool) -> Search | None:
+        """Return with which bases to compare now, None if not to.
+
+        Parameters
+        ----------
+        now_ns : int
+            Newest stamp [ns].
+        alike : bool
+            Whether neighbouring residuals are alike.
+        """
+        since_ns = self.begun_ns
+        if since_ns is None and self._stimulated_ns is not None:
+            # with a basis that does not fit a response may not show
+            since_ns = self._stimulated_ns + _UNSEEN_NS
+        if since_ns is None:
+            return None
+        seconds = (now_ns - since_ns) / NANOSECONDS_PER_SECOND
+        done = self._choices
+        due = _CHOICES_S[done] if done < len(_CHOICES_S) else _PERIOD_S * (done - 3)
+        if seconds >= due:
+            self._choices += 1
+        elif not alike or now_ns < self._compared_ns + _AGAIN_NS:
+            return None
+        self._compared_ns = now_ns
+        return Search.EVERYWHERE if done < _GRIDS or alike else Search.NEIGHBOURS

@@ -1,0 +1,500 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+r"""Detects sudden changes of the muscle by the prediction errors, and determines their kind.
+
+If errors are larger than the noise, a step searches for a change.  If there may be one, nothing is
+learnt for half a second more, because a change a few pulses ago can be explained by several kinds.
+Then the best explanation is taken.  Its kind is compared with the others for some seconds more.
+
+Sudden changes of the muscle: their time and kind.
+
+At every step a snapshot of the fit is kept.  When the prediction errors grow, several explanations
+are fitted to the samples after each snapshot of the last seconds, with priors around it:
+
+* nothing changed, but the patient or the sensor did something (a livelier disturbance);
+* the *gain* changed: w is known but for a factor;
+* the *thresholds* changed (the coil has moved): u_thr, u_sat and the gain are free again, the
+  dynamics and the sharpness of the bends hold;
+* the *dynamics* changed: w is free, the recruitment holds;
+* the *baseline* jumped.
+
+The evidence of each explanation is the probability of the samples under it, its free parameters
+integrated out, so an explanation with a wider prior has less evidence.  A change is
+declared where the best explanation beats "nothing changed" by `DECISION`: under it, odds of
+``e^DECISION`` come up at most once in as many tests (Ville's inequality).
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from rpms_ros.identification.estimation.prior import Knowledge, coordinates
+from rpms_ros.identification.estimation.settings import PARAMETERS, Problem
+from rpms_ros.identification.estimation.window_equations import SLOPES, Origin, Point, slowed
+from rpms_ros.identification.estimation.window_fit import (
+    LIVELINESS,
+    StartLevels,
+    Window,
+    WindowFit,
+    explained,
+)
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
+from rpms_ros.saved_state import Restorable
+
+DECISION = 30.0
+_STEPS = 3
+# Standard deviations of a change: factor on the force, of u_thr and u_sat, of time constant and
+# latency relative to the time constant, and of the shape.
+_GAIN = 0.4
+_THRESHOLD = 0.1
+_DYNAMICS = 0.3
+_SHAPE = 0.1
+# Of a muscle that does not change, relative, and of a slow change that goes on, against what it
+# was so far.
+_RESTLESS, _GOES_ON = 0.002, 1.5
+# Of a jump of the baseline, as a share of the force.
+_JUMP = 0.5
+# Largest mean square residual, relative to the noise, of samples that are explained.
+_EXPLAINED = 1.25
+NOTHING, GAIN, THRESHOLDS, DYNAMICS, BASELINE = (
+    'nothing',
+    'gain',
+    'thresholds',
+    'dynamics',
+    'baseline',
+)
+MUSCLE = (GAIN, THRESHOLDS, DYNAMICS)
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The fit at a time.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        When [ns].
+    point : Point
+        The muscle.
+    covariance : ndarray (4 + functions, 4 + functions)
+        Of theta and w.
+    levels : ndarray (2,)
+        The newest two knots of the disturbance [N].
+    level_deviation : float
+        Of the newest [N].
+    number : int
+        Number of the interval that ends with the newest knot.
+    fit : WindowFit
+        Scales, variance.
+    """
+
+    stamp_ns: int
+    point: Point
+    covariance: FloatArray
+    levels: FloatArray
+    level_deviation: float
+    number: int
+    fit: WindowFit
+
+
+def snapshot(fit: WindowFit, stamp_ns: int) -> Snapshot:
+    """Return the snapshot of a fit at a time [ns]."""
+    joint = PARAMETERS + len(fit.point.linear)
+    return Snapshot(
+        stamp_ns=stamp_ns,
+        point=fit.point,
+        covariance=fit.covariance[:joint, :joint].copy(),
+        levels=fit.levels[-2:].copy(),
+        level_deviation=fit.level_deviation,
+        number=fit.first + len(fit.levels) - 2,
+        fit=replace(fit),
+    )
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A way to explain the samples after a snapshot."""
+
+    kind: str
+    odds: float
+    before: Snapshot
+    fit: WindowFit
+    knowledge: Knowledge
+
+
+def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray:
+    """Return the covariance of theta and w, alpha as logarithms, after a change of a kind.
+
+    Parameters
+    ----------
+    covariance : ndarray (4 + functions, 4 + functions)
+        Before.
+    linear : ndarray (functions,)
+        w before.
+    kind : str
+        What has changed.
+    """
+    functions = len(linear)
+    covariance = covariance.copy()
+
+    def free(start: int, values: FloatArray | float) -> None:
+        direction = np.zeros(PARAMETERS + functions)
+        direction[start : start + np.size(values)] = values
+        covariance[:] += np.outer(direction, direction)
+
+    if kind in MUSCLE:
+        free(PARAMETERS, _GAIN * linear)
+    if kind == THRESHOLDS:
+        free(0, _THRESHOLD)
+        free(1, _THRESHOLD)
+    if kind == DYNAMICS:
+        free(PARAMETERS, _DYNAMICS * slowed(linear))
+        size = _SHAPE * float(np.linalg.norm(linear))
+        for place in range(functions):
+            free(PARAMETERS + place, size)
+    return covariance
+
+
+def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) -> Knowledge:
+    """Return what is known after a change of a kind.
+
+    Parameters
+    ----------
+    before : Snapshot
+        What was known.
+    kind : str
+        What has changed.
+    knowledge : Knowledge
+        Physiology and bounds.
+    distance : float
+        Time since the snapshot, in distances of the knots of the slow change [1].
+    """
+    point = before.point
+    joint = PARAMETERS + len(point.linear)
+    # against now, relative, at the first knot of the past: the change over one distance
+    change = float(point.gain[0]) if len(point.gain) else 0.0
+    slowing = float(point.slowing[0]) if len(point.slowing) else 0.0
+    covariance = before.covariance.copy()
+    for response in (
+        (_RESTLESS + _GOES_ON * abs(change) * distance) * point.linear,
+        _GOES_ON * abs(slowing) * distance * slowed(point.linear),
+    ):
+        direction = np.concatenate((np.zeros(PARAMETERS), response))
+        covariance += np.outer(direction, direction)
+    covariance = widened(covariance, point.linear, kind)
+    scale = 1.0 / np.sqrt(np.diag(covariance))
+    scaled = covariance * np.outer(scale, scale) + 1e-9 * np.eye(joint)
+    information = np.linalg.inv(scaled) * np.outer(scale, scale)
+    reference = np.concatenate((coordinates(point.theta), point.linear))
+    return replace(knowledge, information=information, reference=reference)
+
+
+def _start(before: Snapshot, window: Window, kind: str, force: float) -> StartLevels:
+    """Return the prior of the disturbance after a snapshot."""
+    ahead = window.first_ns // window.length_ns - before.number
+    slope = before.levels[1] - before.levels[0]
+    # the level continues; the slope only for a limited time
+    reach = min(max(float(ahead), 0.0), 2.0)
+    levels = before.levels[1] + slope * np.array([reach - 1.0, reach])
+    deviation = (
+        before.level_deviation
+        + LIVELINESS[before.fit.scales.disturbance] * force * (1.0 + reach)
+        + 0.5 * abs(slope) * reach
+    )
+    if kind == BASELINE:
+        deviation += _JUMP * force
+    return StartLevels(levels, np.full(2, max(deviation, 1e-6 * force)))
+
+
+def explain(
+    problem: Problem,
+    before: Snapshot,
+    knowledge: Knowledge,
+    window: Window,
+    kind: str,
+    disturbance: int,
+    force: float,
+) -> Explanation | None:
+    """Explain the samples of a window that begins after a snapshot; None if it cannot be done."""
+    distance = (window.now_ns - before.stamp_ns) / (window.spacing * window.length_ns)
+    known = after(before, kind, knowledge, distance)
+    functions = len(before.point.linear)
+    unknowns = PARAMETERS + functions + SLOPES
+    point = Point(
+        before.point.theta, before.point.linear, np.zeros(0), np.zeros(0), np.zeros(SLOPES)
+    )
+    scales = replace(before.fit.scales, disturbance=disturbance, slope=0)
+    fit = replace(
+        before.fit,
+        point=point,
+        scales=scales,
+        levels=np.zeros(2),
+        first=0,
+        covariance=np.zeros((unknowns, unknowns)),
+    )
+    span = replace(window, start=_start(before, window, kind, force), knots=0)
+    steps = _STEPS if kind == THRESHOLDS else 2
+    if not explained(problem, fit, known, span, steps):
+        return None
+    return Explanation(kind, fit.evidence, before, fit, known)
+
+
+def quiet(one: Explanation, disturbance: int) -> bool:
+    """Return whether samples are explained without a stronger disturbance than before."""
+    return one.fit.misfit < _EXPLAINED and one.fit.scales.disturbance <= disturbance
+
+
+def judged(
+    problem: Problem,
+    before: Snapshot,
+    knowledge: Knowledge,
+    window: Window,
+    force: float,
+    doubted: bool = True,
+) -> Mapping[str, Explanation]:
+    """Return the explanations of a window by kind, each with its odds against no change.
+
+    While it is `doubted` that the muscle has changed, no change of the muscle is tried if a
+    disturbance or the baseline explains the samples.
+    """
+    now = before.fit.scales.disturbance
+    lively = len(LIVELINESS) - 2
+    found: dict[str, Explanation] = {}
+    for kind in (NOTHING, BASELINE, *MUSCLE):
+        if doubted and kind in MUSCLE and any(quiet(one, now) for one in found.values()):
+            break
+        best: Explanation | None = None
+        for disturbance in sorted({now, lively}):
+            other = explain(problem, before, knowledge, window, kind, disturbance, force)
+            if other is not None and (best is None or other.odds > best.odds):
+                best = other
+        if best is not None:
+            found[kind] = best
+    if NOTHING not in found:
+        return MappingProxyType({})
+    base = found[NOTHING].odds
+    return MappingProxyType(
+        {kind: replace(one, odds=one.odds - base) for kind, one in found.items()}
+    )
+
+
+_DELIBERATION_NS = 500_000_000
+_NAMING_NS = 4 * NANOSECONDS_PER_SECOND
+# Changes are found only after the muscle was observed for so long.
+_LEAST_KNOWN_NS = 5 * NANOSECONDS_PER_SECOND
+_LEAST_SNAPSHOTS = 8
+_CANDIDATES = 8
+# So many of the newest snapshots have to fail to explain the samples.
+_NEWEST = 2
+# The first search uses every second snapshot.
+_FIRST_LOOK = 2
+_SUSPICIOUS = 1.5
+_LEAST_SAMPLES = 50.0
+_IN_VAIN = 8
+# Difference of the evidence from which the kind is corrected [nat].
+_RENAMED = 3.0
+_REMEMBERED = 10
+
+
+class Alert(NamedTuple):
+    """Sizes of the newest a-priori errors and forces.
+
+    Attributes
+    ----------
+    error, force : float
+        Mean squares over the last second [N^2].
+    samples : float
+        Number of these samples.
+    """
+
+    error: float
+    force: float
+    samples: float
+
+
+@dataclass(frozen=True)
+class FoundChange:
+    """A sudden change of the muscle that was found.
+
+    Attributes
+    ----------
+    stamp_ns, found_ns : int
+        Time of the change, and when it was found [ns].
+    kind : str
+        `gain`, `thresholds` or `dynamics`.
+    odds : float
+        Logarithm of the odds against all other explanations.
+    """
+
+    stamp_ns: int
+    found_ns: int
+    kind: str
+    odds: float
+
+
+class ChangeWatch(Restorable):
+    """Searches for changes after snapshots of the fit."""
+
+    found: list[FoundChange]
+    count: int
+    _snapshots: deque[Snapshot]
+    _alarm_ns: int | None
+    _in_vain: int
+    _named: Explanation | None
+
+    def __init__(self) -> None:
+        self.found = []
+        self.count = 0
+        self._snapshots = deque(maxlen=2 * _CANDIDATES)
+        self._alarm_ns = None
+        self._in_vain = 0
+        self._named = None
+
+    @property
+    def deliberating(self) -> bool:
+        """Whether a possible change is not decided yet."""
+        return self._alarm_ns is not None
+
+    def remember(self, snapshot: Snapshot) -> None:
+        """Keep a snapshot of the fit."""
+        self._snapshots.append(snapshot)
+
+    def forget(self) -> None:
+        """Forget the snapshots: they are of another time line or another basis."""
+        self._snapshots.clear()
+        self._alarm_ns = None
+        self._named = None
+
+    def forget_times(self) -> None:
+        """Forget when changes were: the clock has jumped.  How many there were stays."""
+        self.found = []
+
+    def look(
+        self, problem: Problem, window: Window, fit: WindowFit, prior: Knowledge, alert: Alert
+    ) -> Explanation | None:
+        """Return the change after which the window has to begin, if there is one now."""
+        now_ns = window.now_ns
+        if self._named is not None:
+            return self._renamed(problem, window, prior, alert)
+        if self._alarm_ns is None:
+            suspicious = self._suspicious(fit, alert)
+            if suspicious and self._best(problem, window, prior, alert, _FIRST_LOOK):
+                self._alarm_ns = now_ns
+                self._in_vain = 0
+            return None
+        if now_ns - self._alarm_ns < _DELIBERATION_NS:
+            return None
+        best = self._best(problem, window, prior, alert)
+        self._alarm_ns = None
+        if best is None:
+            return None
+        self._named = best
+        self.count += 1
+        self.found = [
+            *self.found[1 - _REMEMBERED :],
+            FoundChange(best.before.stamp_ns, now_ns, best.kind, best.odds),
+        ]
+        return best
+
+    def _suspicious(self, fit: WindowFit, alert: Alert) -> bool:
+        """Return whether to search for a change: rarely after many searches without a result."""
+        large = (
+            len(self._snapshots) >= _LEAST_SNAPSHOTS
+            and alert.samples >= _LEAST_SAMPLES
+            and alert.error > _SUSPICIOUS * fit.variance > 0.0
+        )
+        self._in_vain = self._in_vain + 1 if large else 0
+        return large and (self._in_vain <= _IN_VAIN or self._in_vain % _IN_VAIN == 0)
+
+    def _best(
+        self,
+        problem: Problem,
+        window: Window,
+        prior: Knowledge,
+        alert: Alert,
+        stride: int = 1,
+    ) -> Explanation | None:
+        """Return the change that explains the newest samples best, if the odds decide.
+
+        When it is decided: None if the muscle as it was known last explains them, because what
+        was known earlier was less.
+        """
+        best = None
+        explained = 0 if stride == 1 else _NEWEST
+        for before in list(self._snapshots)[-_CANDIDATES:][::-stride]:
+            if before.stamp_ns < window.first_ns + _LEAST_KNOWN_NS:
+                continue
+            found = _explanations(problem, before, window, prior, alert)
+            if explained < _NEWEST and NOTHING in found:
+                if not quiet(found[NOTHING], before.fit.scales.disturbance):
+                    explained = _NEWEST
+                elif (explained := explained + 1) == _NEWEST:
+                    return None
+            one = _of_muscle(found)
+            if one is not None and (best is None or one.odds > best.odds):
+                best = one
+        return best if best is not None and best.odds >= DECISION else None
+
+    def _renamed(
+        self, problem: Problem, window: Window, prior: Knowledge, alert: Alert
+    ) -> Explanation | None:
+        """Return the change with another kind, if that has become more likely."""
+        named = self._named
+        assert named is not None
+        if window.now_ns - named.before.stamp_ns > _NAMING_NS:
+            self._named = None
+            return None
+        found = _explanations(problem, named.before, window, prior, alert, doubted=False)
+        best = _of_muscle(found)
+        if best is None or best.kind == named.kind or named.kind not in found:
+            return None
+        if found[best.kind].odds < found[named.kind].odds + _RENAMED:
+            return None
+        self._named = best
+        self.found[-1] = replace(self.found[-1], kind=best.kind)
+        return best
+
+
+def first_block_after(problem: Problem, stamp_ns: int) -> int:
+    """Return the first block that begins after a time [ns], counted from the oldest."""
+    blocks = problem.blocks
+    head, size = int(blocks.head[0]), int(blocks.size[0])
+    start_ns = blocks.start_ns[(head + np.arange(size)) % len(blocks.start_ns)]
+    return int(np.searchsorted(start_ns, stamp_ns, side='right'))
+
+
+def origin_of(before: Snapshot) -> Origin:
+    """Return the muscle of a snapshot, which acts until a change right after it."""
+    return Origin(before.stamp_ns + 1, before.point.theta, before.point.linear)
+
+
+def _explanations(
+    problem: Problem,
+    before: Snapshot,
+    window: Window,
+    prior: Knowledge,
+    alert: Alert,
+    doubted: bool = True,
+) -> Mapping[str, Explanation]:
+    first = first_block_after(problem, before.stamp_ns)
+    if first >= int(problem.blocks.size[0]) - 2:
+        return {}
+    blocks = problem.blocks
+    start_ns = int(blocks.start_ns[(int(blocks.head[0]) + first) % len(blocks.start_ns)])
+    span = replace(window, first_ns=start_ns, knots=0, origin=origin_of(before))
+    force = float(np.sqrt(alert.force)) + 1e-9
+    return judged(problem._replace(first=first), before, prior, span, force, doubted)
+
+
+def _of_muscle(found: Mapping[str, Explanation]) -> Explanation | None:
+    """Return the best explanation by a change of the muscle, its odds against all others."""
+    others = [one.odds for kind, one in found.items() if kind not in MUSCLE]
+    changes = [one for kind, one in found.items() if kind in MUSCLE]
+    if not others or not changes:
+        return None
+    best = max(changes, key=lambda one: one.odds)
+    return replace(best, odds=best.odds - max(others))

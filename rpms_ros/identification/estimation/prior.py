@@ -1,0 +1,523 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+r"""Prior of a window: physiology, bounds, and the result of earlier samples.
+
+The last session of a returning patient as a prior, which is reduced where it is wrong.
+
+The covariance P of parameters and response of the last session is increased by the changes from
+one day to the next, most of all by the new position of the coil,
+
+.. math:: P' = P + Q_\theta + g^2 w w^T + t^2 (D w) (D w)^T + h^2 \|w\|^2 I / n ,
+
+with D the derivative by the logarithm of the time constant (`tracking.stretching`),
+and becomes the arrival cost of a horizon (`projection.arrival_cost`), which is compared with the
+samples before every step and reduced where it contradicts them, or the prior of `tracking`, which
+is dropped where a fit without it contradicts it.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+
+import numba
+import numpy as np
+from scipy.special import chdtri
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.estimation.batch import basis_at
+from rpms_ros.identification.estimation.settings import PARAMETERS, ProjectionSettings
+from rpms_ros.identification.estimation.window_equations import SLOPES, Point, slowed
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.estimate import Estimator
+from rpms_ros.identification.stream import checkpoint
+from rpms_ros.muscle.recruitment import (
+    PARAMETER_NAMES,
+    RecruitmentParameters,
+    identified_recruitment,
+)
+from rpms_ros.pulses import FloatArray
+
+if TYPE_CHECKING:
+    from rpms_ros.identification.estimation.window_fit import WindowFit
+
+# Confidence level at which an earlier result is rejected.
+_CONTRADICTED = 0.999
+# Error of the response by a conversion of the basis or a rest, as a share of it.
+_LOST = 0.01
+# Standard deviations of the change of the slope from knot to knot, and of the increments besides,
+# relative to the slope.
+_SLOPE_WALK, _SLOPE_NOISE = 0.15, 0.02
+# Added to the diagonal of a matrix whose rows are scaled to 1.
+ROUNDING = 1e-9
+
+
+class Terms(NamedTuple):
+    """What is known at a point: cost, gradient and information, for `added`.
+
+    Attributes
+    ----------
+    matrix, gradient : ndarray (4 + functions, 4 + functions), (4 + functions,)
+        Information about [theta, w], and minus half the gradient of the cost.
+    cost, logarithm : float
+        Cost, and log-determinant of what was learnt before.
+    walk : ndarray (knots, knots)
+        Information about a slow change of scale 1.
+    changes : ndarray (2, knots)
+        Gain and slowing at the knots of the past.
+    slope : ndarray (2,)
+        Of u_thr and u_sat, per interval of age.
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    cost: float
+    logarithm: float
+    walk: FloatArray
+    changes: FloatArray
+    slope: FloatArray
+
+
+@numba.njit(cache=True)
+def added(
+    terms: Terms, scales: FloatArray, matrix: FloatArray, right: FloatArray
+) -> tuple[float, float]:
+    """Add what is known to the equations of x; return its cost and its log-determinant.
+
+    Parameters
+    ----------
+    terms : Terms
+        At the point of the equations.
+    scales : ndarray (3,)
+        Change of force and of time constant from knot to knot (relative), of u_thr and u_sat
+        from interval to interval.
+    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
+        Information and minus half the gradient, in place.
+    """
+    joint, knots = len(terms.gradient), terms.changes.shape[1]
+    cost, logarithm = terms.cost, terms.logarithm
+    matrix[:joint, :joint] += terms.matrix
+    right[:joint] += terms.gradient
+    for which in range(2):
+        information = 1.0 / scales[which] ** 2
+        first = joint + which * knots
+        for row in range(knots):
+            pull = 0.0
+            for column in range(knots):
+                value = information * terms.walk[row, column]
+                matrix[first + row, first + column] += value
+                pull += value * terms.changes[which, column]
+            right[first + row] -= pull
+            cost += pull * terms.changes[which, row]
+        logarithm -= 2.0 * knots * np.log(scales[which])
+    information = 1.0 / scales[2] ** 2
+    for index in range(SLOPES):
+        place = joint + 2 * knots + index
+        matrix[place, place] += information
+        right[place] -= information * terms.slope[index]
+        cost += information * terms.slope[index] ** 2
+        logarithm -= 2.0 * np.log(scales[2])
+    return cost, logarithm
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """Priors of x.
+
+    Attributes
+    ----------
+    mean, deviation : ndarray (4,)
+        Physiological prior of theta, alpha as logarithms.
+    lower, upper : ndarray (4,)
+        Bounds of theta, alpha as logarithms.
+    separation : float
+        u_sat is at least this far above u_thr.
+    information, reference : ndarray (4 + functions, 4 + functions), (4 + functions,)
+        Result of samples before the window: inverse covariance and mean of [theta, w].
+    """
+
+    mean: FloatArray
+    deviation: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    separation: float
+    information: FloatArray
+    reference: FloatArray
+
+    @cached_property
+    def _logarithm(self) -> float:
+        """Log-determinant of the prior of [theta, w], 0 if it is the physiology alone."""
+        if not self.information.any():
+            return 0.0
+        matrix = self.information.copy()
+        place = np.arange(PARAMETERS)
+        matrix[place, place] += 1.0 / self.deviation**2
+        return float(np.linalg.slogdet(matrix)[1])
+
+    def about(self, point: Point, ridge: float) -> 'Terms':
+        """Return what is known at a point, whatever the scales.
+
+        Parameters
+        ----------
+        point : Point
+            Where.
+        ridge : float
+            Information about each coefficient of w, around nothing.
+        """
+        theta = coordinates(point.theta)
+        linear = point.linear
+        here = np.concatenate((theta, linear))
+        matrix = self.information.copy()
+        before = here - self.reference
+        pull = matrix @ before
+        gradient = -pull
+        cost = float(before @ pull)
+        away = theta - self.mean
+        place = np.arange(PARAMETERS)
+        matrix[place, place] += 1.0 / self.deviation**2
+        gradient[:PARAMETERS] -= away / self.deviation**2
+        cost += float(np.sum((away / self.deviation) ** 2))
+        place = np.arange(PARAMETERS, len(here))
+        matrix[place, place] += ridge
+        gradient[PARAMETERS:] -= ridge * linear
+        cost += ridge * float(linear @ linear)
+        changes = np.stack((point.gain, point.slowing))
+        walk = walk_information(len(point.gain))
+        return Terms(matrix, gradient, cost, self._logarithm, walk, changes, point.slope)
+
+    def bounded(self, point: Point, step: FloatArray, hessian: FloatArray) -> FloatArray:
+        """Return the step (unknowns,) with theta within its bounds, the rest solved again."""
+        theta = coordinates(point.theta)
+        low, high = self.lower - theta, self.upper - theta
+        held = np.zeros(len(step), dtype=bool)
+        right = hessian @ step
+        for _ in range(PARAMETERS):
+            inside = np.clip(step[:PARAMETERS], low, high)
+            leaves = (np.abs(inside - step[:PARAMETERS]) > 0.0) & ~held[:PARAMETERS]
+            if not leaves.any():
+                break
+            held[:PARAMETERS] |= leaves
+            step = step.copy()
+            step[:PARAMETERS][leaves] = inside[leaves]
+            free = ~held
+            rest = right[free] - hessian[np.ix_(free, held)] @ step[held]
+            step[free] = np.linalg.solve(hessian[np.ix_(free, free)], rest)
+        step[:PARAMETERS] = np.clip(step[:PARAMETERS], low, high)
+        return step
+
+    def part(self, theta: FloatArray) -> None:
+        """Keep u_sat of theta (4,) above u_thr, in place."""
+        lacking = self.separation - (theta[1] - theta[0])
+        if lacking > 0.0:
+            theta[0] = max(theta[0] - 0.5 * lacking, self.lower[0])
+            theta[1] = theta[0] + self.separation
+
+    def contradicted(self, fit: 'WindowFit', alone: 'WindowFit') -> bool:
+        """Return whether samples are much likelier without `reference`.
+
+        Parameters
+        ----------
+        fit, alone : WindowFit
+            With this prior, and with the physiological one alone.  Few samples have many
+            explanations far from each other, so the likelihoods are compared, not the muscles.
+        """
+        gain = 2.0 * (alone.likelihood - fit.likelihood)
+        return gain > float(chdtri(len(self.reference), 1.0 - _CONTRADICTED))
+
+    def converted(self, matrix: FloatArray, size: float) -> 'Knowledge':
+        """Return the prior in other coordinates of [theta, w], `matrix` times these.
+
+        `size` is the norm of w; a share of it is added as the error of the conversion.
+        """
+        if not self.information.any():
+            return self
+        joint = len(self.reference)
+        covariance = matrix @ scaled_inverse(self.information) @ matrix.T
+        place = np.arange(PARAMETERS, joint)
+        covariance[place, place] += (_LOST * size) ** 2
+        return replace(
+            self, information=scaled_inverse(covariance), reference=matrix @ self.reference
+        )
+
+
+def knowledge_of(settings: ProjectionSettings) -> Knowledge:
+    """Return the prior before any sample."""
+    prior = settings.as_prior()
+    joint = PARAMETERS + settings.basis.functions
+    return Knowledge(
+        mean=prior.mean,
+        deviation=prior.deviation,
+        lower=coordinates(prior.lower),
+        upper=coordinates(prior.upper),
+        separation=prior.separation,
+        information=np.zeros((joint, joint)),
+        reference=np.zeros(joint),
+    )
+
+
+def informed(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
+    """Return the result of a fit as prior for later samples, slightly widened."""
+    point = fit.point
+    joint = PARAMETERS + len(point.linear)
+    covariance = fit.covariance[:joint, :joint].copy()
+    place = np.arange(PARAMETERS, joint)
+    covariance[place, place] += (_LOST * float(np.linalg.norm(point.linear))) ** 2
+    reference = np.concatenate((coordinates(point.theta), point.linear))
+    return replace(knowledge, information=scaled_inverse(covariance), reference=reference)
+
+
+@cache
+def walk_information(knots: int) -> FloatArray:
+    """Return the inverse covariance of a slow change at knots (knots, knots), which is 0 now.
+
+    The first increment has standard deviation 1; the slope is a random walk from there.
+    """
+    place = np.arange(1.0, knots + 1.0)
+    increments = (
+        1.0
+        + _SLOPE_WALK**2 * np.minimum.outer(place - 1.0, place - 1.0)
+        + _SLOPE_NOISE**2 * np.eye(knots)
+    )
+    difference = np.eye(knots) - np.eye(knots, k=-1)
+    information: FloatArray = difference.T @ np.linalg.solve(increments, difference)
+    return information
+
+
+def coordinates(theta: FloatArray) -> FloatArray:
+    """Return theta (4,) with alpha as logarithms."""
+    return np.concatenate((theta[:2], np.log(theta[2:])))
+
+
+def scaled_inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse (n, n) of a symmetric matrix whose rows differ much in size."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix * np.outer(scale, scale) + ROUNDING * np.eye(len(matrix))
+    inverse: FloatArray = np.linalg.inv(scaled) * np.outer(scale, scale)
+    return 0.5 * (inverse + inverse.T)
+
+
+# Grid on which a response is converted to another basis [s].
+_LAG: FloatArray = np.arange(0.0, 0.6, 1e-3)
+_LARGEST_RESULT = 64_000_000
+# Functions on which the response of a result may have been found: 7 to 105 ms, 0 to 35 ms.
+_BASIS = LaguerreBasis(7, 38e-3, 8e-3)
+_PLACES = tuple((k, j) for k in range(-16, 11) for j in range(-32, 109, 4))
+# Standard deviations that the JSON of a result lacks: response, as a share of it, and parameters.
+_RESULT_SHARE = 0.02
+_RESULT_DEVIATION = (0.02, 0.02, 0.3, 0.2)
+
+
+@dataclass(frozen=True)
+class DayToDay:
+    """Standard deviations of the changes of a muscle from one session to the next.
+
+    Attributes
+    ----------
+    threshold : float
+        Of u_thr and u_sat.
+    slope : float
+        Of the logarithms of alpha_sat and alpha_thr.
+    gain : float
+        Of the force, as a share of it.
+    slowing : float
+        Of the logarithm of the response's time constant.
+    shape : float
+        Of the response otherwise, as a share of it.
+    """
+
+    threshold: float = 0.01
+    slope: float = 0.1
+    gain: float = 0.1
+    slowing: float = 0.05
+    shape: float = 0.005
+
+
+@dataclass(frozen=True)
+class KnownMuscle:
+    """Result of a session for a warm start.
+
+    Attributes
+    ----------
+    theta : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr.
+    linear : ndarray (functions,)
+        Coefficients of the response.
+    covariance : ndarray (4 + functions, 4 + functions)
+        Of both, alpha as logarithms.
+    variance : float
+        Of the residuals [N^2].
+    basis : LaguerreBasis
+        Functions of the response.
+    """
+
+    theta: FloatArray
+    linear: FloatArray
+    covariance: FloatArray
+    variance: float
+    basis: LaguerreBasis
+
+    def __post_init__(self) -> None:
+        joint = PARAMETERS + self.basis.functions
+        fits = self.theta.shape == (PARAMETERS,) and self.linear.shape == (self.basis.functions,)
+        if not (fits and self.covariance.shape == (joint, joint)):
+            raise IdentificationError('expected parameters of one model, got other shapes')
+        values = np.concatenate((self.theta, self.linear, self.covariance.ravel()))
+        if not (np.isfinite(values).all() and 0.0 < self.variance < math.inf):
+            raise IdentificationError('expected finite parameters of a muscle, got others')
+        if not (self.theta[2:] > 0.0).all():
+            raise IdentificationError(f'expected alpha above 0, got {self.theta[2:].tolist()}')
+
+    def on(self, basis: LaguerreBasis) -> 'KnownMuscle':
+        """Return the same on another basis, by least squares."""
+        if basis == self.basis:
+            return self
+        change = np.linalg.lstsq(basis.evaluate(_LAG), self.basis.evaluate(_LAG), rcond=None)[0]
+        joint = np.zeros((PARAMETERS + basis.functions, len(self.covariance)))
+        joint[:PARAMETERS, :PARAMETERS] = np.eye(PARAMETERS)
+        joint[PARAMETERS:, PARAMETERS:] = change
+        covariance = joint @ self.covariance @ joint.T
+        return KnownMuscle(self.theta, change @ self.linear, covariance, self.variance, basis)
+
+    def widened(self, change: DayToDay) -> FloatArray:
+        """Return the covariance (4 + functions, 4 + functions) after a change from day to day."""
+        size = float(self.linear @ self.linear)
+        spread = np.concatenate(
+            (
+                np.full(2, change.threshold**2),
+                np.full(2, change.slope**2),
+                np.full(len(self.linear), change.shape**2 * size / len(self.linear)),
+            )
+        )
+        covariance: FloatArray = self.covariance + np.diag(spread)
+        response = covariance[PARAMETERS:, PARAMETERS:]
+        response += change.gain**2 * np.outer(self.linear, self.linear)
+        stretch = slowed(self.linear)
+        response += change.slowing**2 * np.outer(stretch, stretch)
+        return covariance
+
+
+@runtime_checkable
+class WarmStarting(Estimator, Protocol):
+    """An estimator that can start from an earlier session."""
+
+    def start_from(self, known: KnownMuscle) -> None:
+        """Use the result of an earlier session as prior.
+
+        Raises
+        ------
+        IdentificationError
+            If there have been data.
+        """
+
+
+def warm_start(estimator: Estimator, path: Path | str) -> None:
+    """Start a fresh estimator from a saved state, or from the JSON of ``rpms identify``.
+
+    Raises
+    ------
+    IdentificationError
+        If the file holds no recruitment curve, or the estimator cannot start from one.
+    """
+    if not isinstance(estimator, WarmStarting):
+        raise IdentificationError(
+            'expected an estimator that can start from an earlier session, such as horizon or '
+            f'tracking, got {estimator.name}'
+        )
+    estimator.start_from(known_from(path))
+
+
+def known_from(path: Path | str) -> KnownMuscle:
+    """Return the knowledge in a saved state, or in the JSON of ``rpms identify``.
+
+    Raises
+    ------
+    IdentificationError
+        If it holds no recruitment curve.
+    """
+    try:
+        if checkpoint.is_state(path):
+            state = checkpoint.read_state(path)['estimator_state']
+            return _of_tracking(state) if '_window' in state else _of_state(state)
+        return _of_result(_read_result(Path(path)))
+    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
+        raise IdentificationError(
+            f'expected a session with a recruitment curve in {path}, got {error!r}'
+        ) from error
+
+
+def _of_state(state: Mapping[str, Any]) -> KnownMuscle:
+    """Return the knowledge in the state of a batch or a horizon."""
+    settings, fit, prior = state['settings'], state['_fit'], state['_problem']['prior']
+    variance = float(fit['variance'][0])
+    lower = np.tril(fit['complete'])
+    matrix = lower + np.tril(lower, -1).T
+    joint = len(prior['reference'])
+    matrix[:joint, :joint] += prior['information']
+    known = np.arange(PARAMETERS)
+    matrix[known, known] += variance / prior['deviation'] ** 2
+    size = float(np.trace(matrix))
+    matrix += 1e-9 * size / len(matrix) * np.eye(len(matrix))
+    inverse = np.linalg.inv(matrix)[:joint, :joint]
+    basis = LaguerreBasis(
+        settings['basis.functions'], settings['basis.time_constant'], settings['basis.latency']
+    )
+    if settings.get('choose_basis') and '_place' in state:
+        basis = basis_at(basis, state['_place'])
+    return KnownMuscle(fit['theta'], fit['linear'], variance * inverse, variance, basis)
+
+
+def _of_tracking(state: Mapping[str, Any]) -> KnownMuscle:
+    """Return the knowledge in the state of `tracking`: the muscle at the end."""
+    fit, basis = state['_window'], LaguerreBasis(**state['_basis'])
+    point, joint = fit['point'], PARAMETERS + basis.functions
+    covariance = np.array(fit['covariance'][:joint, :joint], dtype=np.float64)
+    return KnownMuscle(point['theta'], point['linear'], covariance, fit['variance'], basis)
+
+
+def _of_result(document: Mapping[str, Any]) -> KnownMuscle:
+    """Return the knowledge in the JSON of ``rpms identify``, with assumed covariance."""
+    recruitment = document['recruitment']
+    if unknown := [name for name in PARAMETER_NAMES if recruitment[name] is None]:
+        raise IdentificationError(
+            f'expected a result that knows {", ".join(PARAMETER_NAMES)}, got none of '
+            f'{", ".join(unknown)}'
+        )
+    theta = np.array([float(recruitment[name]) for name in PARAMETER_NAMES])
+    response = document['impulse_response']
+    time = np.array(response['time_s'], dtype=np.float64)
+    force = np.array(response['force'], dtype=np.float64)
+    # the coefficients are those of recruitment 1, the response is that at full intensity
+    force /= float(identified_recruitment(RecruitmentParameters(*theta.tolist()), 1.0))
+    basis, linear = _fitted_basis(time, force)
+    share = _RESULT_SHARE**2 * float(linear @ linear) / len(linear)
+    deviation = np.array(_RESULT_DEVIATION)
+    covariance = np.diag(np.concatenate((deviation**2, np.full(len(linear), share))))
+    return KnownMuscle(theta, linear, covariance, float(document['output_error_n']) ** 2, basis)
+
+
+def _fitted_basis(time: FloatArray, force: FloatArray) -> tuple[LaguerreBasis, FloatArray]:
+    """Return the basis that represents a response (times,) best, and its coefficients.
+
+    A result does not say on which functions its response was found.
+    """
+    found = {}
+    for place in _PLACES:
+        basis = basis_at(_BASIS, place)
+        functions = basis.evaluate(time)
+        linear = np.linalg.lstsq(functions, force, rcond=None)[0]
+        found[basis] = float(np.sum((force - functions @ linear) ** 2)), linear
+    best = min(found, key=lambda basis: found[basis][0])
+    return best, np.array(found[best][1], dtype=np.float64)
+
+
+def _read_result(path: Path) -> Mapping[str, Any]:
+    try:
+        if not path.is_file() or path.stat().st_size > _LARGEST_RESULT:
+            raise IdentificationError(f'expected a saved state or a result, got {path}')
+        document: Mapping[str, Any] = json.loads(path.read_text())
+    except (OSError, RecursionError) as error:
+        raise IdentificationError(f'expected to read {path}, got {error}') from error
+    return document

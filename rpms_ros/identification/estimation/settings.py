@@ -1,0 +1,276 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the batch and the horizon estimator.
+
+Data of a fit: block statistics, baseline and prior in one object.
+
+The batch keeps all blocks and has no arrival cost, the horizon keeps the blocks of its length and
+an arrival cost, and a fit of the horizon alone has the same blocks and another prior.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.estimation.blocks import BlockStatistics
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.settings import SIMULATION_START, RecruitmentBounds
+from rpms_ros.identification.model.summation import TemporalSummation
+from rpms_ros.muscle.recruitment import RateRecruitment, RecruitmentParameters
+from rpms_ros.pulses import FloatArray
+
+PARAMETERS = 4
+
+
+class BaselineKnots(NamedTuple):
+    """Piecewise linear baseline: its knots' values are linear unknowns.
+
+    Attributes
+    ----------
+    knots : int
+        0: none; 1: an offset; more: linear between knots.
+    origin_ns, spacing_ns : int
+        First knot and distance of knots [ns].
+    """
+
+    knots: int
+    origin_ns: int
+    spacing_ns: int
+
+
+class Pass(NamedTuple):
+    """Arrays that the passes overwrite, allocated once.
+
+    Attributes
+    ----------
+    state : ndarray (1 + 4, functions)
+        States, and their derivatives by theta.
+    correlated : ndarray (1 + 4, functions)
+        Correlation of w with each row of `state`.
+    projected : ndarray (4, functions)
+        S v_j.
+    product : ndarray (functions, functions)
+        X S.
+    slope, origin_slope : ndarray (4,)
+        Derivatives of the recruitment.
+    """
+
+    state: FloatArray
+    correlated: FloatArray
+    projected: FloatArray
+    product: FloatArray
+    slope: FloatArray
+    origin_slope: FloatArray
+
+
+def pass_arrays(functions: int) -> Pass:
+    """Return arrays for so many functions."""
+    return Pass(
+        state=np.zeros((1 + PARAMETERS, functions)),
+        correlated=np.zeros((1 + PARAMETERS, functions)),
+        projected=np.zeros((PARAMETERS, functions)),
+        product=np.zeros((functions, functions)),
+        slope=np.zeros(PARAMETERS),
+        origin_slope=np.zeros(PARAMETERS),
+    )
+
+
+class Prior(NamedTuple):
+    """Prior, bounds and arrival cost.
+
+    Attributes
+    ----------
+    mean, deviation : ndarray (4,)
+        Weak physiological prior of theta, alpha as logarithms.
+    lower, upper : ndarray (4,)
+        Bounds of theta.
+    separation : float
+        u_sat is at least this far above u_thr.
+    information : ndarray (4 + functions, 4 + functions)
+        Matrix of the arrival cost of [theta, w], alpha as logarithms.
+    information_vector : ndarray (4 + functions,)
+        Minus its gradient at `reference`.
+    reference : ndarray (4 + functions,)
+        Point about which it is expanded.
+    """
+
+    mean: FloatArray
+    deviation: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    separation: float
+    information: FloatArray
+    information_vector: FloatArray
+    reference: FloatArray
+
+
+class Problem(NamedTuple):
+    """A separable least-squares problem over the blocks of a recording.
+
+    Attributes
+    ----------
+    blocks : BlockStatistics
+        Sums over the samples.
+    first : int
+        Blocks before this one only advance the state and are not fitted.
+    input_gain : float
+        Increase of each state by a pulse of recruitment 1 [s^-1/2].
+    baseline : BaselineKnots
+        Baseline of the force.
+    prior : Prior
+        Prior, bounds and arrival cost.
+    work : Pass
+        Arrays that the passes overwrite.
+    """
+
+    blocks: BlockStatistics
+    first: int
+    input_gain: float
+    baseline: BaselineKnots
+    prior: Prior
+    work: Pass
+
+
+# Further starts of a fit: alternate corners of the range of u_thr, u_sat and alpha_sat.
+_CORNERS = ((0.40, 0.80, 3.0), (0.40, 1.00, 12.0), (0.65, 0.80, 12.0), (0.65, 1.00, 3.0))
+_CENTRE = RecruitmentParameters(0.60, 0.90, 8.0, 5.5)
+
+
+@dataclass(frozen=True)
+class RecruitmentPrior:
+    """Prior of the recruitment parameters: centre, and spread among people.
+
+    The centres are those of the paper's Tables 3 and 6, the deviations about twice their spread.
+
+    Attributes
+    ----------
+    centre : RecruitmentParameters
+        Most likely parameters.
+    u_thr, u_sat : float
+        Standard deviations.
+    alpha_sat, alpha_thr : float
+        Standard deviations of the natural logarithms.
+    """
+
+    centre: RecruitmentParameters = _CENTRE
+    u_thr: float = 0.2
+    u_sat: float = 0.2
+    alpha_sat: float = 0.8
+    alpha_thr: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name in ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise IdentificationError(f'expected a deviation of {name} above 0, got {value}')
+
+    def as_prior(
+        self, bounds: RecruitmentBounds, alpha_thr: tuple[float, float], functions: int
+    ) -> Prior:
+        """Return this prior and the bounds as a `Prior`."""
+        joint = PARAMETERS + functions
+        centre = np.array(self.centre)
+        low, high = zip(bounds.u_thr, bounds.u_sat, bounds.alpha_sat, alpha_thr, strict=True)
+        return Prior(
+            mean=np.concatenate((centre[:2], np.log(centre[2:]))),
+            deviation=np.array([self.u_thr, self.u_sat, self.alpha_sat, self.alpha_thr]),
+            lower=np.array(low, dtype=np.float64),
+            upper=np.array(high, dtype=np.float64),
+            separation=bounds.separation,
+            information=np.zeros((joint, joint)),
+            information_vector=np.zeros(joint),
+            reference=np.zeros(joint),
+        )
+
+
+@dataclass(frozen=True)
+class ProjectionSettings:
+    """Model and numerics of the batch and the horizon estimator.
+
+    Attributes
+    ----------
+    basis : LaguerreBasis
+        Functions of the response, behind the latency.
+    start : RecruitmentParameters
+        Start of the nonlinear parameters.
+    prior : RecruitmentPrior
+        Weak physiological prior.
+    bounds : RecruitmentBounds
+        Bounds of u_thr, u_sat and alpha_sat.
+    alpha_thr : tuple of float
+        Lowest and highest alpha_thr; equal values fix it.
+    baseline : bool
+        Whether the model has an offset and a slow drift of the force.
+    by_rate : RateRecruitment or None
+        How the weight of a pulse depends on the interval to the one before it (Eq. 10); None:
+        all weights are 1.
+    history : TemporalSummation or None
+        How the weight of a pulse depends on all pulses before it, instead of `by_rate`.
+    choose_basis : bool
+        Batch: choose latency and time constant by the samples; the search begins at `basis`.
+    knot_spacing : float
+        Batch: distance of the baseline's knots [s].
+    horizon : float
+        Horizon: how long samples are kept exactly [s].
+    step_period : float
+        Horizon: time between two steps, by the stamps [s].
+    steps : int
+        Horizon: Gauss-Newton steps a period.
+    forgetting : float
+        Horizon: share of the arrival cost that is forgotten a period; see `arrival_cost`.
+    confidence : float
+        Level of the intervals.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
+    """
+
+    basis: LaguerreBasis = field(default_factory=lambda: LaguerreBasis(7, 38e-3, 8e-3))
+    start: RecruitmentParameters = SIMULATION_START
+    prior: RecruitmentPrior = field(default_factory=RecruitmentPrior)
+    bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
+    alpha_thr: tuple[float, float] = (2.0, 15.0)
+    baseline: bool = True
+    by_rate: RateRecruitment | None = field(default_factory=RateRecruitment)
+    history: TemporalSummation | None = None
+    choose_basis: bool = False
+    knot_spacing: float = 15.0
+    horizon: float = 20.0
+    step_period: float = 0.05
+    steps: int = 1
+    forgetting: float = 0.02
+    confidence: float = 0.95
+
+    def __post_init__(self) -> None:
+        for name in ('knot_spacing', 'horizon', 'step_period'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise IdentificationError(f'expected {name} above 0 s, got {value}')
+        if self.steps < 1:
+            raise IdentificationError(f'expected at least 1 step a period, got {self.steps}')
+        if not 0 <= self.forgetting <= 1:
+            raise IdentificationError(f'expected 0 <= forgetting <= 1, got {self.forgetting}')
+        if not 0 < self.confidence < 1:
+            raise IdentificationError(f'expected 0 < confidence < 1, got {self.confidence}')
+        if not 0 < self.alpha_thr[0] <= self.start.alpha_thr <= self.alpha_thr[1]:
+            raise IdentificationError(
+                f'expected alpha_thr bounds around {self.start.alpha_thr}, got {self.alpha_thr}'
+            )
+        if not self.bounds.hold(self.start):
+            raise IdentificationError(
+                f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
+            )
+
+    def starts(self) -> list[FloatArray]:
+        """Return the starts, theta (4,) each, of a fit that tries several."""
+        alpha_thr = self.start.alpha_thr
+        return [np.array([*start, alpha_thr]) for start in (tuple(self.start[:3]), *_CORNERS)]
+
+    def as_prior(self) -> Prior:
+        """Return the prior, without arrival cost."""
+        return self.prior.as_prior(self.bounds, self.alpha_thr, self.basis.functions)

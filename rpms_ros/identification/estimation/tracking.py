@@ -1,0 +1,777 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""On-line estimator of a muscle that changes: exact fits of a window, widths by evidence.
+
+Samples of the last minute are kept in blocks of one pulse each.  Four times a second the present
+muscle, its slow change and the disturbance are fitted to all of them together; the priors of the
+speed of change and of the disturbance are chosen by the evidence (`window_fit`).  A sudden change
+is found by its prediction errors, and the window restarts with the part of the muscle that did not
+change (`changes`).  Latency and time constant of the basis are chosen by the samples
+(`basis_choice`).
+Steps are triggered by stamps alone, so the answer does not depend on how the data are cut.
+
+Rates, changes, disturbance and reasons of an estimate of `tracking`.
+
+Other starts for the fit of a young window, which may hang in a local minimum.
+
+Settings of the tracking estimator.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.estimation.basis_choice import (
+    LIVELY,
+    BasisChoice,
+    BasisSchedule,
+    Explained,
+    RawSamples,
+    Search,
+    conversion,
+)
+from rpms_ros.identification.estimation.change_detection import (
+    DYNAMICS,
+    Alert,
+    ChangeWatch,
+    Explanation,
+    FoundChange,
+    first_block_after,
+    origin_of,
+    snapshot,
+)
+from rpms_ros.identification.estimation.estimator import ProjectionEstimator, recompute_state
+from rpms_ros.identification.estimation.normal_equations import within_knots
+from rpms_ros.identification.estimation.prior import (
+    DayToDay,
+    Knowledge,
+    KnownMuscle,
+    coordinates,
+    informed,
+    knowledge_of,
+    scaled_inverse,
+)
+from rpms_ros.identification.estimation.settings import (
+    PARAMETERS,
+    BaselineKnots,
+    Problem,
+    ProjectionSettings,
+)
+from rpms_ros.identification.estimation.tremor import SEARCHED_NS, Tremor, repetition_rates
+from rpms_ros.identification.estimation.uncertainty import EstimateBuilder
+from rpms_ros.identification.estimation.window_equations import Origin, no_change, point_at, slowed
+from rpms_ros.identification.estimation.window_fit import (
+    Scales,
+    Window,
+    WindowFit,
+    explained,
+    fresh_fit,
+    improved,
+)
+from rpms_ros.identification.model.basis import LaguerreBasis
+from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
+from rpms_ros.identification.stream.doubts import REASON, RESIDUALS_ALIKE
+from rpms_ros.identification.stream.faults import PULSES_TOO_FREQUENT
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
+from rpms_ros.saved_state import Restorable
+
+RATE_NAMES = ('force_percent', 'time_constant_percent', 'u_thr', 'u_sat')
+_MINUTE = 60.0
+# A muscle does not tire evenly between two knots: deviation of a rate as a share of it, so that
+# nineteen of twenty intervals hold the mean rate of the last knot (bench/rates.py).
+_UNEVEN = 0.06
+# The disturbance counts as lively above this share of the force, by `LIVELINESS`.
+_LIVELY = 6
+# Above this factor neighbouring residuals are more alike than a muscle of the model leaves them,
+# which is 1.1 at most once it is known: a lively disturbance then takes up what is the muscle's.
+_DOUBTED_INFLATION = 1.5
+_WIDE = 0.05
+
+
+def described_fit(
+    estimate: Estimate,
+    fit: WindowFit,
+    found: Sequence[FoundChange],
+    count: int,
+    deliberating: bool,
+    knot_s: float,
+    interval_s: float,
+    area: FloatArray,
+    tremor: Tremor,
+) -> Estimate:
+    """Return the estimate with rates, changes, disturbance, doubts and reasons added.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The muscle now.
+    fit : WindowFit
+        Where the fit of the window stands.
+    found : sequence of FoundChange
+        The newest changes.
+    count : int
+        How many changes there were.
+    deliberating : bool
+        Whether the newest samples are not learnt from for the moment.
+    knot_s, interval_s : float
+        Distance of the knots of gain and slowing, and length of an interval [s].
+    area : ndarray (functions,)
+        Integrals of the functions [s^1/2].
+    tremor : Tremor
+        What is taken off the samples.
+    """
+    names, rate, deviation = _rates(fit, knot_s, interval_s, area)
+    half = (
+        float(ndtri(0.5 + 0.5 * estimate.confidence)) * deviation if estimate.confidence else 0.0
+    )
+    rest = _rest_level(fit.levels)
+    doubts = (RESIDUALS_ALIKE,) if estimate.curve_known and _leaves_alike(fit) else ()
+    return replace(
+        estimate,
+        doubts=(*estimate.doubts, *doubts),
+        rate_names=names,
+        rate=rate,
+        rate_lower=rate - half,
+        rate_upper=rate + half,
+        changes=count,
+        change_kinds=tuple(one.kind for one in found),
+        change_ago=np.array([1e-9 * (estimate.stamp_ns - one.stamp_ns) for one in found]),
+        disturbance=float(fit.levels[-1]) - rest,
+        disturbance_deviation=_level_deviation(fit, estimate.stamp_ns * 1e-9 / interval_s),
+        reasons=(*_reasons(estimate, fit, deliberating, tremor), *(REASON[one] for one in doubts)),
+    )
+
+
+def _leaves_alike(fit: WindowFit) -> bool:
+    """Tell whether neighbouring residuals are alike, and more than the model's own error."""
+    left = fit.misfit * fit.weighed
+    return fit.together > _DOUBTED_INFLATION and left > 0.5 * fit.variance
+
+
+def _rest_level(levels: FloatArray) -> float:
+    """Return the level of the disturbance without effort [N]."""
+    return float(np.median(levels)) if len(levels) else 0.0
+
+
+def _level_deviation(fit: WindowFit, now: float) -> float:
+    """Return the standard deviation of the newest level at a time in intervals [N]."""
+    behind = max(now - (fit.first + len(fit.levels) - 1), 0.0) + 1.0
+    slope = abs(float(fit.levels[-1] - fit.levels[-2])) if len(fit.levels) > 1 else 0.0
+    return math.hypot(fit.level_deviation, slope * min(behind, 4.0))
+
+
+def _rates(
+    fit: WindowFit, knot_s: float, interval_s: float, area: FloatArray
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Return names, rates a minute and their standard deviations; nothing without a past."""
+    knots = len(fit.point.gain)
+    if not knots:
+        return (), np.empty(0), np.empty(0)
+    base = PARAMETERS + len(fit.point.linear)
+    # a slower twitch of the same height has a larger area, and so a larger steady force
+    steady = float(area @ fit.point.linear)
+    by_slowing = float(area @ slowed(fit.point.linear)) / steady if steady else 0.0
+    # the parameters are past minus present: a force that was larger has fallen
+    scale = 100.0 * _MINUTE / knot_s
+    matrix = np.zeros((len(RATE_NAMES), len(fit.covariance)))
+    matrix[0, base], matrix[0, base + knots] = -scale, -scale * by_slowing
+    matrix[1, base + knots] = -scale
+    matrix[2, -2] = matrix[3, -1] = -_MINUTE / interval_s
+    gain, slowing = float(fit.point.gain[0]), float(fit.point.slowing[0])
+    changed = np.zeros(len(fit.covariance))
+    changed[base], changed[base + knots], changed[-2:] = gain, slowing, fit.point.slope
+    variance = np.einsum('ij,jk,ik->i', matrix, fit.covariance, matrix)
+    rate = matrix @ changed
+    variance[:2] += np.square(_UNEVEN * rate[:2])
+    return RATE_NAMES, rate, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _reasons(
+    estimate: Estimate, fit: WindowFit, deliberating: bool, tremor: Tremor
+) -> tuple[str, ...]:
+    """Return why intervals are wide or samples are not learnt from, as sentences."""
+    found = []
+    if deliberating:
+        found.append('the newest samples do not fit the muscle; looking for what has changed')
+    if tremor.frequency:
+        # without a unit: an estimator is not told whether it is a force or a torque
+        found.append(
+            f'a tremor of {tremor.frequency:.1f} Hz with an amplitude of '
+            f'{tremor.amplitude:.2g} is taken off'
+        )
+    if fit.scales.disturbance > _LIVELY:
+        found.append('a lively disturbance cannot be told from the muscle everywhere')
+    if estimate.curve_known and len(estimate.curve_upper):
+        width = float(np.max(estimate.curve_upper - estimate.curve_lower))
+        if width > 2.0 * _WIDE * float(np.max(np.abs(estimate.curve_force))):
+            found.append('the pulses so far do not tell the recruitment curve')
+    return tuple(found)
+
+
+_CHALLENGED_NS = 30 * NANOSECONDS_PER_SECOND
+# A window that is not quite young is challenged once in so many steps.
+_RESTS, _OFTEN_NS = 4, 5 * NANOSECONDS_PER_SECOND
+_TRIAL_STEPS = 5
+# The other has to be better by so much [nat].
+_DECISION = 3.0
+
+
+class Challenger(Restorable):
+    """Tries other starts, in turn.
+
+    Parameters
+    ----------
+    starts : sequence of ndarray (4,)
+        theta of each.
+    """
+
+    _turn: int
+
+    def __init__(self, starts: Sequence[FloatArray]) -> None:
+        self._starts = starts
+        self._turn = 0
+
+    def challenge(
+        self, problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
+    ) -> None:
+        """While the window is young try the next start; go on from there if it is better."""
+        length_ns = window.now_ns - window.first_ns
+        if length_ns > _CHALLENGED_NS or not fit.shows_response:
+            return
+        self._turn = (self._turn + 1) % (_RESTS * len(self._starts))
+        if length_ns > _OFTEN_NS and self._turn % _RESTS:
+            return
+        other = fresh_fit(self._starts[self._turn // _RESTS], len(fit.point.linear))
+        other.variance, other.together = fit.variance, fit.together
+        mine = replace(fit)
+        if not explained(problem, other, knowledge, window, _TRIAL_STEPS):
+            return
+        if explained(problem, mine, knowledge, window, 1) and (
+            other.evidence > mine.evidence + _DECISION
+        ):
+            fit.point, fit.scales, fit.levels = other.point, other.scales, other.levels
+            fit.first = other.first
+
+
+LONGEST_BASIS = LaguerreBasis(7, 90e-3, 30e-3)
+"""Slowest twitch and longest latency of the bases that are tried."""
+
+
+@dataclass(frozen=True)
+class TrackingSettings(ProjectionSettings):
+    """Model and numerics of the tracking estimator.
+
+    `basis` and `start` are the first ones; `horizon` is the longest window.  `knot_spacing`,
+    `steps` and `forgetting` are not used.
+
+    Attributes
+    ----------
+    choose_basis : bool
+        Choose latency and time constant of the basis by the samples.
+    find_changes : bool
+        Look for sudden changes of the muscle.
+    """
+
+    horizon: float = 60.0
+    step_period: float = 0.25
+    choose_basis: bool = True
+    find_changes: bool = True
+
+
+# Pulses up to this rate fit into the window [Hz]; at a higher one it is shorter.
+_HIGHEST_RATE = 120.0
+_SPARE_BLOCKS = 128
+_BLOCKS_OF_PAUSES = 4
+INTERVAL_NS = 125_000_000
+# Distance of two knots of the slow change, in intervals.
+_KNOT_INTERVALS = 40
+_KNOT_S = _KNOT_INTERVALS * INTERVAL_NS / NANOSECONDS_PER_SECOND
+# The window ends where the muscle was so different that what it was then says little of now, and
+# seven functions no longer hold the stretched response.
+_LARGEST_GAIN = 0.25
+_LARGEST_SLOWING = 0.25
+_SHORTEST_S = 20.0
+# That of the slowest muscle.
+_LONGEST_LAG_S = 0.3
+_STEPS, _FIRST_STEPS = 2, 6
+_DOUBTED_NS = 10 * NANOSECONDS_PER_SECOND
+_SETTLING_NS = NANOSECONDS_PER_SECOND // 2
+_YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
+# Neighbouring residuals of a basis that fits are seldom alike.
+_ALIKE = 1.3
+# Of the newest samples to which bases are fitted.
+_CHOICE_NS = 16 * NANOSECONDS_PER_SECOND
+
+
+class TrackingEstimator(ProjectionEstimator):
+    """Estimator of a muscle that changes.
+
+    Parameters
+    ----------
+    settings : TrackingSettings or None
+        Model and numerics.
+    rate_hz : float
+        Rate for which the recruitment curve is stated [Hz].
+
+    Raises
+    ------
+    IdentificationError
+        If the rate is not above zero.
+    """
+
+    name = 'tracking'
+
+    _basis: LaguerreBasis
+    _last_ns: int | None
+    _schedule: BasisSchedule
+    _challenger: Challenger
+    _from_before: bool
+    _knowledge: Knowledge
+    _window: WindowFit
+    _origin: Origin
+    _watch: ChangeWatch
+    _raw: RawSamples
+    _tremor: Tremor
+
+    def __init__(
+        self,
+        settings: TrackingSettings | None = None,
+        rate_hz: float = DEFAULT_RATE,
+    ) -> None:
+        settings = settings if settings is not None else TrackingSettings()
+        seconds = settings.horizon + LONGEST_BASIS.duration
+        self._choose, self._find = settings.choose_basis, settings.find_changes
+        self._capacity = int(seconds * _HIGHEST_RATE) + _SPARE_BLOCKS
+        super().__init__(settings, rate_hz, self._capacity, 2)
+        self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
+        functions = settings.basis.functions
+        self._basis = settings.basis
+        self._last_ns = None
+        self._schedule = BasisSchedule()
+        self._challenger = Challenger(settings.starts())
+        self._from_before = False
+        self._prior = knowledge_of(settings)
+        self._knowledge = self._prior
+        self._window = fresh_fit(np.array(settings.start), functions)
+        self._origin = no_change(functions)
+        self._watch = ChangeWatch()
+        self._raw = RawSamples()
+        self._tremor = Tremor()
+        self._use(settings.basis)
+
+    @property
+    def memory(self) -> float:
+        """Longest time for which a pulse may act on the model's output [s]."""
+        return LONGEST_BASIS.duration
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what was saved; see `Restorable.restore`."""
+        super().restore(state)
+        self._use(self._basis)
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        super().add_pulses(onset_ns, intensity)
+        if len(onset_ns):
+            weight = self._delay_line.weight[-len(onset_ns) :]
+            self._raw.add_pulses(onset_ns, intensity, weight)
+            self._schedule.add_pulses(onset_ns, intensity)
+
+    def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
+        """Learn from samples (samples,), ascending; return their a-priori prediction [N].
+
+        See `rpms_ros.identification.model.estimate.Estimator.update`.
+        """
+        prediction = np.empty(len(stamp_ns))
+        if not len(stamp_ns):
+            return prediction
+        period = stamp_ns // self._step_ns
+        starts = np.flatnonzero(np.diff(period)) + 1
+        for first, last in zip((0, *starts), (*starts, len(stamp_ns)), strict=True):
+            if self._last_ns is not None and period[first] != self._last_ns // self._step_ns:
+                self._step()
+            part = slice(first, last)
+            self._make_room(int(stamp_ns[first]), int(stamp_ns[last - 1]))
+            tremor = self._tremor.force(stamp_ns[part])
+            rest = force[part] - tremor
+            self._take(stamp_ns[part], rest, usable[part], prediction[part])
+            self._raw.add(stamp_ns[part], force[part], tremor, usable[part])
+            muscle = prediction[part] - self._disturbance(stamp_ns[part])
+            self._tremor.add(stamp_ns[part], force[part], muscle, usable[part])
+            prediction[part] += tremor
+            self._last_ns = int(stamp_ns[last - 1])
+        return prediction
+
+    def predict(self, stamp_ns: IntArray) -> FloatArray:
+        """Return what is expected of samples (samples,) that come next [N]."""
+        return super().predict(stamp_ns) + self._tremor.force(stamp_ns)
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act; the knowledge of the muscle is kept."""
+        super().forget_pulses()
+        self._begin_anew()
+        self._watch.forget_times()
+        self._schedule.forget()
+        self._tremor.forget()
+        self._last_ns = None
+
+    def start_from(self, known: KnownMuscle) -> None:
+        """Use the result of an earlier session, and its basis, as prior.
+
+        Raises
+        ------
+        IdentificationError
+            If there have been data.
+        """
+        if self._last_ns is not None or self._pulses:
+            raise IdentificationError('expected a fresh estimator to start from what is known')
+        basis = replace(known.basis, functions=self.settings.basis.functions)
+        if not self._choose:
+            basis = self.settings.basis
+        known = known.on(basis)
+        prior = self._problem.prior
+        theta = np.clip(known.theta, prior.lower, prior.upper)
+        self._prior.part(theta)
+        self._use(basis)
+        self._problem = self._problem._replace(input_gain=basis.input_gain)
+        self._window.point = point_at(theta, known.linear, 0)
+        self._knowledge = replace(
+            self._prior,
+            information=scaled_inverse(known.widened(DayToDay())),
+            reference=np.concatenate((coordinates(theta), known.linear)),
+        )
+        self._from_before = True
+
+    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return the present estimate."""
+        return described_fit(
+            self._build(stamp_ns, faults),
+            self._window,
+            self._watch.found,
+            self._watch.count,
+            self._watch.deliberating,
+            _KNOT_S,
+            INTERVAL_NS * 1e-9,
+            self._basis.area,
+            self._tremor,
+        )
+
+    @property
+    def _now_ns(self) -> int:
+        """Newest stamp [ns]."""
+        assert self._last_ns is not None
+        return self._last_ns
+
+    def _build(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return the estimate of the window's fit."""
+        return self._builder.stated(
+            stamp_ns,
+            self._fit,
+            self._window.uncertainty(self._prior.deviation, self.settings.confidence),
+            self._prior.deviation,
+            self._counters(),
+            self._with_own(faults),
+        )
+
+    def _step(self) -> None:
+        """Fit the window."""
+        if self._intake.learnt[0] == 0.0:
+            return
+        if not self._schedule.begun and self._window.shows_response:
+            self._schedule.begin(self._now_ns)
+        self._slide()
+        self._follow_tremor()
+        if not self._holds_samples():
+            return
+        basis = self._basis
+        self._choose_basis()
+        window = self._span()
+        self._look_for_change(window)
+        if not self._watch.deliberating:
+            young = window.now_ns - window.first_ns < _YOUNG_NS
+            steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
+            self._challenger.challenge(self._problem, self._window, self._knowledge, self._span())
+            improved(self._problem, self._window, self._knowledge, self._span(), steps)
+            self._doubt_what_is_from_before(self._span())
+            if self._find:
+                self._watch.remember(snapshot(self._window, window.now_ns))
+        self._predict_by_window()
+
+    def _follow_tremor(self) -> None:
+        """Follow a tremor, or look whether what may be one explains the samples."""
+        if not self._tremor.follow(repetition_rates(self._problem.blocks)):
+            return
+        if not self._schedule.begun:
+            # nothing is known that would be lost
+            self._watch.forget()
+            size = int(self._problem.blocks.size[0])
+            self._problem = self._problem._replace(first=size)
+            self._begin_without_tremor()
+            return
+        self._tremor.reject()
+        span = self._span()
+        if span.now_ns - span.first_ns < SEARCHED_NS:
+            # what an earlier muscle leaves may look like one
+            return
+        explained = self._choice().explained(self._basis)
+        if explained.tremor:
+            self._take_up(explained, self._basis)
+
+    def _take_up(self, explained: Explained, basis: LaguerreBasis) -> None:
+        """Go on with a basis as it explains the newest samples."""
+        found, fit = explained.fit, self._window
+        if explained.tremor:
+            point, prior = found.point, self._problem.prior
+            rest = explained.raw.rest(basis, point.theta, point.linear, prior)
+            self._raw = explained.raw
+            self._tremor.accept(explained.tremor, *rest)
+            self._schedule.begin(self._now_ns)
+        first_ns = self._span().first_ns
+        if explained.tremor or basis != self._basis:
+            self._change_basis(basis)
+        if not explained.tremor and first_ns < self._compared_from():
+            # of the earlier disturbance the fit of the newest samples says nothing
+            fit.point = fit.point._replace(theta=found.point.theta, linear=found.point.linear)
+            if fit.together > _ALIKE:
+                fit.scales, fit.variance, fit.together = found.scales, found.variance, 1.0
+            return
+        fit.point = found.point
+        fit.scales, fit.variance, fit.together = found.scales, found.variance, found.together
+        fit.levels, fit.first = found.levels, found.first
+
+    def _begin_without_tremor(self) -> None:
+        """Forget the widths that were found: they are those of the tremor."""
+        fit = self._window
+        fit.point = point_at(fit.point.theta, fit.point.linear, 0)
+        fit.scales, fit.variance = Scales(), 0.0
+        fit.levels = np.full(2, float(np.median(fit.levels)))
+        self._schedule.begin(self._now_ns)
+
+    def _doubt_what_is_from_before(self, window: Window) -> None:
+        """Give up what another session, or a change, has left where the samples contradict it."""
+        if not self._from_before:
+            return
+        self._from_before = window.now_ns - window.first_ns < _DOUBTED_NS
+        alone = fresh_fit(self._window.point.theta, self._basis.functions)
+        improved(self._problem, alone, self._prior, window, _FIRST_STEPS)
+        if self._knowledge.contradicted(self._window, alone):
+            self._from_before = False
+            self._knowledge = self._prior
+            self._window = alone
+            self._watch.forget()
+
+    def _look_for_change(self, window: Window) -> None:
+        """Search for a change of the muscle; restart the window after it."""
+        if not self._find:
+            return
+        intake = self._intake
+        samples = float(intake.recent[0])
+        alert = Alert(
+            float(intake.error_energy[0]) / max(samples, 1.0),
+            float(intake.force_energy[0]) / max(samples, 1.0),
+            samples,
+        )
+        change = self._watch.look(self._problem, window, self._window, self._prior, alert)
+        if change is not None:
+            self._begin_after(change)
+
+    def _begin_after(self, change: Explanation) -> None:
+        """Restart the window after a change."""
+        self._window = replace(change.fit)
+        self._knowledge = change.knowledge
+        # if it is of another kind than it seems, what it leaves alone is wrong
+        self._from_before = True
+        self._origin = origin_of(change.before)
+        # The force of earlier pulses gets the new dynamics too: it has to decay first.
+        settling = _SETTLING_NS if change.kind == DYNAMICS else 0
+        first = first_block_after(self._problem, change.before.stamp_ns + settling)
+        first = min(first, int(self._problem.blocks.size[0]) - 2)
+        self._problem = self._problem._replace(first=first)
+
+    def _holds_samples(self) -> bool:
+        """Return whether the window holds enough blocks to be fitted."""
+        return int(self._problem.blocks.size[0]) - self._problem.first >= 2
+
+    def _span(self) -> Window:
+        """Return the present window."""
+        blocks = self._problem.blocks
+        begin = (int(blocks.head[0]) + self._problem.first) % len(blocks.start_ns)
+        first_ns = int(blocks.start_ns[begin])
+        # without a known response there is no slow change
+        known = self._schedule.begun
+        knots = int((self._now_ns - first_ns) / INTERVAL_NS / _KNOT_INTERVALS + 0.5) * known
+        return Window(
+            first_ns,
+            self._now_ns,
+            INTERVAL_NS,
+            float(_KNOT_INTERVALS),
+            knots,
+            self._lag(),
+            self._origin,
+        )
+
+    def _lag(self) -> float:
+        """Return how long after its pulse the force acts in the mean, in intervals."""
+        linear = self._window.point.linear
+        area = float(self._basis.area @ linear)
+        seconds = float(self._basis.moment @ linear) / area if area > 0.0 else 0.0
+        return min(max(seconds, 0.0), _LONGEST_LAG_S) * NANOSECONDS_PER_SECOND / INTERVAL_NS
+
+    def _disturbance(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the disturbance (samples,) [N] in the prediction."""
+        baseline, levels = self._problem.baseline, self._fit.levels
+        position = (stamp_ns - baseline.origin_ns) / baseline.spacing_ns
+        share = np.clip(position, within_knots(-np.inf, baseline), within_knots(np.inf, baseline))
+        disturbance: FloatArray = (1.0 - share) * levels[0] + share * levels[1]
+        return disturbance
+
+    def _predict_by_window(self) -> None:
+        """Use the fit of the window for the predictions of the intake."""
+        window, fit = self._window, self._fit
+        fit.theta[:] = window.point.theta
+        fit.linear[:] = window.point.linear
+        fit.levels[:] = window.levels[-2:]
+        fit.failures[0] = window.failures
+        fit.moved[0] = float(np.abs(window.moved).max())
+        origin = (window.first + len(window.levels) - 2) * INTERVAL_NS
+        self._problem = self._problem._replace(baseline=BaselineKnots(2, origin, INTERVAL_NS))
+        recompute_state(self._problem, self._intake, fit)
+
+    def _slide(self) -> None:
+        """Drop blocks before the window, except those that advance its first state."""
+        blocks = self._problem.blocks
+        capacity = len(blocks.start_ns)
+        head, size = int(blocks.head[0]), int(blocks.size[0])
+        start_ns = blocks.start_ns[(head + np.arange(size)) % capacity]
+        surplus = size - (capacity - _SPARE_BLOCKS)
+        oldest = self._now_ns - self._length_ns()
+        first = max(int(np.searchsorted(start_ns, oldest)), self._problem.first, surplus)
+        first = max(min(first, size), 0)
+        if first == size:
+            return
+        memory_ns = round(self._basis.duration * NANOSECONDS_PER_SECOND)
+        dropped = int(np.searchsorted(start_ns, int(start_ns[first]) - memory_ns))
+        dropped = max(min(max(dropped, surplus), first), 0)
+        if dropped:
+            blocks.head[0] = (head + dropped) % capacity
+            blocks.size[0] -= dropped
+        self._problem = self._problem._replace(first=first - dropped)
+        self._raw.drop(int(start_ns[first]) - round(self.memory * NANOSECONDS_PER_SECOND))
+
+    def _length_ns(self) -> int:
+        """Return the length of the window [ns], shorter for a muscle that changes fast."""
+        point = self._window.point
+        large = (np.abs(point.gain) > _LARGEST_GAIN) | (np.abs(point.slowing) > _LARGEST_SLOWING)
+        longest = self.settings.horizon
+        seconds = _KNOT_S * int(np.argmax(large)) if large.any() else longest
+        return round(min(max(seconds, _SHORTEST_S), longest) * NANOSECONDS_PER_SECOND)
+
+    def _make_room(self, first_ns: int, last_ns: int) -> None:
+        """Make room for the blocks up to `last_ns`.
+
+        Pulses that began long before the first sample, in an outage of the force, no longer act.
+        """
+        pending = self._delay_line
+        memory_ns = round(2.0 * self.memory * NANOSECONDS_PER_SECOND)
+        pending.drop(pending.begin_until(first_ns - memory_ns))
+        capacity = len(self._problem.blocks.start_ns)
+        coming = pending.begin_until(last_ns)
+        most = capacity - _BLOCKS_OF_PAUSES
+        if coming > most:
+            self._faults.add(PULSES_TOO_FREQUENT, coming - most)
+            pending.drop(coming - most)
+            coming = most
+        lacking = int(self._problem.blocks.size[0]) + coming + _BLOCKS_OF_PAUSES - capacity
+        if lacking > 0:
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Begin with an empty window and the knowledge of the muscle."""
+        if self._window.variance > 0.0:
+            self._knowledge = informed(self._prior, self._window)
+        self._problem.blocks.size[0] = 0
+        self._problem = self._problem._replace(first=0)
+        self._intake.fresh[0] = 1.0
+        self._origin = no_change(self._basis.functions)
+        self._window.levels = self._window.levels[-2:].copy()
+        self._watch.forget()
+        self._raw.forget()
+
+    def _choose_basis(self) -> None:
+        """Compare the basis with others when it is time to."""
+        if not self._choose or self._watch.deliberating:
+            return
+        search = self._schedule.due(self._now_ns, self._window.together > _ALIKE)
+        if search is None:
+            return
+        if self._tremor.frequency:
+            # the muscle is known better than it was
+            point, prior = self._window.point, self._problem.prior
+            rest = self._raw.rest(self._basis, point.theta, point.linear, prior)[-1]
+            self._raw = self._raw.without(self._tremor.frequency, rest)
+            self._change_basis(self._basis)
+        choice = self._choice()
+        fit = self._window
+        found = choice.better(search is Search.EVERYWHERE)
+        explained = choice.explained(found)
+        quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
+        freed = explained.fit.together < _ALIKE < fit.together
+        if found != self._basis or explained.tremor or quieter or freed:
+            self._take_up(explained, found)
+
+    def _compared_from(self) -> int:
+        """Return the first sample to which bases are fitted [ns]."""
+        return max(self._span().first_ns, self._now_ns - _CHOICE_NS)
+
+    def _choice(self) -> BasisChoice:
+        """Return the choice of a basis for the newest samples."""
+        return BasisChoice(
+            self._raw,
+            self._basis,
+            self._window,
+            self._prior,
+            self._problem.prior,
+            self._compared_from(),
+            self._now_ns,
+            INTERVAL_NS,
+            float(_KNOT_INTERVALS),
+            self._lag(),
+            self._origin,
+            None if self._tremor.frequency else repetition_rates(self._problem.blocks),
+        )
+
+    def _change_basis(self, basis: LaguerreBasis) -> None:
+        """Put the samples of the window into blocks of another basis."""
+        matrix = conversion(self._basis, basis)
+        fit = self._window
+        linear = matrix @ fit.point.linear
+        first_ns = self._span().first_ns
+        problem, intake, pending = self._raw.condensed(
+            basis, fit.point.theta, linear, first_ns, self._problem.prior, self._capacity
+        )
+        self._problem = problem._replace(baseline=self._problem.baseline)
+        for name in ('error_energy', 'force_energy', 'recent', 'learnt', 'previous_ns'):
+            getattr(intake, name)[:] = getattr(self._intake, name)
+        self._intake = intake
+        self._delay_line.restart(*self._raw.newest_pulses(pending), basis.latency)
+        both = np.eye(PARAMETERS + basis.functions)
+        both[PARAMETERS:, PARAMETERS:] = matrix
+        self._knowledge = self._knowledge.converted(both, float(np.linalg.norm(linear)))
+        self._window.point = fit.point._replace(linear=linear)
+        self._origin = self._origin._replace(linear=matrix @ self._origin.linear)
+        self._watch.forget()
+        self._use(basis)
+
+    def _use(self, basis: LaguerreBasis) -> None:
+        """Use a basis from now on."""
+        self._basis = basis
+        self._rate = 2.0 / basis.time_constant
+        self._delay_line.latency(basis.latency)
+        self._builder = EstimateBuilder(
+            self.name, basis, self.rate_hz, self.settings.confidence, wide=True
+        )

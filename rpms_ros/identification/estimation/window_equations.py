@@ -1,0 +1,673 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+r"""Normal equations of a muscle that changes slowly under a disturbance, from the intervals.
+
+The force of interval j, whose middle lies ``a_j`` intervals before now, is
+
+.. math:: f_j = (1 + \gamma_j) \left( Z e^{\delta_j D} w
+          + a_j (\sigma_1 \psi_1 + \sigma_2 \psi_2) \right) + B b
+
+with the *present* theta and w, gamma the relative change of the force and delta the change of
+the logarithm of the time constant against now (piecewise linear in a, 0 at a = 0), sigma the
+change of u_thr and u_sat from one interval to the next older one, and b a piecewise linear
+disturbance.  D is the derivative of the Laguerre functions by the logarithm of their time
+constant, so ``e^(delta D)`` stretches a response in time,
+
+.. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right).
+
+The unknowns ``x = [theta, w, gamma, delta, sigma]`` are few; b has a knot at the end of every
+interval and is eliminated, which costs a few hundred multiplications an interval because its
+second differences and the intervals couple three neighbours only.
+
+A response of Laguerre functions, stretched in time.
+
+D is the derivative of the functions by the logarithm of their time constant,
+
+.. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right),
+
+so ``e^(delta D)`` stretches a response by ``e^delta``; the series is cut off at the number of
+functions.
+
+The blocks of a window, linearised and condensed into intervals of equal length.
+
+Within an interval of a fraction of a second the muscle is constant, so gain, time constant
+and disturbance may differ from one interval to the next, and each interval needs one small
+matrix: ``G = L^T L`` and ``r = L^T y`` with the columns
+
+.. math:: L = [\psi_1 .. \psi_4,\; z_1 .. z_n,\; h_0,\; h_1]
+
+where psi are the derivatives of the force by theta (alpha as logarithms), z the regressors of the
+coefficients w, and h the two hats of a piecewise linear baseline whose knots are the interval's
+ends.  Any model whose force is a combination of these columns, with factors that change from
+interval to interval, is fitted from them without the samples.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from rpms_ros.identification.estimation.blocks import COUNT, FORCE_SQUARED, without_force
+from rpms_ros.identification.estimation.normal_equations import (
+    add_baseline_terms,
+    add_gradient_baseline_terms,
+    add_gradient_terms,
+    add_state_terms,
+    advance_gradient,
+    advance_state,
+    correlate,
+)
+from rpms_ros.identification.estimation.settings import PARAMETERS, BaselineKnots, Problem
+from rpms_ros.muscle.recruitment import arctan_recruitment, arctan_recruitment_with_gradient
+from rpms_ros.pulses import FloatArray, IntArray
+
+# Of the exponential series: the time constant changes by less than a factor of 2.
+_TERMS, _LAST_TERM = 16, 1e-10
+NO_SLOWING = 1e-5
+"""A change of the time constant by a thousandth of a percent makes no difference."""
+
+
+@numba.njit(cache=True)
+def slowed(linear: FloatArray) -> FloatArray:
+    """Return D w (functions,), truncated to the number of functions."""
+    count = len(linear)
+    result = np.zeros(count)
+    for index in range(count):
+        if index + 1 < count:
+            result[index] += 0.5 * (index + 1) * linear[index + 1]
+        if index > 0:
+            result[index] -= 0.5 * index * linear[index - 1]
+    return result
+
+
+@numba.njit(cache=True)
+def stretched(linear: FloatArray, slowing: float) -> FloatArray:
+    """Return w (functions,) with its response stretched in time by ``e^slowing``."""
+    term, total = linear.copy(), linear.copy()
+    if abs(slowing) < NO_SLOWING:
+        return total
+    for order in range(1, _TERMS):
+        term = slowed(term) * (slowing / order)
+        total += term
+        if np.abs(term).max() < _LAST_TERM:
+            break
+    return total
+
+
+@numba.njit(cache=True)
+def stretching_powers(functions: int) -> FloatArray:
+    """Return the terms of ``e^D`` (terms, functions, functions)."""
+    powers = np.zeros((_TERMS, functions, functions))
+    for function in range(functions):
+        powers[0, function, function] = 1.0
+    for order in range(1, _TERMS):
+        for function in range(functions):
+            column = np.ascontiguousarray(powers[order - 1, :, function])
+            powers[order, :, function] = slowed(column) / order
+    return powers
+
+
+@numba.njit(cache=True)
+def _stretching(slowing: float, powers: FloatArray) -> FloatArray:
+    """Return ``e^(slowing D)`` (functions, functions)."""
+    matrix: FloatArray = powers[0].copy()
+    factor = 1.0
+    for order in range(1, _TERMS):
+        factor *= slowing
+        matrix += factor * powers[order]
+        if abs(factor) < _LAST_TERM:
+            break
+    return matrix
+
+
+@numba.njit(cache=True)
+def stretched_columns(
+    gram: FloatArray, right: FloatArray, slowing: float, powers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the sums of an interval with the columns of w stretched in time.
+
+    Parameters
+    ----------
+    gram, right : ndarray (columns, columns), (columns,)
+        Sums of an interval, see `Intervals`.
+    slowing : float
+        Logarithm of the relative time constant.
+    powers : ndarray (terms, functions, functions)
+        See `stretching_powers`.
+    """
+    functions = powers.shape[1]
+    matrix = _stretching(slowing, powers)
+    part = slice(PARAMETERS, PARAMETERS + functions)
+    # columns first, rows after
+    half, changed = gram.copy(), right.copy()
+    for row in range(len(right)):
+        for column in range(functions):
+            total = 0.0
+            for inner in range(functions):
+                total += gram[row, PARAMETERS + inner] * matrix[inner, column]
+            half[row, PARAMETERS + column] = total
+    both = half.copy()
+    both[part] = 0.0
+    changed[part] = 0.0
+    for inner in range(functions):
+        for column in range(functions):
+            changed[PARAMETERS + column] += matrix[inner, column] * right[PARAMETERS + inner]
+            both[PARAMETERS + column] += matrix[inner, column] * half[PARAMETERS + inner]
+    return both, changed
+
+
+class Intervals(NamedTuple):
+    """Intervals of a window, oldest first; one that holds no sample is zero.
+
+    Attributes
+    ----------
+    first : ndarray of int64 (1,)
+        Number of the first one: it begins at this many lengths.
+    gram : ndarray (intervals, 4 + functions + 2, 4 + functions + 2)
+        L^T L, symmetric.
+    right : ndarray (intervals, 4 + functions + 2)
+        L^T y.
+    energy, samples : ndarray (intervals,)
+        Sum of y^2 [N^2], number of samples.
+    """
+
+    first: IntArray
+    gram: FloatArray
+    right: FloatArray
+    energy: FloatArray
+    samples: FloatArray
+
+
+def empty_intervals(count: int, functions: int, first: int) -> Intervals:
+    """Return so many intervals without a sample."""
+    columns = PARAMETERS + functions + 2
+    return Intervals(
+        first=np.array([first], dtype=np.int64),
+        gram=np.zeros((count, columns, columns)),
+        right=np.zeros((count, columns)),
+        energy=np.zeros(count),
+        samples=np.zeros(count),
+    )
+
+
+class Origin(NamedTuple):
+    """A sudden change: earlier pulses act as before.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Time of the change [ns]; before every pulse if there was none.
+    theta, linear : ndarray (4,), (functions,)
+        The muscle before it.
+    """
+
+    stamp_ns: int
+    theta: FloatArray
+    linear: FloatArray
+
+
+def no_change(functions: int) -> Origin:
+    """Return the origin of a muscle that has not changed."""
+    return Origin(-(2**62), np.ones(PARAMETERS), np.zeros(functions))
+
+
+def condensed(
+    problem: Problem,
+    theta: FloatArray,
+    linear: FloatArray,
+    first_ns: int,
+    length_ns: int,
+    origin: Origin,
+) -> Intervals:
+    """Return the intervals of the blocks `problem.first`.. at theta (4,) and w (functions,).
+
+    Parameters
+    ----------
+    problem : Problem
+        Blocks; those before `first` only advance the state.
+    theta, linear : ndarray (4,), (functions,)
+        Point of linearisation.
+    first_ns, length_ns : int
+        Beginning of the first block and length of an interval [ns].
+    origin : Origin
+        The force of pulses before it is subtracted from the samples.
+    """
+    blocks = problem.blocks
+    newest = (int(blocks.head[0]) + int(blocks.size[0]) - 1) % len(blocks.start_ns)
+    first = first_ns // length_ns
+    count = int(blocks.start_ns[newest]) // length_ns - first + 1
+    intervals = empty_intervals(count, len(linear), first)
+    _condense(problem, theta, linear, length_ns, origin, intervals)
+    return intervals
+
+
+@numba.njit(cache=True)
+def _condense(
+    problem: Problem,
+    theta: FloatArray,
+    linear: FloatArray,
+    length_ns: int,
+    change: Origin,
+    intervals: Intervals,
+) -> None:
+    """Write intervals; they have to be zero before."""
+    blocks, work = problem.blocks, problem.work
+    functions = len(linear)
+    work.state[:] = 0.0
+    before, values = np.zeros(functions), np.zeros(functions)
+    response, moments = np.zeros((functions, 3)), np.zeros(blocks.moments.shape[1])
+    origin = arctan_recruitment_with_gradient(0.0, theta, work.origin_slope)
+    nothing = arctan_recruitment(0.0, change.theta)
+    most = len(intervals.samples) - 1
+    for index in range(blocks.size[0]):
+        here = (blocks.head[0] + index) % len(blocks.start_ns)
+        start_ns = blocks.start_ns[here]
+        advance_state(blocks.transition[here], before)
+        if start_ns < change.stamp_ns:
+            if blocks.intensity[here] != 0.0:
+                rho = arctan_recruitment(blocks.intensity[here], change.theta) - nothing
+                before += problem.input_gain * blocks.weight[here] * rho
+            continue
+        advance_gradient(blocks, here, theta, origin, problem.input_gain, work)
+        if index < problem.first or blocks.moments[here, COUNT] == 0.0:
+            continue
+        correlate(change.linear, before, values)
+        without_force(blocks, here, values, response, moments)
+        number = start_ns // length_ns
+        place = min(max(number - intervals.first[0], 0), most)
+        baseline = BaselineKnots(2, number * length_ns, length_ns)
+        gram, right = intervals.gram[place], intervals.right[place]
+        intervals.samples[place] += moments[COUNT]
+        intervals.energy[place] += moments[FORCE_SQUARED]
+        add_state_terms(blocks.gram[here], response, work.state[0], work.product, gram, right)
+        add_baseline_terms(start_ns, response, moments, work.state[0], baseline, gram, right)
+        add_gradient_terms(blocks.gram[here], response, linear, work, gram, right)
+        add_gradient_baseline_terms(start_ns, response, baseline, work, gram)
+    for place in range(len(intervals.samples)):
+        gram = intervals.gram[place]
+        for row in range(len(gram)):
+            for column in range(row):
+                gram[column, row] = gram[row, column]
+
+
+SLOPES = 2
+
+
+class Point(NamedTuple):
+    """Point of linearisation: the present muscle and its slow change.
+
+    Attributes
+    ----------
+    theta : ndarray (4,)
+        u_thr, u_sat, alpha_sat, alpha_thr now.
+    linear : ndarray (functions,)
+        w now.
+    gain, slowing : ndarray (knots,)
+        Relative change of the force and change of the logarithm of the time constant at the
+        knots, against now.
+    slope : ndarray (2,)
+        Change of u_thr and u_sat with the age, per interval.
+    """
+
+    theta: FloatArray
+    linear: FloatArray
+    gain: FloatArray
+    slowing: FloatArray
+    slope: FloatArray
+
+
+class Equations(NamedTuple):
+    """Normal equations of a window, not scaled by the variance.
+
+    Attributes
+    ----------
+    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
+        Part of x, symmetric; the right-hand side is that of the residual at the point with b = 0.
+    coupling : ndarray (knots, unknowns + 1)
+        Part of each knot of the disturbance with x, and its right-hand side.
+    band : ndarray (knots, 3)
+        Part of each knot with itself and the next two.
+    energy : ndarray (1,)
+        Sum of the squared residuals at the point with b = 0 [N^2].
+    """
+
+    matrix: FloatArray
+    right: FloatArray
+    coupling: FloatArray
+    band: FloatArray
+    energy: FloatArray
+
+
+def point_at(theta: FloatArray, linear: FloatArray, knots: int) -> Point:
+    """Return a point at which nothing changes."""
+    return Point(theta.copy(), linear.copy(), np.zeros(knots), np.zeros(knots), np.zeros(SLOPES))
+
+
+def unknowns_of(point: Point) -> int:
+    """Return the number of unknowns in x."""
+    return PARAMETERS + len(point.linear) + 2 * len(point.gain) + SLOPES
+
+
+@numba.njit(cache=True)
+def _at_age(knots: FloatArray, position: float) -> float:
+    """Return a piecewise linear function of the age that is 0 at 0 and has knots at 1, 2, ..."""
+    count = len(knots)
+    if count == 0:
+        return 0.0
+    knot = min(int(position), count - 1)
+    share = position - knot
+    low = knots[knot - 1] if knot > 0 else 0.0
+    return (1.0 - share) * low + share * float(knots[knot])
+
+
+@numba.njit(cache=True)
+def at_ages(knots: FloatArray, position: FloatArray) -> FloatArray:
+    """Return `_at_age` at positions (n,), in knots."""
+    values = np.empty(len(position))
+    for index in range(len(position)):
+        values[index] = _at_age(knots, position[index])
+    return values
+
+
+@numba.njit(cache=True)
+def _add_now(
+    gram: FloatArray,
+    rest: FloatArray,
+    gain: float,
+    index: int,
+    local: int,
+    equations: Equations,
+) -> None:
+    """Add theta, w and the disturbance of an interval; `rest` is what is left of the samples."""
+    for row in range(local):
+        equations.right[row] += gain * rest[row]
+        for column in range(local):
+            equations.matrix[row, column] += gain * gain * gram[row, column]
+        for hat in range(2):
+            equations.coupling[index + hat, row] += gain * gram[row, local + hat]
+    for hat in range(2):
+        equations.coupling[index + hat, -1] += rest[local + hat]
+        equations.band[index + hat, 0] += gram[local + hat, local + hat]
+    equations.band[index, 1] += gram[local, local + 1]
+
+
+@numba.njit(cache=True)
+def _changing_columns(
+    force: FloatArray,
+    slow: FloatArray,
+    gain: float,
+    age: float,
+    position: float,
+    knots: int,
+    local: int,
+    basis: FloatArray,
+    place: IntArray,
+) -> int:
+    """Write the columns of gain, slowing and slopes that act in an interval; return how many."""
+    count = 0
+    knot = min(int(position), knots - 1)
+    share = position - knot
+    for side in range(2):
+        if knots == 0 or knot - 1 + side < 0:
+            continue
+        hat = share if side else 1.0 - share
+        place[count] = local + knot - 1 + side
+        basis[count] = hat * force
+        place[count + 1] = local + knots + knot - 1 + side
+        basis[count + 1] = (hat * gain) * slow
+        count += 2
+    for slope in range(SLOPES):
+        place[count] = local + 2 * knots + slope
+        basis[count] = 0.0
+        basis[count, slope] = gain * age
+        count += 1
+    return count
+
+
+@numba.njit(cache=True)
+def _add_past(
+    gram: FloatArray,
+    rest: FloatArray,
+    gain: float,
+    index: int,
+    local: int,
+    basis: FloatArray,
+    place: IntArray,
+    equations: Equations,
+) -> None:
+    """Add columns (columns, local + 2), whose unknowns are at `place`, of an interval."""
+    for extra in range(len(place)):
+        row = place[extra]
+        product = gram @ basis[extra]
+        total = 0.0
+        for column in range(local + 2):
+            total += basis[extra, column] * rest[column]
+        equations.right[row] += total
+        for column in range(local):
+            value = gain * product[column]
+            equations.matrix[row, column] += value
+            equations.matrix[column, row] += value
+        for hat in range(2):
+            equations.coupling[index + hat, row] += product[local + hat]
+        for other in range(len(place)):
+            total = 0.0
+            for column in range(local):
+                total += basis[other, column] * product[column]
+            equations.matrix[row, place[other]] += total
+
+
+@numba.njit(cache=True)
+def assemble(
+    intervals: Intervals, point: Point, now: float, spacing: float, equations: Equations
+) -> None:
+    """Write the equations of a window; they have to be zero before.
+
+    Parameters
+    ----------
+    intervals : Intervals
+        At the point's theta and w.
+    point : Point
+        Point of linearisation.
+    now : float
+        Where the last interval ends, in intervals from the first one's beginning.
+    spacing : float
+        Distance of the knots of gain and slowing, in intervals.
+    equations : Equations
+        Filled.
+    """
+    knots = len(point.gain)
+    local = PARAMETERS + len(point.linear)
+    force = np.zeros(local + 2)
+    slow = np.zeros(local + 2)
+    force[PARAMETERS:local] = point.linear
+    # D commutes with its exponential
+    slow[PARAMETERS:local] = slowed(point.linear)
+    powers = stretching_powers(len(point.linear))
+    basis = np.zeros((6, local + 2))
+    place = np.zeros(6, dtype=np.int64)
+    for index in range(len(intervals.samples)):
+        if intervals.samples[index] == 0.0:
+            continue
+        age = max(now - (index + 0.5), 0.0)
+        position = age / spacing
+        gain = 1.0 + _at_age(point.gain, position)
+        delay = _at_age(point.slowing, position)
+        gram, right = intervals.gram[index], intervals.right[index]
+        if abs(delay) >= NO_SLOWING:
+            gram, right = stretched_columns(gram, right, delay, powers)
+        force[0] = age * point.slope[0]
+        force[1] = age * point.slope[1]
+        # right-hand side of the residual at the point, by the columns of the interval
+        rest = right - gain * (gram @ force)
+        equations.energy[0] += intervals.energy[index]
+        for column in range(local):
+            equations.energy[0] -= gain * force[column] * (right[column] + rest[column])
+        _add_now(gram, rest, gain, index, local, equations)
+        count = _changing_columns(force, slow, gain, age, position, knots, local, basis, place)
+        _add_past(gram, rest, gain, index, local, basis[:count], place[:count], equations)
+
+
+def assembled(intervals: Intervals, point: Point, now: float, spacing: float) -> Equations:
+    """Return the equations of a window; see `assemble`."""
+    unknowns = unknowns_of(point)
+    knots = len(intervals.samples) + 1
+    equations = Equations(
+        matrix=np.zeros((unknowns, unknowns)),
+        right=np.zeros(unknowns),
+        coupling=np.zeros((knots, unknowns + 1)),
+        band=np.zeros((knots, 3)),
+        energy=np.zeros(1),
+    )
+    assemble(intervals, point, now, spacing, equations)
+    return equations
+
+
+class Reduced(NamedTuple):
+    """Equations of x with the disturbance eliminated, in units of the residuals' variance.
+
+    Attributes
+    ----------
+    matrix, right : ndarray (unknowns, unknowns), (unknowns,)
+        Information about x and minus half the gradient of the cost.
+    cost : ndarray (1,)
+        Cost at the point, with the best disturbance.
+    evidence : ndarray (1,)
+        Logarithm of the factor that the disturbance gives to the evidence.
+    factor : ndarray (knots, unknowns + 4)
+        Rows from which the disturbance follows: coupling with x, right-hand side, with the next
+        two knots, and pivot.
+    """
+
+    matrix: FloatArray
+    right: FloatArray
+    cost: FloatArray
+    evidence: FloatArray
+    factor: FloatArray
+
+
+@numba.njit(cache=True)
+def _add_stiffness(stiffness: FloatArray, unknowns: int, factor: FloatArray) -> float:
+    """Add the prior of the second differences; return the sum of its logarithms."""
+    ahead, pivot = unknowns + 1, unknowns + 3
+    logarithm = 0.0
+    for middle in range(1, len(factor) - 1):
+        value = stiffness[middle]
+        logarithm += np.log(value)
+        factor[middle - 1, pivot] += value
+        factor[middle, pivot] += 4.0 * value
+        factor[middle + 1, pivot] += value
+        factor[middle - 1, ahead] -= 2.0 * value
+        factor[middle, ahead] -= 2.0 * value
+        factor[middle - 1, ahead + 1] += value
+    return logarithm
+
+
+@numba.njit(cache=True)
+def _pass_on(factor: FloatArray, knot: int, unknowns: int) -> None:
+    """Eliminate a knot from the rows of the next two."""
+    ahead, pivot = unknowns + 1, unknowns + 3
+    inverse = 1.0 / factor[knot, pivot]
+    for step in range(1, min(3, len(factor) - knot)):
+        share = factor[knot, ahead + step - 1] * inverse
+        for column in range(unknowns + 1):
+            factor[knot + step, column] -= share * factor[knot, column]
+        factor[knot + step, pivot] -= share * factor[knot, ahead + step - 1]
+        if step == 1:
+            factor[knot + 1, ahead] -= share * factor[knot, ahead + 1]
+
+
+@numba.njit(cache=True)
+def _eliminate(
+    equations: Equations,
+    variance: float,
+    stiffness: FloatArray,
+    level: FloatArray,
+    about: FloatArray,
+    reduced: Reduced,
+) -> None:
+    unknowns = len(equations.right)
+    knots = len(equations.band)
+    scale = 1.0 / variance
+    factor = reduced.factor
+    right, ahead, pivot = unknowns, unknowns + 1, unknowns + 3
+    cost = scale * equations.energy[0]
+    for knot in range(knots):
+        for column in range(unknowns + 1):
+            factor[knot, column] = scale * equations.coupling[knot, column]
+        factor[knot, ahead] = scale * equations.band[knot, 1]
+        factor[knot, ahead + 1] = 0.0
+        factor[knot, pivot] = scale * equations.band[knot, 0] + level[knot]
+        factor[knot, right] += level[knot] * about[knot]
+        cost += level[knot] * about[knot] * about[knot]
+    logarithm = _add_stiffness(stiffness, unknowns, factor)
+    # two directions, offset and slope, have the prior of `level` alone
+    for knot in range(min(knots, 2)):
+        logarithm += np.log(level[knot])
+    reduced.right[:] = scale * equations.right
+    reduced.matrix[:] = scale * equations.matrix
+    for knot in range(knots):
+        inverse = 1.0 / factor[knot, pivot]
+        logarithm += np.log(inverse)
+        cost -= factor[knot, right] * factor[knot, right] * inverse
+        for row in range(unknowns):
+            share = factor[knot, row] * inverse
+            if share == 0.0:
+                continue
+            reduced.right[row] -= share * factor[knot, right]
+            for column in range(row + 1):
+                reduced.matrix[row, column] -= share * factor[knot, column]
+        _pass_on(factor, knot, unknowns)
+    for row in range(unknowns):
+        for column in range(row):
+            reduced.matrix[column, row] = reduced.matrix[row, column]
+    reduced.cost[0] = cost
+    reduced.evidence[0] = 0.5 * logarithm
+
+
+def eliminated(
+    equations: Equations,
+    variance: float,
+    stiffness: FloatArray,
+    level: FloatArray,
+    about: FloatArray,
+) -> Reduced:
+    """Eliminate the disturbance.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of a window.
+    variance : float
+        Of the residuals, correlation included [N^2].
+    stiffness : ndarray (knots,)
+        Information about the second difference around each knot [1/N^2].
+    level, about : ndarray (knots,)
+        Information about the level of each knot [1/N^2], and its mean [N].
+    """
+    unknowns, knots = len(equations.right), len(equations.band)
+    reduced = Reduced(
+        matrix=np.zeros((unknowns, unknowns)),
+        right=np.zeros(unknowns),
+        cost=np.zeros(1),
+        evidence=np.zeros(1),
+        factor=np.zeros((knots, unknowns + 4)),
+    )
+    _eliminate(equations, variance, stiffness, level, about, reduced)
+    return reduced
+
+
+@numba.njit(cache=True)
+def disturbance_at(reduced: Reduced, step: FloatArray) -> FloatArray:
+    """Return the disturbance at its knots (knots,) [N] after a step of x (unknowns,)."""
+    factor = reduced.factor
+    knots, unknowns = len(factor), len(step)
+    levels = np.zeros(knots)
+    for knot in range(knots - 1, -1, -1):
+        total = factor[knot, unknowns]
+        for column in range(unknowns):
+            total -= factor[knot, column] * step[column]
+        for ahead in range(1, 3):
+            if knot + ahead < knots:
+                total -= factor[knot, unknowns + ahead] * levels[knot + ahead]
+        levels[knot] = total / factor[knot, unknowns + 3]
+    return levels

@@ -1,0 +1,619 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The fit of a window: present muscle, its slow change and the disturbance.
+
+The standard deviations of the slow change and of the disturbance are not settings.  Each has a
+scale on a coarse grid; at every step the present value is compared with its neighbours by the
+evidence, the probability of the samples with everything else integrated out (Laplace's
+approximation, exact except for theta).
+
+Variance of what a fit leaves of the samples of a window, and how much neighbours are alike.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+
+from rpms_ros.identification.estimation.gauss_newton import LEAST_ENERGY
+from rpms_ros.identification.estimation.prior import (
+    ROUNDING,
+    Knowledge,
+    Terms,
+    added,
+    coordinates,
+    scaled_inverse,
+)
+from rpms_ros.identification.estimation.settings import PARAMETERS, Problem
+from rpms_ros.identification.estimation.uncertainty import Uncertainty
+from rpms_ros.identification.estimation.window_equations import (
+    SLOPES,
+    Equations,
+    Intervals,
+    Origin,
+    Point,
+    Reduced,
+    assembled,
+    at_ages,
+    condensed,
+    disturbance_at,
+    eliminated,
+    point_at,
+    stretched,
+)
+from rpms_ros.pulses import FloatArray
+
+# The model's error is at least this share of the force's mean square, for so many samples.
+_MODEL_ERROR = 1e-4
+_MODEL_ERROR_SAMPLES = 200.0
+
+
+@numba.njit(cache=True)
+def _left(
+    intervals: Intervals,
+    theta: FloatArray,
+    point: Point,
+    gain: FloatArray,
+    delay: FloatArray,
+    age: FloatArray,
+    levels: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the linear model after a step leaves: scores (intervals, columns) and squares.
+
+    `theta` is the step of theta, `point` is after it; gain, logarithm of the relative time
+    constant and age (counted in intervals) have a value for each interval.
+    """
+    count, columns = intervals.right.shape
+    functions = len(point.linear)
+    scores = np.zeros((count, columns))
+    squares = np.zeros(count)
+    coefficients = np.zeros(columns)
+    for index in range(count):
+        coefficients[:PARAMETERS] = gain[index] * theta
+        for slope in range(len(point.slope)):
+            coefficients[slope] += gain[index] * age[index] * point.slope[slope]
+        response = stretched(point.linear, delay[index])
+        for function in range(functions):
+            coefficients[PARAMETERS + function] = gain[index] * response[function]
+        coefficients[columns - 2] = levels[index]
+        coefficients[columns - 1] = levels[index + 1]
+        squares[index] = intervals.energy[index]
+        for row in range(columns):
+            total = intervals.right[index, row]
+            for column in range(columns):
+                total -= intervals.gram[index, row, column] * coefficients[column]
+            scores[index, row] = total
+            squares[index] -= coefficients[row] * (intervals.right[index, row] + total)
+    return scores, squares
+
+
+def noise_of(
+    intervals: Intervals,
+    before: Point,
+    point: Point,
+    levels: FloatArray,
+    now: float,
+    spacing: float,
+    unknowns: int,
+) -> tuple[float, float]:
+    """Return the variance of the residuals [N^2], and a factor for those that are alike.
+
+    Parameters
+    ----------
+    intervals : Intervals
+        At `before`.
+    before, point : Point
+        Where the equations were linearised, and after the step.
+    levels : ndarray (intervals + 1,)
+        Disturbance at the ends of the intervals [N].
+    now : float
+        The muscle now, in intervals from the first one's beginning.
+    spacing : float
+        Distance of the knots of gain and slowing, in intervals.
+    unknowns : int
+        How many were fitted.
+
+    Returns
+    -------
+    tuple
+        Variance; factor of at least 1 by which neighbouring residuals tell less than independent
+        ones.
+    """
+    local = PARAMETERS + len(before.linear)
+    count = len(intervals.samples)
+    total_samples = float(intervals.samples.sum())
+    power = float(intervals.energy.sum()) / max(total_samples, 1.0)
+    age = np.maximum(now - (np.arange(count) + 0.5), 0.0)
+    gain = 1.0 + at_ages(point.gain, age / spacing)
+    delay = at_ages(point.slowing, age / spacing)
+    theta = coordinates(point.theta) - coordinates(before.theta)
+    scores, squares = _left(intervals, theta, point, gain, delay, age, levels)
+    total = max(float(squares.sum()), 0.0)
+    freedom = max(total_samples - float(unknowns + 1), 1.0) + _MODEL_ERROR_SAMPLES
+    floor = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
+    variance = (total + floor) / freedom + LEAST_ENERGY
+    some = intervals.samples > 0.0
+    scores = (gain[:, None] * scores)[some, :local]
+    scatter = scores.T @ scores
+    for lag in (1, 2, 3):
+        cross = scores[lag:].T @ scores[:-lag]
+        scatter += (1.0 - lag / 4.0) * (cross + cross.T)
+    steady = np.einsum('j,jkl->kl', gain**2, intervals.gram[:, :local, :local])
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(steady), 1e-300))
+    scaled = steady * np.outer(scale, scale) + 1e-6 * np.eye(local)
+    ratio = np.trace(np.linalg.solve(scaled, scatter * np.outer(scale, scale)))
+    return variance, max(1.0, float(ratio) / (local * variance))
+
+
+# Standard deviation of the disturbance's second difference over an interval, as a share of the
+# force: from a sensor that drifts to a voluntary effort.
+LIVELINESS: FloatArray = 10.0 ** np.arange(-6.0, -0.4, 0.5)
+# Change of force and time constant over the distance of two knots (relative), of thresholds over
+# an interval.
+CHANGES: FloatArray = np.concatenate(([1e-5], 10.0 ** np.arange(-4.0, -0.9, 0.5)))
+DRIFTS: FloatArray = np.concatenate(([1e-7], 10.0 ** np.arange(-5.5, -2.4, 0.5)))
+# Standard deviation of the level of a knot, as a multiple of the force: practically no prior.
+_LEVEL = 30.0
+# A response is not quite a sum of the functions, and a change not quite linear between its knots:
+# deviation of each coefficient as a share of their length, and of the force as a share of its
+# change over a distance of knots.
+_BASIS_ERROR, _BETWEEN_KNOTS = 2e-4, 0.03
+_LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
+_LARGEST_SLOWING_STEP = 0.05
+_RIDGE = 1e-2
+_MOST_TOGETHER = 3.0
+# Standard deviations by which w has to differ from zero to count as known.
+_SHOWN = 8.0
+# Scales whose evidence is this much smaller do not count [nat].
+_LIKELY = 4.0
+# Degrees of freedom of the Student distribution of the second differences of the disturbance:
+# mostly small, some of them large.
+_FREEDOM = 1.0
+# Variance of unknowns that could not be solved for.
+_UNKNOWN = 1e12
+# Second difference, relative to its deviation, that is assumed where none was estimated yet.
+_UNKNOWN_BEND = 5.0
+
+
+@dataclass(frozen=True)
+class StartLevels:
+    """Prior of the first two knots of the disturbance: mean and standard deviation [N]."""
+
+    levels: FloatArray
+    deviation: FloatArray
+
+
+@dataclass(frozen=True)
+class Window:
+    """Samples of a fit.
+
+    Attributes
+    ----------
+    first_ns, now_ns : int
+        Beginning of the first block and newest sample [ns].
+    length_ns : int
+        Length of an interval [ns].
+    spacing : float
+        Distance of the knots of the past, in intervals.
+    knots : int
+        Number of them.
+    lag : float
+        How long after its pulse the force acts in the mean, in intervals: the newest samples show
+        the muscle as it was so long ago.
+    origin : Origin
+        The change of the muscle at which the window begins, if there was one.
+    start : StartLevels or None
+        Prior of the disturbance at the beginning.
+    """
+
+    first_ns: int
+    now_ns: int
+    length_ns: int
+    spacing: float
+    knots: int
+    lag: float
+    origin: Origin
+    start: StartLevels | None = None
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Indices in the grids `LIVELINESS`, `CHANGES` and `DRIFTS`."""
+
+    disturbance: int = 2
+    gain: int = 0
+    slowing: int = 0
+    slope: int = 0
+
+
+@dataclass
+class WindowFit:
+    """State of the fit of a window.
+
+    Attributes
+    ----------
+    point : Point
+        The present muscle and its slow change.
+    scales : Scales
+        Scales with the largest evidence.
+    variance : float
+        Variance of the residuals [N^2].
+    together : float
+        Factor on the variance by the correlation of neighbouring residuals.
+    levels : ndarray (knots,)
+        Disturbance at the ends of the intervals [N], the newest last.
+    first : int
+        Number of the interval whose beginning is the first knot.
+    covariance : ndarray (unknowns, unknowns)
+        Of x, alpha as logarithms.
+    level_deviation : float
+        Standard deviation of the newest knot [N].
+    moved : ndarray (4,)
+        Last step of theta, alpha as logarithms.
+    failures : int
+        Steps that could not be solved.
+    evidence : float
+        Of the last step [nat].
+    misfit : float
+        Mean square of what the last step leaves, against the variance.
+    likelihood : float
+        Logarithm of that of the samples at the last step's x, the disturbance integrated out.
+    most_together : float
+        Limit of `together` where samples are weighted by it.
+    """
+
+    point: Point
+    scales: Scales
+    variance: float
+    together: float
+    levels: FloatArray
+    first: int
+    covariance: FloatArray
+    level_deviation: float
+    moved: FloatArray
+    failures: int
+    evidence: float = -math.inf
+    misfit: float = 1.0
+    likelihood: float = -math.inf
+    most_together: float = _MOST_TOGETHER
+
+    @property
+    def weighed(self) -> float:
+        """Variance that weights the samples [N^2].
+
+        The factor of correlation is limited: if residuals are correlated because a scale is too
+        small, the samples must keep enough weight to show it.
+        """
+        return self.variance * min(self.together, self.most_together)
+
+    @property
+    def shows_response(self) -> bool:
+        """Whether the response differs significantly from zero."""
+        part = slice(PARAMETERS, PARAMETERS + len(self.point.linear))
+        uncertain = float(np.sum(np.diag(self.covariance)[part]))
+        size = float(self.point.linear @ self.point.linear)
+        return self.variance > 0.0 and uncertain > 0.0 and size > _SHOWN**2 * uncertain
+
+    def uncertainty(self, deviation: FloatArray, confidence: float) -> Uncertainty | None:
+        """Return the uncertainty of theta and w, None before the first fit.
+
+        No standard deviation exceeds that of the prior, `deviation` (4,), alpha as logarithms.
+        """
+        if self.variance <= 0.0 or not self.covariance.any():
+            return None
+        linear = self.point.linear
+        joint = PARAMETERS + len(linear)
+        covariance = self.covariance[:joint, :joint].copy()
+        rest = covariance[PARAMETERS:, PARAMETERS:]
+        newest = float(self.point.gain[0]) if len(self.point.gain) else 0.0
+        rest += (_BETWEEN_KNOTS * newest) ** 2 * np.outer(linear, linear)
+        rest += _BASIS_ERROR**2 * float(linear @ linear) * np.eye(len(linear))
+        found = np.sqrt(np.maximum(np.diag(covariance)[:PARAMETERS], 1e-300))
+        scale = np.ones(joint)
+        scale[:PARAMETERS] = np.minimum(1.0, deviation / found)
+        return Uncertainty(
+            covariance * np.outer(scale, scale), self.point.theta.copy(), confidence
+        )
+
+
+def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
+    """Return a fit without data."""
+    point = point_at(theta, np.zeros(functions), 0)
+    unknowns = PARAMETERS + functions + SLOPES
+    return WindowFit(
+        point=point,
+        scales=Scales(),
+        variance=0.0,
+        together=1.0,
+        levels=np.zeros(2),
+        first=0,
+        covariance=np.zeros((unknowns, unknowns)),
+        level_deviation=0.0,
+        moved=np.ones(PARAMETERS),
+        failures=0,
+    )
+
+
+def with_knots(point: Point, knots: int) -> Point:
+    """Return the point with so many knots of the past."""
+    if len(point.gain) == knots:
+        return point
+    gain, slowing = (_resized(values, knots) for values in (point.gain, point.slowing))
+    return point._replace(gain=gain, slowing=slowing)
+
+
+def _resized(values: FloatArray, count: int) -> FloatArray:
+    last = values[-1] if len(values) else 0.0
+    return np.concatenate((values[:count], np.full(max(count - len(values), 0), last)))
+
+
+class _Linearised:
+    """A window linearised at a point, with its priors."""
+
+    def __init__(
+        self,
+        intervals: Intervals,
+        point: Point,
+        knowledge: Knowledge,
+        now: float,
+        spacing: float,
+        bends: FloatArray,
+        start: 'StartLevels | None',
+    ) -> None:
+        self.bends = bends
+        self.now = now
+        self.start = start
+        self.intervals = intervals
+        self.point = point
+        self.knowledge = knowledge
+        self.equations: Equations = assembled(intervals, point, now, spacing)
+        self.samples = float(intervals.samples.sum())
+        self.power = float(intervals.energy.sum()) / max(self.samples, 1.0)
+        # too weak to be seen, but w is solvable where nothing has been stimulated
+        self.terms: Terms = knowledge.about(point, _RIDGE / (self.power + LEAST_ENERGY))
+
+    def reduced(self, variance: float, disturbance: int) -> Reduced:
+        """Eliminate the disturbance with the scale `LIVELINESS[disturbance]`.
+
+        Its second differences have a Student distribution, replaced by normal ones with the most
+        likely precision for the last values, which is a lower bound of the evidence.
+        """
+        force = math.sqrt(self.power) + 1e-9
+        deviation = LIVELINESS[disturbance] * force
+        unknown = np.isnan(self.bends)
+        bends = np.where(unknown, _UNKNOWN_BEND * deviation, self.bends)
+        precision = (_FREEDOM + 1.0) / (_FREEDOM + (bends / deviation) ** 2)
+        level = np.full(len(precision), 1.0 / (_LEVEL * force) ** 2)
+        about = np.zeros(len(precision))
+        if self.start is not None:
+            level[:2] = 1.0 / self.start.deviation**2
+            about[:2] = self.start.levels
+        reduced = eliminated(self.equations, variance, precision / deviation**2, level, about)
+        inner = precision[1:-1]
+        reduced.evidence[0] += 0.5 * _FREEDOM * float(np.sum(np.log(inner) - inner))
+        return reduced
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """A step of x from a point at given scales, with its evidence."""
+
+    step: FloatArray
+    hessian: FloatArray
+    evidence: float
+    left: float
+    reduced: Reduced
+
+
+def _solution(at: _Linearised, reduced: Reduced, scales: Scales) -> _Solution | None:
+    """Solve for the step; None if the equations are not positive."""
+    widths = np.array([CHANGES[scales.gain], CHANGES[scales.slowing], DRIFTS[scales.slope]])
+    hessian, right = reduced.matrix.copy(), reduced.right.copy()
+    cost, logarithm = added(at.terms, widths, hessian, right)
+    try:
+        step, gained, determinant = _solved(hessian, right)
+    except np.linalg.LinAlgError:
+        return None
+    left = float(reduced.cost[0]) + cost - gained
+    evidence = -0.5 * (left + determinant - logarithm) + float(reduced.evidence[0])
+    return _Solution(step, hessian, evidence, left, reduced)
+
+
+@numba.njit(cache=True)
+def _solved(hessian: FloatArray, right: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return the solution (unknowns,), what it gains of the cost, and the log-determinant."""
+    count = len(right)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    scaled = np.empty_like(hessian)
+    for row in range(count):
+        for column in range(count):
+            scaled[row, column] = scale[row] * hessian[row, column] * scale[column]
+        scaled[row, row] += ROUNDING
+    factor = np.linalg.cholesky(scaled)
+    step = scale * right
+    determinant = 0.0
+    for row in range(count):
+        for column in range(row):
+            step[row] -= factor[row, column] * step[column]
+        step[row] /= factor[row, row]
+        determinant += 2.0 * (np.log(factor[row, row]) - np.log(scale[row]))
+    gained = 0.0
+    for row in range(count):
+        gained += step[row] ** 2
+    for row in range(count - 1, -1, -1):
+        for below in range(row + 1, count):
+            step[row] -= factor[below, row] * step[below]
+        step[row] /= factor[row, row]
+    return scale * step, gained, determinant
+
+
+def _best_scales(
+    at: _Linearised, variance: float, scales: Scales
+) -> tuple[Scales, _Solution, list[_Solution]]:
+    """Return the scales with the largest evidence among the neighbours of the present ones.
+
+    With the solution, and all solutions tried.
+    """
+    best = scales
+    reduced = at.reduced(variance, scales.disturbance)
+    solution = _solution(at, reduced, scales)
+    tried = [] if solution is None else [solution]
+    for disturbance in (scales.disturbance - 1, scales.disturbance + 1):
+        if not 0 <= disturbance < len(LIVELINESS):
+            continue
+        trial = replace(scales, disturbance=disturbance)
+        other = _solution(at, at.reduced(variance, disturbance), trial)
+        tried += [] if other is None else [other]
+        if other is not None and (solution is None or other.evidence > solution.evidence):
+            best, solution = trial, other
+    for name, grid in (('gain', CHANGES), ('slowing', CHANGES), ('slope', DRIFTS)):
+        for move in (-1, 1):
+            place = getattr(best, name) + move
+            if not 0 <= place < len(grid) or solution is None:
+                continue
+            trial = replace(best, **{name: place})
+            other = _solution(at, solution.reduced, trial)
+            tried += [] if other is None else [other]
+            if other is not None and other.evidence > solution.evidence:
+                best, solution = trial, other
+    if solution is None:
+        raise np.linalg.LinAlgError
+    return best, solution, tried
+
+
+def _averaged(solution: _Solution, tried: list[_Solution]) -> tuple[FloatArray, FloatArray]:
+    """Return the step of x and its covariance, averaged over the likely scales.
+
+    The evidence of neighbouring scales often differs little: with the best one alone the estimate
+    would jump from one to the next, and intervals would be too narrow.
+    """
+    # the best one in any case: where its evidence is huge, the difference is lost in rounding
+    likely = [one for one in tried if one.evidence >= solution.evidence - _LIKELY]
+    weight = np.exp([one.evidence - solution.evidence for one in likely])
+    weight /= weight.sum()
+    step = sum(share * one.step for share, one in zip(weight, likely, strict=True))
+    covariance = np.zeros_like(solution.hessian)
+    for share, one in zip(weight, likely, strict=True):
+        away = one.step - step
+        covariance += share * (scaled_inverse(one.hessian) + np.outer(away, away))
+    return step, covariance
+
+
+def improved(
+    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
+) -> None:
+    """Take up to so many steps; scales and variance follow the samples."""
+    for _ in range(steps):
+        at = _linearised(problem, fit, knowledge, window)
+        if at.samples == 0.0:
+            return
+        if fit.variance == 0.0:
+            fit.variance = at.power * 0.01 + LEAST_ENERGY
+        try:
+            fit.scales, solution, tried = _best_scales(at, fit.weighed, fit.scales)
+        except np.linalg.LinAlgError:
+            fit.failures += 1
+            # an older covariance would claim that these samples were understood
+            unknowns = PARAMETERS + len(fit.point.linear) + 2 * len(fit.point.gain) + SLOPES
+            fit.covariance = _UNKNOWN * np.eye(unknowns)
+            return
+        _move(fit, at, solution, *_averaged(solution, tried))
+        fit.variance, fit.together = noise_of(
+            at.intervals,
+            at.point,
+            fit.point,
+            fit.levels,
+            at.now,
+            window.spacing,
+            len(solution.step),
+        )
+        settled = np.abs(fit.moved) < 0.05 * np.sqrt(np.diag(fit.covariance)[:PARAMETERS])
+        if settled.all():
+            break
+
+
+def explained(
+    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
+) -> bool:
+    """Take so many steps with the present scales and variance; return whether they succeeded."""
+    for _ in range(steps):
+        at = _linearised(problem, fit, knowledge, window)
+        if at.samples == 0.0:
+            return False
+        reduced = at.reduced(fit.weighed, fit.scales.disturbance)
+        solution = _solution(at, reduced, fit.scales)
+        if solution is None:
+            return False
+        _move(fit, at, solution, solution.step, scaled_inverse(solution.hessian))
+    return True
+
+
+def _linearised(
+    problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
+) -> _Linearised:
+    fit.point = with_knots(fit.point, window.knots)
+    point = fit.point
+    first_ns, length_ns = window.first_ns, window.length_ns
+    theta, linear = point.theta, point.linear
+    intervals = condensed(problem, theta, linear, first_ns, length_ns, window.origin)
+    first = int(intervals.first[0])
+    now = window.now_ns / window.length_ns - first + window.lag
+    bends = _bends(fit, first, len(intervals.samples) + 1)
+    return _Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
+
+
+def _move(
+    fit: WindowFit,
+    at: _Linearised,
+    solution: _Solution,
+    step: FloatArray,
+    covariance: FloatArray,
+) -> None:
+    """Take a step, limited to the range in which the model is nearly linear."""
+    step = at.knowledge.bounded(at.point, step, solution.hessian)
+    joint, knots = PARAMETERS + len(at.point.linear), len(at.point.gain)
+    slowing = step[joint + knots : joint + 2 * knots] / _LARGEST_SLOWING_STEP
+    largest = np.abs(np.concatenate((step[:PARAMETERS] / _LARGEST_STEP, slowing)))
+    step = step / max(1.0, float(largest.max()))
+    fit.point = moved(at.point, step)
+    at.knowledge.part(fit.point.theta)
+    fit.moved = step[:PARAMETERS]
+    fit.levels = disturbance_at(solution.reduced, step)
+    fit.first = int(at.intervals.first[0])
+    fit.covariance = covariance * max(1.0, fit.together / _MOST_TOGETHER)
+    fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
+    fit.evidence = solution.evidence
+    fit.misfit = solution.left / at.samples
+    fit.likelihood = (
+        float(solution.reduced.evidence[0])
+        - 0.5 * solution.left
+        - 0.5 * at.samples * math.log(fit.weighed)
+    )
+
+
+def _bends(fit: WindowFit, first: int, knots: int) -> FloatArray:
+    """Return the last second differences of the disturbance (knots,), NaN where unknown."""
+    known = np.full(len(fit.levels), np.nan)
+    known[1:-1] = np.diff(fit.levels, 2)
+    bends = np.full(knots, np.nan)
+    shift = first - fit.first
+    part = known[max(shift, 0) :][: max(knots + min(shift, 0), 0)]
+    begin = max(-shift, 0)
+    bends[begin : begin + len(part)] = part
+    return bends
+
+
+def moved(point: Point, step: FloatArray) -> Point:
+    """Return the point after a step of x (unknowns,)."""
+    functions, knots = len(point.linear), len(point.gain)
+    ends = np.cumsum([PARAMETERS, functions, knots, knots])
+    theta, linear, gain, slowing, slope = np.split(step, ends)
+    changed = coordinates(point.theta) + theta
+    return Point(
+        theta=np.concatenate((changed[:2], np.exp(changed[2:]))),
+        linear=point.linear + linear,
+        gain=point.gain + gain,
+        slowing=point.slowing + slowing,
+        slope=point.slope + slope,
+    )

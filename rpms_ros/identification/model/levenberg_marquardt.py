@@ -1,0 +1,325 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+r"""The Levenberg-Marquardt loop of every nonlinear fit in compiled code.
+
+A fit is composed of a *problem* and four functions of a model:
+
+* the problem holds samples or their condensed sums, the prior and the bounds;
+* ``linearise`` writes the Gauss-Newton matrix H and the gradient g (minus half that of the cost)
+  at a point, linear unknowns eliminated;
+* ``room`` writes the least and greatest step of each parameter;
+* ``move`` computes another point: parameters, linear unknowns, cost;
+* ``accept`` copies a point.
+
+A point is a named tuple of arrays: ``theta`` (parameters,), what the model needs, and (1,) each
+``cost``, ``energy`` (sum of the squared data), ``damping`` of the next step, ``moved`` (largest
+change of the last one) and ``failures`` (matrices that could not be factorised).
+
+The step solves ``(H + mu diag H) d = g``; parameters that would leave their bounds are fixed there
+and the rest is solved again.  It is taken if it does not raise the cost; else mu rises.
+
+The functions are compiled into the loop, without calls at run time.  They are
+decorated by `numba.extending.register_jitable` and not by `numba.njit`: the key under which numba
+keeps a compiled closure holds what it closes over, and a dispatcher is another one in every
+process.
+
+Compiled algebra of symmetric matrices of a few rows, without allocation.
+
+LAPACK's calls cost more than the arithmetic at this size; numba offers them with allocation only.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from rpms_ros.pulses import BoolArray, FloatArray
+
+# Off-diagonal elements this small do not change a digit of a condition number below 1e6.
+_NEGLIGIBLE = 1e-12
+
+
+@numba.njit(cache=True)
+def dot(left: FloatArray, right: FloatArray) -> float:
+    """Return the inner product of two vectors (n,), summed from the first element on."""
+    total = 0.0
+    for index in range(len(left)):
+        total += left[index] * right[index]
+    return total
+
+
+@numba.njit(cache=True)
+def solve_positive(matrix: FloatArray, vector: FloatArray) -> bool:
+    """Solve ``matrix x = vector`` by Cholesky, in place in both; return whether it is positive.
+
+    Parameters
+    ----------
+    matrix : ndarray (n, n)
+        Symmetric; its lower triangle is overwritten by the factor.
+    vector : ndarray (n,)
+        Right-hand side, overwritten by the solution; zeros if the matrix is not positive.
+    """
+    if not factorise_positive(matrix):
+        vector[:] = 0.0
+        return False
+    solve_factorised(matrix, vector)
+    return True
+
+
+@numba.njit(cache=True)
+def factorise_positive(matrix: FloatArray) -> bool:
+    """Put the Cholesky factor (n, n) in the lower triangle; return whether there is one."""
+    count = len(matrix)
+    for column in range(count):
+        pivot = matrix[column, column]
+        for inner in range(column):
+            pivot -= matrix[column, inner] * matrix[column, inner]
+        if not pivot > 0.0:
+            return False
+        pivot = math.sqrt(pivot)
+        matrix[column, column] = pivot
+        for row in range(column + 1, count):
+            total = matrix[row, column]
+            for inner in range(column):
+                total -= matrix[row, inner] * matrix[column, inner]
+            matrix[row, column] = total / pivot
+    return True
+
+
+@numba.njit(cache=True)
+def solve_factorised(matrix: FloatArray, vector: FloatArray) -> None:
+    """Solve for a right-hand side (n,), in place, with the factor of `factorise_positive`."""
+    count = len(vector)
+    for row in range(count):
+        for inner in range(row):
+            vector[row] -= matrix[row, inner] * vector[inner]
+        vector[row] /= matrix[row, row]
+    for row in range(count - 1, -1, -1):
+        for inner in range(row + 1, count):
+            vector[row] -= matrix[inner, row] * vector[inner]
+        vector[row] /= matrix[row, row]
+
+
+@numba.njit(cache=True)
+def _rotate(work: FloatArray, low: int, high: int) -> None:
+    """Annul work[low, high] of a symmetric matrix by one Jacobi rotation, in place."""
+    coupling = work[low, high]
+    if coupling == 0.0:
+        return
+    ratio = (work[high, high] - work[low, low]) / (2.0 * coupling)
+    tangent = 1.0 / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
+    if ratio < 0.0:
+        tangent = -tangent
+    cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
+    sine = tangent * cosine
+    work[low, low] -= tangent * coupling
+    work[high, high] += tangent * coupling
+    work[low, high] = 0.0
+    work[high, low] = 0.0
+    for index in range(len(work)):
+        if index in (low, high):
+            continue
+        left = work[index, low]
+        right = work[index, high]
+        work[index, low] = work[low, index] = cosine * left - sine * right
+        work[index, high] = work[high, index] = sine * left + cosine * right
+
+
+@numba.njit(cache=True)
+def condition_number(matrix: FloatArray, work: FloatArray) -> float:
+    """Return the ratio of the largest to the smallest singular value of a symmetric matrix.
+
+    Singular values of a symmetric matrix are the magnitudes of its eigenvalues, found by cyclic
+    Jacobi rotations, whose error falls quadratically: at three or four rows, five sweeps reach
+    working precision.  Infinite if singular.
+
+    Parameters
+    ----------
+    matrix : ndarray (n, n)
+        Symmetric, not changed.
+    work : ndarray (n, n)
+        Overwritten.
+    """
+    work[:] = matrix
+    count = len(work)
+    for _ in range(5):
+        coupling = 0.0
+        size = 0.0
+        for low in range(count):
+            size += abs(work[low, low])
+            for high in range(low + 1, count):
+                coupling += abs(work[low, high])
+        if coupling <= _NEGLIGIBLE * size:
+            break
+        for low in range(count):
+            for high in range(low + 1, count):
+                _rotate(work, low, high)
+    largest = 0.0
+    smallest = math.inf
+    for index in range(count):
+        magnitude = abs(work[index, index])
+        largest = max(largest, magnitude)
+        smallest = min(smallest, magnitude)
+    return largest / smallest if smallest > 0.0 else math.inf
+
+
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e6
+# Differences of cost below this share of the sum of squared data are rounding.
+_ROUNDING = 1e-13
+# Damping falls if the cost falls by more than this share of the predicted reduction.
+_GOOD = 0.5
+
+
+class Ending(NamedTuple):
+    """When a fit ends.
+
+    Attributes
+    ----------
+    steps : int
+        Most steps that are tried.
+    tolerance : float
+        Ends when the predicted reduction is less than this share of the cost.
+    least_cost : float
+        Added to the cost in that comparison: the cost of a perfect fit is rounding.
+    """
+
+    steps: int
+    tolerance: float
+    least_cost: float
+
+
+# (problem, here, ready, hessian, gradient) -> whether H could be computed; `ready`: what the last
+# call left in `here` is still valid.
+Linearise = Callable[[Any, Any, bool, FloatArray, FloatArray], bool]
+# (problem, here, low, high): least and greatest step of each parameter.
+Room = Callable[[Any, Any, FloatArray, FloatArray], None]
+# (problem, here, step, trial): overwrites `trial`, and `step` by the one that was taken.
+Move = Callable[[Any, Any, FloatArray, Any], None]
+# (here, trial): copies `trial` to `here`.
+Accept = Callable[[Any, Any], None]
+Minimise = Callable[[Any, Any, Any, Ending, bool], None]
+
+
+@numba.njit(cache=True, nogil=True)
+def _damped_step(
+    hessian: FloatArray,
+    gradient: FloatArray,
+    damping: float,
+    held: BoolArray,
+    step: FloatArray,
+) -> bool:
+    """Solve for the steps (parameters,) that are not held, given those that are."""
+    count = len(step)
+    matrix = hessian.copy()
+    right = gradient.copy()
+    for place in range(count):
+        matrix[place, place] *= 1.0 + damping
+        for other in range(count):
+            if held[other] and not held[place]:
+                right[place] -= hessian[place, other] * step[other]
+    for place in range(count):
+        if held[place]:
+            matrix[place] = 0.0
+            matrix[:, place] = 0.0
+            matrix[place, place] = 1.0
+            right[place] = step[place]
+    solved = solve_positive(matrix, right)
+    step[:] = right
+    return solved
+
+
+@numba.njit(cache=True, nogil=True)
+def bounded_step(
+    hessian: FloatArray,
+    gradient: FloatArray,
+    damping: float,
+    low: FloatArray,
+    high: FloatArray,
+    step: FloatArray,
+) -> bool:
+    """Write a damped step (parameters,) between `low` and `high`; return whether there is one."""
+    count = len(step)
+    step[:] = 0.0
+    held = np.zeros(count, dtype=np.bool_)
+    for _ in range(count):
+        if not _damped_step(hessian, gradient, damping, held, step):
+            return False
+        left = False
+        for place in range(count):
+            if not held[place] and not low[place] <= step[place] <= high[place]:
+                step[place] = low[place] if step[place] < low[place] else high[place]
+                held[place] = True
+                left = True
+        if not left:
+            break
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def _predicted_reduction(hessian: FloatArray, gradient: FloatArray, step: FloatArray) -> float:
+    """Return the reduction of the cost that its quadratic model predicts for a step."""
+    predicted = 0.0
+    for place in range(len(step)):
+        predicted += 2.0 * gradient[place] * step[place]
+        for other in range(len(step)):
+            predicted -= step[place] * hessian[place, other] * step[other]
+    return predicted
+
+
+def minimiser(linearise: Linearise, room: Room, move: Move, accept: Accept) -> Minimise:
+    """Return the compiled fit of a model.
+
+    Parameters
+    ----------
+    linearise, room, move, accept : callable
+        Functions of the model, decorated by `numba.extending.register_jitable`; see the module.
+
+    Returns
+    -------
+    callable
+        ``minimise(problem, here, trial, ending, ready)`` improves the point `here`, whose cost
+        and linear unknowns are known; `trial` is scratch of the same shape, `ready` is passed to
+        the first ``linearise``.
+    """
+
+    def minimise(problem: Any, here: Any, trial: Any, ending: Ending, ready: bool) -> None:
+        count = len(here.theta)
+        hessian = np.zeros((count, count))
+        gradient, step, low, high = np.zeros((4, count))
+        fresh = False
+        for _ in range(ending.steps):
+            if not fresh:
+                if not linearise(problem, here, ready, hessian, gradient):
+                    here.failures[0] += 1.0
+                    return
+                ready = False
+                fresh = True
+                room(problem, here, low, high)
+            damping = here.damping[0]
+            longer = min(max(10.0 * damping, 1e-6), MOST_DAMPING)
+            if not bounded_step(hessian, gradient, damping, low, high, step):
+                here.failures[0] += 1.0
+                here.damping[0] = longer
+                continue
+            move(problem, here, step, trial)
+            predicted = _predicted_reduction(hessian, gradient, step)
+            actual = here.cost[0] - trial.cost[0]
+            if actual >= -_ROUNDING * here.energy[0]:
+                accept(here, trial)
+                here.moved[0] = np.abs(step).max()
+                good = actual > _GOOD * predicted
+                here.damping[0] = max(damping * (0.1 if good else 1.0), LEAST_DAMPING)
+                fresh = False
+            else:
+                here.damping[0] = longer
+            if predicted <= ending.tolerance * (here.cost[0] + ending.least_cost):
+                break
+
+    # Part of the name of numba's index file: a file shared by several models could not be read
+    # where the module of one of them is missing.
+    minimise.__qualname__ = f'minimise.{linearise.__module__}'
+    compiled: Minimise = numba.njit(cache=True, nogil=True)(minimise)
+    return compiled

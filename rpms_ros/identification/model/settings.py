@@ -1,0 +1,192 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the recursive estimator, with the paper's Tables 4 and 5 as presets."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.model.basis import DistortedSineBasis
+from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION, RecruitmentParameters
+
+
+@dataclass(frozen=True)
+class RecruitmentBounds:
+    """Bounds of the nonlinear parameters, and the least distance of saturation and threshold.
+
+    Without that distance the recursion can end in the minimum with u_thr and u_sat exchanged.
+
+    Attributes
+    ----------
+    u_thr, u_sat, alpha_sat : tuple of float
+        Lowest and highest value.
+    separation : float
+        u_sat is at least this far above u_thr.
+    """
+
+    u_thr: tuple[float, float] = (0.0, 1.0)
+    u_sat: tuple[float, float] = (0.05, 1.5)
+    alpha_sat: tuple[float, float] = (0.5, 50.0)
+    separation: float = SMALLEST_SEPARATION
+
+    def __post_init__(self) -> None:
+        for name in ('u_thr', 'u_sat', 'alpha_sat'):
+            low, high = getattr(self, name)
+            if not -math.inf < low < high < math.inf:
+                raise IdentificationError(f'expected bounds of {name} in order, got {low}, {high}')
+        if not self.separation > 0:
+            raise IdentificationError(f'expected a separation above 0, got {self.separation}')
+        if not self.u_thr[1] + self.separation <= self.u_sat[1]:
+            raise IdentificationError(
+                'expected room for the separation between the highest u_thr and the highest '
+                f'u_sat, got {self.u_thr[1]}, {self.u_sat[1]} and {self.separation}'
+            )
+
+    def hold(self, parameters: RecruitmentParameters) -> bool:
+        """Return whether the parameters lie within the bounds."""
+        return (
+            self.u_thr[0] <= parameters.u_thr <= self.u_thr[1]
+            and self.u_sat[0] <= parameters.u_sat <= self.u_sat[1]
+            and self.alpha_sat[0] <= parameters.alpha_sat <= self.alpha_sat[1]
+            and parameters.u_sat >= parameters.u_thr + self.separation
+        )
+
+
+_POSITIVE = (
+    'damping',
+    'damping_increment',
+    'hessian_scale',
+    'linear_covariance',
+    'force_scale',
+)
+SIMULATION_START = RecruitmentParameters(0.40, 0.90, 3.0)
+EXPERIMENT_START = RecruitmentParameters(0.40, 0.90, 10.0)
+
+
+@dataclass(frozen=True)
+class RecursiveSettings:
+    """Design parameters of the modified recursive Levenberg-Marquardt algorithm, Sec. 3.2.2.
+
+    Attributes
+    ----------
+    basis : DistortedSineBasis
+        Functions of the impulse response.
+    start : RecruitmentParameters
+        theta_rho[0] and the fixed alpha_thr.
+    forgetting : float
+        lambda, per sample.
+    damping : float
+        delta[0].
+    damping_factor : float
+        kappa.
+    gain_ratio_margin : float
+        zeta.
+    condition_limit : float
+        xi.
+    damping_increment : float
+        delta_s.
+    hessian_scale : float
+        Upper end of the uniform distribution of the entries of H[0].
+    linear_covariance : float
+        Diagonal of the initial covariance of the linear parameters; large, since nothing is known
+        of them at the start, theta_h[0] = 0.
+    force_scale : float
+        Force that counts as one in H and delta, which are absolute numbers [N].  A tenth of the
+        largest expected force is a good choice; a running measure of the force is not, since it is
+        small while a schedule begins below the threshold, which makes steps too large.
+    projected : bool
+        Project the gradient off the linear regressors (variable projection); False takes the
+        plain partial derivative at fixed linear parameters, which loses the curve under a
+        sinusoidal intensity.
+    bounds : RecruitmentBounds
+        Bounds of the nonlinear parameters.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
+    """
+
+    basis: DistortedSineBasis = field(default_factory=DistortedSineBasis)
+    start: RecruitmentParameters = SIMULATION_START
+    forgetting: float = 0.99
+    damping: float = 1e-3
+    damping_factor: float = 1.002
+    gain_ratio_margin: float = 0.02
+    condition_limit: float = 1000.0
+    damping_increment: float = 0.01
+    hessian_scale: float = 1e-4
+    linear_covariance: float = 1e6
+    force_scale: float = 1.0
+    projected: bool = True
+    bounds: RecruitmentBounds = field(default_factory=RecruitmentBounds)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.forgetting <= 1:
+            raise IdentificationError(f'expected 0 < forgetting <= 1, got {self.forgetting}')
+        if not 0 <= self.gain_ratio_margin < 0.5:
+            raise IdentificationError(
+                f'expected 0 <= gain ratio margin < 0.5, got {self.gain_ratio_margin}'
+            )
+        if not self.damping_factor > 1:
+            raise IdentificationError(f'expected a damping factor > 1, got {self.damping_factor}')
+        if not self.condition_limit > 1:
+            raise IdentificationError(
+                f'expected a condition limit > 1, got {self.condition_limit}'
+            )
+        for name in _POSITIVE:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise IdentificationError(f'expected {name} above 0, got {value}')
+        if not (math.isfinite(self.start.alpha_thr) and self.start.alpha_thr > 0):
+            raise IdentificationError(f'expected alpha_thr above 0, got {self.start.alpha_thr}')
+        if not self.bounds.hold(self.start):
+            raise IdentificationError(
+                f'expected a start within the bounds and u_thr < u_sat, got {self.start}'
+            )
+
+
+TABLE_4 = RecursiveSettings()
+"""Simulated identification: Table 4, start [40 % 90 % 3]."""
+
+TABLE_5 = replace(
+    TABLE_4,
+    basis=DistortedSineBasis(form_factor=45.0),
+    start=EXPERIMENT_START,
+    forgetting=0.999,
+)
+"""Experimental identification: Table 5, start [40 % 90 % 10]."""
+
+PAPER_PRESETS = {'paper_table_4': TABLE_4, 'paper_table_5': TABLE_5}
+"""Tables 4 and 5 as printed, by name: to reproduce the paper, not for people."""
+
+PEOPLE_PRESET = 'people'
+PRESET_NAMES = (PEOPLE_PRESET, *PAPER_PRESETS)
+"""Presets that command lines and node parameters accept."""
+
+_FORMER_NAMES = {'table_4': 'paper_table_4', 'table_5': 'paper_table_5'}
+
+
+def check_preset(name: str) -> None:
+    """Raise `IdentificationError` unless the name is one of `PRESET_NAMES`."""
+    if name in _FORMER_NAMES:
+        raise IdentificationError(
+            f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}, which is now '
+            f'{_FORMER_NAMES[name]} and only reproduces the paper: for people leave it out'
+        )
+    if name not in PRESET_NAMES:
+        raise IdentificationError(f'expected a preset of {", ".join(PRESET_NAMES)}, got {name!r}')
+
+
+def settings_by_name(name: str) -> RecursiveSettings:
+    """Return a preset of `PAPER_PRESETS`.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such preset.
+    """
+    check_preset(name)
+    if name not in PAPER_PRESETS:
+        raise IdentificationError(f'expected one of {", ".join(PAPER_PRESETS)}, got {name!r}')
+    return PAPER_PRESETS[name]

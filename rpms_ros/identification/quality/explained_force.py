@@ -1,0 +1,253 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Force simulated from the pulses with one estimate, compared with the measured force.
+
+The a-priori prediction shows how well an estimator follows the force; an estimator that forgets
+fast can follow it with parameters that explain nothing else.  The result of a session is a single
+estimate, so the force is simulated with the recruitment and response of that estimate alone.
+
+Which numbers of an estimate come from the data, and not from the prior.
+
+Where the data determine little, an estimator with a prior returns the values of the prior.  Such
+a number is no measurement and is not shown as one.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from rpms_ros.identification.estimation.uncertainty import LEAST_GAIN
+from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
+from rpms_ros.identification.model.physiology import PRIOR
+from rpms_ros.muscle.recruitment import (
+    PARAMETER_NAMES,
+    RateRecruitment,
+    RecruitmentParameters,
+    identified_recruitment,
+)
+from rpms_ros.pulses import (
+    NANOSECONDS_PER_SECOND,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    PulseTrain,
+    nanoseconds,
+)
+
+LAWS = (None, RateRecruitment())
+_JUDGED_PULSES = 101
+_AFTER_LAST_NS = 500_000_000
+"""What estimators make of the interval before a pulse; no estimate says which."""
+# Shorter intervals count as this [ns].
+_SHORTEST_NS = 1_000_000
+
+
+@dataclass(frozen=True)
+class SimulatedFit:
+    """How well the force simulated with one estimate fits the measured one.
+
+    Attributes
+    ----------
+    explained : float
+        Variance accounted for, white noise excluded, with a constant baseline [1]; below 0 if the
+        simulated force is further from the measured one than a constant.
+    explained_straight : float
+        The same with a straight baseline, which removes a drift [1].
+    gain : float
+        Factor on the simulated force that would fit best [1]; NaN if it is constant.
+    error : float
+        Root mean square of measured minus simulated force and baseline [N].
+    slope : float
+        Slope of measured minus simulated force [N/s].
+    noise : float
+        Standard deviation of the white noise of the force [N].
+    signal : float
+        Standard deviation of the force [N].
+    """
+
+    explained: float
+    explained_straight: float
+    gain: float
+    error: float
+    slope: float
+    noise: float
+    signal: float
+
+
+def simulated_force(
+    estimate: Estimate,
+    pulses: PulseTrain,
+    stamp_ns: IntArray,
+    by_rate: RateRecruitment | None = None,
+) -> FloatArray:
+    """Return the force (samples,) simulated from pulses with an estimate [N].
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Response and recruitment; pulses of unknown intensity get the median intensity.
+    pulses : PulseTrain
+        In any order.
+    stamp_ns : ndarray of int64 (samples,)
+        Ascending times [ns].
+    by_rate : RateRecruitment, optional
+        Weight of a pulse by the interval to the pulse before it; None: all weights are equal.
+    """
+    force = np.zeros(len(stamp_ns))
+    reach_ns = nanoseconds(float(estimate.response_time[-1]))
+    weight = _weights(estimate, pulses.intensity)
+    if by_rate is not None:
+        weight = weight * _rate_weights(estimate.repetition_rate, pulses.onset_ns, by_rate)
+    first = np.searchsorted(stamp_ns, pulses.onset_ns)
+    last = np.searchsorted(stamp_ns, pulses.onset_ns + reach_ns, side='right')
+    for index in np.flatnonzero(last > first):
+        part = slice(int(first[index]), int(last[index]))
+        lag = (stamp_ns[part] - pulses.onset_ns[index]) / NANOSECONDS_PER_SECOND
+        force[part] += weight[index] * np.interp(
+            lag, estimate.response_time, estimate.response_force
+        )
+    return force
+
+
+def weight_at_own_rate(
+    estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
+) -> float:
+    """Return the weight of the pulses at their own rate, 1 at the rate of the estimate.
+
+    An estimate is stated for one rate; where the recruitment is not known, only the response at
+    the rate of the recording was measured.  Whether the estimator weighted pulses by their rate
+    shows in which of the simulated forces is nearer to force (samples,) [N] at ascending stamps
+    (samples,) [ns], over the last hundred pulses.
+    """
+    last = pulses[np.argsort(pulses.onset_ns, kind='stable')[-_JUDGED_PULSES:]]
+    if len(last) < 2:
+        return 1.0
+    part = (stamp_ns >= last.onset_ns[0]) & (stamp_ns <= last.onset_ns[-1] + _AFTER_LAST_NS)
+    error = {}
+    for law in LAWS:
+        # the weight of the first pulse is that of a pulse without another before it
+        stated = simulated_force(estimate, last[1:], stamp_ns[part], law)
+        after = stamp_ns[part] >= last.onset_ns[1]
+        residual = (force[part] - stated)[after]
+        error[law] = float(np.var(residual)) if len(residual) else 0.0
+    best = min(LAWS, key=lambda law: error[law])
+    if best is None:
+        return 1.0
+    return float(np.median(_rate_weights(estimate.repetition_rate, last.onset_ns, best)[1:]))
+
+
+def simulated_fit(
+    estimate: Estimate, pulses: PulseTrain, stamp_ns: IntArray, force: FloatArray
+) -> SimulatedFit:
+    """Compare the simulated force with force (samples,) [N] at ascending stamps (samples,) [ns].
+
+    Whether pulses are weighted by their rate differs between estimators and is not part of an
+    estimate: the better of the two fits is returned.
+    """
+    return max(
+        (_held(simulated_force(estimate, pulses, stamp_ns, law), stamp_ns, force) for law in LAWS),
+        key=lambda found: found.explained,
+    )
+
+
+def _held(stated: FloatArray, stamp_ns: IntArray, force: FloatArray) -> SimulatedFit:
+    time = (stamp_ns - stamp_ns[0]) / NANOSECONDS_PER_SECOND
+    time -= time.mean()
+    residual = force - stated - np.mean(force - stated)
+    noise = white_noise(force)
+    signal, error = float(np.var(force)), float(np.mean(np.square(residual)))
+    spread = float(time @ time)
+    slope = float(time @ residual) / spread if spread > 0.0 else 0.0
+    moved = stated - stated.mean()
+    energy = float(moved @ moved)
+    return SimulatedFit(
+        explained=_explained(force, residual, noise),
+        explained_straight=_explained(force - slope * time, residual - slope * time, noise),
+        gain=float(moved @ force) / energy if energy > 0.0 else float('nan'),
+        error=float(np.sqrt(error)),
+        slope=slope,
+        noise=noise,
+        signal=float(np.sqrt(signal)),
+    )
+
+
+def _explained(force: FloatArray, residual: FloatArray, noise: float) -> float:
+    power = float(np.var(force)) - noise**2
+    left = max(float(np.mean(np.square(residual))) - noise**2, 0.0)
+    return 1.0 - left / power if power > 0.0 else 0.0
+
+
+def white_noise(force: FloatArray) -> float:
+    """Return the standard deviation of the white noise in evenly sampled force (samples,) [N].
+
+    The force of a muscle is smooth from sample to sample, so its second differences are those of
+    the noise, with six times its variance.  The median is robust against artifacts.
+    """
+    if len(force) < 3:
+        return 0.0
+    return float(np.median(np.abs(np.diff(force, 2)))) / (0.6744897501960817 * math.sqrt(6.0))
+
+
+def _rate_weights(rate_hz: float, onset_ns: IntArray, by_rate: RateRecruitment) -> FloatArray:
+    """Return weights (pulses,) by the intervals before pulses, 1 at the rate `rate_hz` [Hz]."""
+    order = np.argsort(onset_ns, kind='stable')
+    interval = np.maximum(np.diff(onset_ns[order]), _SHORTEST_NS)
+    weight = np.empty(len(onset_ns))
+    rates = np.concatenate(([0.0], NANOSECONDS_PER_SECOND / interval))[: len(onset_ns)]
+    weight[order] = by_rate.per_pulse(rates) / float(by_rate.per_pulse(rate_hz))
+    return weight
+
+
+def _weights(estimate: Estimate, intensity: FloatArray) -> FloatArray:
+    """Return the recruitment of pulses (pulses,), 1 at full intensity."""
+    known = np.isfinite(intensity)
+    middle = float(np.median(intensity[known])) if known.any() else 1.0
+    applied = np.where(known, intensity, middle)
+    if estimate.nonlinear_names == PARAMETER_NAMES:
+        parameters = RecruitmentParameters(*estimate.nonlinear.tolist())
+        full = float(identified_recruitment(parameters, 1.0))
+        share = np.asarray(identified_recruitment(parameters, applied), dtype=np.float64)
+    elif estimate.curve_known:
+        full = float(estimate.curve_force[-1])
+        share = np.interp(applied, estimate.curve_intensity, estimate.curve_force)
+    else:
+        return np.ones(len(applied))
+    return share / full if full != 0.0 else np.zeros(len(applied))
+
+
+# A twitch whose peak is further from that of the response does not describe the response.
+_PEAK_DIFFERENCE = 0.3
+
+
+def informed_parameters(estimate: Estimate) -> BoolArray:
+    """Return which nonlinear parameters (p,) are informed; all if the estimator has no flags."""
+    flags = estimate.nonlinear_identifiability
+    if len(flags) != len(estimate.nonlinear):
+        return np.ones(len(estimate.nonlinear), dtype=np.bool_)
+    informed: BoolArray = flags != NOT_INFORMED
+    return informed
+
+
+def informed_physiology(estimate: Estimate) -> Iterator[int]:
+    """Yield the indices of the physiology of which the data inform.
+
+    Informed is a number whose standard deviation is below 0.7 (as in `identifiability`) of that
+    of the prior, or of the value itself where there is no prior.  None is if the twitch has
+    another peak than the response to which it was fitted.
+    """
+    if not estimate.confidence > 0.0 or not len(estimate.response_force):
+        return
+    quantile = float(ndtri(0.5 + 0.5 * estimate.confidence))
+    values = dict(zip(estimate.physiology_names, estimate.physiology.tolist(), strict=True))
+    peak = float(estimate.response_force.max())
+    if abs(values.get('twitch_peak_n', peak) - peak) > _PEAK_DIFFERENCE * abs(peak):
+        return
+    # the lower end may have been cut off at 0
+    width = (estimate.physiology_upper - estimate.physiology) / quantile
+    for index, name in enumerate(estimate.physiology_names):
+        _, before = PRIOR.get(name, (0.0, abs(values[name])))
+        if width[index] < LEAST_GAIN * before:
+            yield index

@@ -1,0 +1,594 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a result may be used: good, doubtful or no, with reasons.
+
+The checks look for signs of wrong input or failed identification in the pulses and the force, the
+force simulated with the estimate (`rpms_ros.identification.quality.explained_force`), the
+prediction of the end of the session by an earlier estimate, the a-priori residual, and the doubts
+and intervals of the estimator.
+
+Checks of pulses and force before identification: wrong unit, clock, topic or axis.
+
+Checks of an estimate: sign, shape, the force it explains, its doubts and intervals.
+
+Grades of a verdict, and their thresholds.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpms_ros.axis import QUANTITIES
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.analysis.dynamics import TrainDynamics
+from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
+from rpms_ros.identification.quality.explained_force import (
+    SimulatedFit,
+    simulated_fit,
+    white_noise,
+)
+from rpms_ros.identification.quality.stationarity import FOLLOWER, change_over
+from rpms_ros.identification.session import IdentifiedSession, settled
+from rpms_ros.identification.stream.doubts import CLOCKS_DIFFER, OF_TIME, stated_doubt
+from rpms_ros.identification.stream.faults import (
+    FORCE_UNEXPLAINED,
+    PULSE_INTENSITY_INVALID,
+    SAMPLES_EXCLUDED,
+)
+from rpms_ros.identification.stream.pulse_checks import no_overlap, outside_shares, range_outside
+from rpms_ros.identification.stream.stream_input import StreamSettings
+from rpms_ros.printable import percent_explained
+from rpms_ros.pulses import (
+    NANOSECONDS_PER_SECOND,
+    BoolArray,
+    ForceTrace,
+    IntArray,
+    PulseTrain,
+    nanoseconds,
+)
+from rpms_ros.schema import documented
+
+GOOD, DOUBTFUL, NO = 'good', 'doubtful', 'no'
+GRADES = (GOOD, DOUBTFUL, NO)
+
+Reason = tuple[str, str]
+"""Grade and sentence."""
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """Thresholds of the verdict.
+
+    Attributes
+    ----------
+    expected_force : float
+        Largest force of the muscle at a sensor [N].  200 N are far above that of a hand, a
+        forearm or a foot; a strong leg at a dynamometer needs more.
+    least_force : float
+        Least range of the force [N].  Sensors for people resolve 0.01 to 0.1 N, and muscles of
+        rats pull with some newtons; in kN a force of 10 N is 0.01.
+    least_explained, good_explained : float
+        Share of the force's variance, noise apart, that the estimate has to explain, or it is
+        not used, or doubted.  Equal pulses explain about 0.98 of trains of real muscle, whose
+        pulses are not equal (docs/analysis.md); muscle that
+        tires explains no less than 0.95 over twenty seconds.
+    largest_error : float
+        Error of the simulated force, noise excluded, as a share of the range of the force.
+    deepest_swing, worst_swing : float
+        How far the response to a pulse may go below zero, as a share of its peak, before the
+        result is doubtful, or not used: a muscle does not push.
+    largest_residual : float
+        Residual that is no white noise, as a share of the range of the force.
+    held_out_times, largest_held_out : float
+        The error on the end of the session with an earlier estimate may be so many times that
+        with the final one, or this share of the range of the force.
+    largest_drift : float
+        Change of the baseline over the time that is judged, as a share of the range of the force.
+    largest_change : float
+        Change of the force that pulses cause over a session that is explained by one muscle, as a
+        share of it.
+    widest_interval : float
+        Half the interval of the curve at the highest intensity that was used, as a share of it.
+
+    Raises
+    ------
+    IdentificationError
+        If `expected_force` is not above 0.
+    """
+
+    expected_force: float = 200.0
+    least_force: float = 0.05
+    least_explained: float = 0.7
+    good_explained: float = 0.9
+    largest_error: float = 0.08
+    deepest_swing: float = 0.15
+    worst_swing: float = 0.5
+    largest_residual: float = 0.03
+    held_out_times: float = 3.0
+    largest_held_out: float = 0.05
+    largest_drift: float = 0.1
+    largest_change: float = 0.05
+    widest_interval: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not self.expected_force > 0.0:
+            raise IdentificationError(
+                f'expected a largest force above 0 N, got {self.expected_force}'
+            )
+
+
+# Length of the end that is judged: two periods of the slow sinusoids in use; a muscle that tires
+# changes by a quarter meanwhile, which leaves 0.03 of the variance unexplained.  Half of it for an
+# estimator that follows such changes, because its estimate is that of the end.
+_SPAN_NS = 20 * NANOSECONDS_PER_SECOND
+# The force of the last pulse is over by then.
+_AFTER_NS = NANOSECONDS_PER_SECOND // 2
+# The estimate after this share of the session has to predict the rest.
+_LEARNT_SHARE = 0.8
+# A force that rose by more than this share of itself was none before [1].
+_FROM_NOTHING = 10.0
+_HINT = f'; --estimator {FOLLOWER} tells a muscle that changes, efforts and tremor apart'
+_DYNAMICS_ONLY = 'dynamics only: one intensity shows no recruitment curve'
+# With so many estimates there is one close to that time.
+_ESTIMATES = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Whether a result may be used."""
+
+    grade: str = documented('good, doubtful or no')
+    reasons: tuple[str, ...] = documented('why, the most serious first')
+
+    @property
+    def line(self) -> str:
+        """The verdict in one line."""
+        return f'{self.grade}: {"; ".join(self.reasons)}'
+
+
+def of_reasons(reasons: Sequence[Reason], praise: str) -> Verdict:
+    """Return the verdict with the grade of the most serious reason; `praise` if there is none."""
+    ordered = sorted(reasons, key=lambda reason: -GRADES.index(reason[0]))
+    if not ordered:
+        return Verdict(grade=GOOD, reasons=(praise,))
+    return Verdict(grade=ordered[0][0], reasons=tuple(text for _, text in ordered))
+
+
+def period_of_estimates(duration: float) -> float:
+    """Return the estimate period needed to judge a session of a duration [s].
+
+    It is the period on line times a power of two, so that every estimate of a coarser grid is one
+    of each finer grid: the verdict does not depend on how many other estimates there are.
+    """
+    on_line = StreamSettings().estimate_period
+    return on_line * doublings(duration / (_ESTIMATES * on_line))
+
+
+def doublings(least: float) -> int:
+    """Return the smallest power of two that is not below `least`, at least 1."""
+    return 1 if not least > 1.0 else int(2 ** math.ceil(math.log2(least)))
+
+
+def verdict_of(
+    session: IdentifiedSession,
+    pulses: PulseTrain,
+    forces: ForceTrace,
+    settings: VerdictSettings | None = None,
+    dynamics: TrainDynamics | None = None,
+) -> Verdict:
+    """Return the verdict on a session.
+
+    Parameters
+    ----------
+    session : IdentifiedSession
+        The result.
+    pulses, forces : PulseTrain, ForceTrace
+        The recording.
+    settings : VerdictSettings, optional
+        Thresholds.
+    dynamics : TrainDynamics, optional
+        Dynamics found from trains of one intensity; judged if the estimate has no curve.
+    """
+    settings = settings or VerdictSettings()
+    unit = session.last.unit
+    reasons = list(
+        reasons_of_data(pulses, forces, settings.expected_force, settings.least_force, unit)
+    )
+    if not any(grade == NO for grade, _ in reasons):
+        reasons += [
+            (NO if name == CLOCKS_DIFFER else DOUBTFUL, stated_doubt(session.last, name))
+            for name in OF_TIME
+            if name in session.last.doubts
+        ]
+    if any(grade == NO for grade, _ in reasons):
+        return of_reasons(reasons, '')
+    if dynamics is not None and not session.last.curve_known:
+        return _of_dynamics(reasons, dynamics, settings, unit)
+    part = _looked_at(session, pulses)
+    if np.count_nonzero(part) < 3:
+        return of_reasons([*reasons, (NO, _nothing_to_judge_by(session, pulses))], '')
+    found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
+    span = float(np.ptp(session.force[session.usable]))
+    reasons += of_the_estimate(session.last, found, span, settings)
+    changed = list(_of_one_muscle(session, pulses, settings))
+    hint = '' if changed or session.last.rate_names else _HINT
+    reasons += changed
+    reasons += _of_the_fit(session, pulses, part, found, settings, hint)
+    explained = found.explained >= settings.good_explained
+    reasons += of_the_estimator(session, pulses, settings, explained)
+    # without a curve the force is explained at one intensity only
+    scope = '' if session.last.curve_known else f'{_DYNAMICS_ONLY}; '
+    praise = (
+        f'{scope}the identified muscle explains {percent_explained(found.explained)} % of the '
+        f'{QUANTITIES[unit]}'
+    )
+    return of_reasons(reasons, praise)
+
+
+def _nothing_to_judge_by(session: IdentifiedSession, pulses: PulseTrain) -> str:
+    nothing = 'there is no force to judge by while pulses act'
+    if session.last.faults.get(PULSE_INTENSITY_INVALID):
+        return f'{nothing}: {invalid_intensities(pulses)}'
+    return nothing
+
+
+def _of_dynamics(
+    reasons: list[Reason], dynamics: TrainDynamics, settings: VerdictSettings, unit: str
+) -> Verdict:
+    """Return the verdict on trains of one intensity, which give dynamics but no curve."""
+    if dynamics.gain < 0.0:
+        text = (
+            f'the {QUANTITIES[unit]} of a pulse comes out negative, {dynamics.gain:.3g} {unit}: '
+            'sign or axis of the sensor is wrong (--sign, --axis)'
+        )
+        return of_reasons([*reasons, (NO, text)], '')
+    explained = 1.0 - (1.0 - dynamics.fit_percent / 100.0) ** 2
+    text = (
+        f'{_DYNAMICS_ONLY}; the model of the trains ({dynamics.model}) explains '
+        f'{percent_explained(explained)} % of the variance of the {QUANTITIES[unit]}'
+    )
+    if explained < settings.good_explained:
+        grade = NO if explained < settings.least_explained else DOUBTFUL
+        reasons.append((grade, text))
+    if dynamics.onset_s is None:
+        reasons.append((DOUBTFUL, 'noise hides when the force begins'))
+    return of_reasons(reasons, text)
+
+
+def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
+    """Return which samples (samples,) are judged: those of the end, or all of a short session."""
+    stamps = session.stamp_ns
+    onset = pulses.onset_ns[(pulses.onset_ns >= stamps[0]) & (pulses.onset_ns <= stamps[-1])]
+    if not len(onset):
+        return np.zeros(len(stamps), dtype=np.bool_)
+    begin, end = int(onset.min()), int(onset.max()) + _AFTER_NS
+    span_ns = _SPAN_NS // 2 if session.last.rate_names else _SPAN_NS
+    if end - begin > 1.5 * span_ns:
+        begin = end - span_ns
+    part: BoolArray = session.in_order & (stamps >= begin) & (stamps <= end)
+    return part
+
+
+def _of_one_muscle(
+    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings
+) -> Iterator[Reason]:
+    """Yield a reason if one estimate is made of a session in which the muscle changed."""
+    last = session.last
+    change = change_over(session, pulses)
+    if change is None or abs(change.share) < settings.largest_change:
+        return
+    how = f'{"fell" if change.share < 0.0 else "rose"} by {100 * abs(change.share):.0f} %'
+    if change.share > _FROM_NOTHING:
+        how = 'rose from next to nothing'
+    when = 'over the session'
+    if change.sudden_at_s is not None:
+        when = f'at about {change.sudden_at_s:.0f} s'
+    yield (
+        DOUBTFUL,
+        (
+            f'the muscle changed: the {QUANTITIES[last.unit]} that pulses cause '
+            f'{how} {when}, '
+            f'and {last.estimator} takes the muscle for constant; '
+            f'--estimator {FOLLOWER} follows it'
+        ),
+    )
+
+
+def _of_the_fit(
+    session: IdentifiedSession,
+    pulses: PulseTrain,
+    part: BoolArray,
+    found: SimulatedFit,
+    settings: VerdictSettings,
+    hint: str,
+) -> Iterator[Reason]:
+    """Yield reasons from residual, held-out error and baseline."""
+    force, stamps = session.force, session.stamp_ns
+    span = float(np.ptp(force[session.usable]))
+    predicted = np.isfinite(session.shown_prediction)
+    late = part & settled(stamps) & predicted
+    if session.last.curve_known and not late.any():
+        yield (DOUBTFUL, 'too short: no sample was predicted before it was learnt')
+    residual = (force - session.prediction)[late]
+    error = float(np.sqrt(np.mean(np.square(residual)))) if len(residual) else 0.0
+    slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5 if error else 0.0
+    if slow > settings.largest_residual * span:
+        yield (
+            DOUBTFUL,
+            (
+                f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
+                f'{100 * slow / span:.2g} % of the '
+                f'range of the force, is no noise of the sensor{hint}'
+            ),
+        )
+    seconds = float(np.ptp(stamps[part])) / NANOSECONDS_PER_SECOND
+    drift = abs(found.slope) * seconds
+    if drift > settings.largest_drift * span:
+        yield (
+            DOUBTFUL,
+            f'the baseline drifts by {60 * found.slope:.2g} {session.last.unit} a minute',
+        )
+    held_out = _held_out_errors(session, pulses)
+    if held_out is not None:
+        error_before, error_after = held_out
+        most = max(settings.held_out_times * error_after, settings.largest_held_out * span)
+        if error_before > most:
+            yield (
+                DOUBTFUL,
+                (
+                    'the end of the session, held out, is missed by '
+                    f'{100 * error_before / span:.2g} % of the range of the force, '
+                    f'fitted it is {100 * error_after / span:.2g} %'
+                ),
+            )
+
+
+def _held_out_errors(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, float] | None:
+    """Return the error on the end of the session with an earlier estimate, and with the last [N].
+
+    None if there is no earlier estimate.
+    """
+    stamps = session.stamp_ns
+    duration = int(stamps[-1] - stamps[0])
+    grid = nanoseconds(period_of_estimates(duration / NANOSECONDS_PER_SECOND))
+    boundary = (int(stamps[0]) + round(_LEARNT_SHARE * duration)) // grid * grid
+    before = [one for one in session.estimates[:-1] if one.stamp_ns < boundary]
+    end = session.usable & (stamps >= boundary)
+    if not before or not before[-1].samples or np.count_nonzero(end) < 3:
+        return None
+    if np.any(np.diff(stamps[end]) <= 0):
+        return None
+    errors = [
+        simulated_fit(one, pulses, stamps[end], session.force[end]).error
+        for one in (before[-1], session.last)
+    ]
+    return errors[0], errors[1]
+
+
+# A twitch rises within 20 to 100 ms: fewer samples a second do not show it.
+_LEAST_SAMPLING_HZ = 100.0
+# No force sensor of the field is sampled faster.
+_MOST_SAMPLING_HZ = 100_000.0
+# Stimulators repeat at up to 100 Hz.
+_MOST_PULSES_HZ = 200.0
+
+
+def reasons_of_data(
+    pulses: PulseTrain,
+    forces: ForceTrace,
+    expected_force: float,
+    least_force: float,
+    unit: str = 'N',
+) -> Iterator[tuple[str, str]]:
+    """Yield grade and sentence for everything that cannot be right.
+
+    Parameters
+    ----------
+    pulses, forces : PulseTrain, ForceTrace
+        The recording.
+    expected_force : float
+        Largest force that the muscle can have [N].
+    least_force : float
+        Least range of the force that a force sensor for people resolves [N]; no torque is
+        compared with it.
+    unit : str
+        Unit of the force: ``N``, or ``N m`` for a torque.
+    """
+    force = forces.force[np.isfinite(forces.force)]
+    with np.errstate(over='ignore'):
+        span = float(np.ptp(force)) if len(force) else 0.0
+    # an intensity of NaN was not recorded: dynamics can be found without it
+    wrong = outside_shares(pulses.intensity) & ~np.isnan(pulses.intensity)
+    if 2 * np.count_nonzero(wrong) > len(pulses):
+        yield 'no', invalid_intensities(pulses)
+        return
+    if not np.any(pulses.intensity > 0.0) and not np.isnan(pulses.intensity).any():
+        yield 'no', 'there is no pulse above intensity 0'
+        return
+    if (apart := no_overlap(pulses.onset_ns, forces.stamp_ns)) is not None:
+        yield 'no', f'{CLOCKS_DIFFER}: {apart}'
+        return
+    if span == 0.0:
+        yield (
+            'no',
+            (
+                'the force never changes: another topic or axis, a dynamometer '
+                '(--quantity torque), or a dead sensor'
+            ),
+        )
+        return
+    yield from _of_time(pulses, forces)
+    if span > expected_force:
+        yield (
+            'doubtful',
+            (
+                f'the {QUANTITIES[unit]} spans {span:.4g} {unit}, more than the '
+                f'{expected_force:g} {unit} that are expected: are these grams or millinewtons, '
+                'or has this muscle a higher --expected-force?'
+            ),
+        )
+    if unit == 'N' and span < least_force:
+        yield (
+            'doubtful',
+            (
+                f'the force spans {span:.2g} N, less than the {least_force:g} N that a sensor '
+                'for people resolves: is the force in kN?'
+            ),
+        )
+
+
+def invalid_intensities(pulses: PulseTrain) -> str:
+    """Return how many pulses have an intensity that is no share of the maximum, and which."""
+    count = np.count_nonzero(outside_shares(pulses.intensity))
+    return (
+        f'{PULSE_INTENSITY_INVALID}: the intensity of {count} of {len(pulses)} pulses is outside '
+        f'0 to 1 ({range_outside(pulses.intensity)})'
+    )
+
+
+def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
+    if rate := _rate(forces.stamp_ns):
+        if rate < _LEAST_SAMPLING_HZ:
+            yield (
+                'no',
+                (
+                    f'the force has {rate:.3g} samples a second, a twitch needs '
+                    f'{_LEAST_SAMPLING_HZ:g}: is the time in another unit, as ms?'
+                ),
+            )
+        elif rate > _MOST_SAMPLING_HZ:
+            yield 'no', f'the force has {rate:.3g} samples a second: is the time in another unit?'
+    if (rate := _rate(pulses.onset_ns)) > _MOST_PULSES_HZ:
+        yield 'doubtful', f'there are {rate:.3g} pulses a second: is the time in another unit?'
+
+
+def _rate(stamp_ns: IntArray) -> float:
+    """Return the rate of stamps (n,) [Hz]; 0 if there are fewer than two."""
+    steps = np.diff(np.sort(stamp_ns))
+    steps = steps[steps > 0]
+    return NANOSECONDS_PER_SECOND / float(np.median(steps)) if len(steps) else 0.0
+
+
+def of_the_estimate(
+    last: Estimate, found: SimulatedFit, span: float, settings: VerdictSettings
+) -> Iterator[Reason]:
+    """Yield what is wrong with an estimate, compared with the force.
+
+    Parameters
+    ----------
+    last : Estimate
+        The estimate that is judged.
+    found : SimulatedFit
+        Comparison of the force simulated with it and the measured one.
+    span : float
+        Range of the measured force, in the unit of the estimate.
+    settings : VerdictSettings
+        Thresholds.
+    """
+    if found.signal < 1.5 * found.noise:
+        yield NO, 'the force holds noise only: the pulses leave no trace in it (topic, axis?)'
+        return
+    response = last.response_force
+    extreme = float(response[int(np.argmax(np.abs(response)))]) if len(response) else 0.0
+    full = float(last.curve_force[-1]) if last.curve_known else extreme
+    if abs(extreme) < 1e-9 * found.signal:
+        yield NO, 'no force comes out: the estimator has learnt nothing (topic, axis?)'
+        return
+    if full < 0.0 or extreme < 0.0:
+        worst = full if full < 0.0 else extreme
+        why = 'sign or axis of the sensor is wrong (--sign, --axis)'
+        if found.explained < settings.least_explained:
+            why = 'the estimator has not converged'
+        yield NO, f'the force comes out negative, {worst:.3g} {last.unit}: {why}'
+        return
+    yield from _of_the_explanation(found, span, settings, last.unit)
+    swing = -float(response.min()) / extreme
+    if swing > settings.deepest_swing:
+        grade = NO if swing > settings.worst_swing else DOUBTFUL
+        yield (
+            grade,
+            (
+                f'the response to a pulse swings to {response.min():.3g} {last.unit}: a muscle '
+                'only pulls'
+            ),
+        )
+    if len(last.curve_lower) and not last.curve_lower[-1] > 0.0:
+        yield NO, 'the force at full intensity cannot be told from nothing'
+
+
+def _of_the_explanation(
+    found: SimulatedFit, span: float, settings: VerdictSettings, unit: str
+) -> Iterator[Reason]:
+    """Yield a reason if the simulated force differs too much from the measured one."""
+    missed = max(found.error**2 - found.noise**2, 0.0) ** 0.5
+    if found.explained_straight < settings.least_explained:
+        grade = NO
+    elif found.explained < settings.good_explained or missed > settings.largest_error * span:
+        grade = DOUBTFUL
+    else:
+        return
+    share = percent_explained(max(found.explained, 0.0))
+    text = (
+        f'the identified muscle explains {share} % of the {QUANTITIES[unit]}, its '
+        f'error is {missed:.2g} {unit}, {100 * missed / span:.2g} % of the range'
+    )
+    if 0.0 < found.gain < 0.8 or found.gain > 1.25:
+        text += f'; its force would fit best {found.gain:.2g} times as large'
+    yield grade, text
+
+
+def of_the_estimator(
+    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings, explained: bool
+) -> Iterator[Reason]:
+    """Yield reasons from doubts, parameters and intervals of the estimate.
+
+    Parameters
+    ----------
+    session : IdentifiedSession
+        What was identified.
+    pulses : PulseTrain
+        The recorded pulses.
+    settings : VerdictSettings
+        Thresholds.
+    explained : bool
+        Whether the estimate, as it stands, explains the force of the last seconds.
+    """
+    last, first = session.last, session.estimates[0]
+    for name in (one for one in last.doubts if one not in OF_TIME):
+        # One that follows changes and efforts names them; what counts is the muscle of the end.
+        if name == FORCE_UNEXPLAINED and last.rate_names and explained:
+            continue
+        if name == SAMPLES_EXCLUDED and last.faults.get(PULSE_INTENSITY_INVALID):
+            # its cause says what to correct
+            cause = invalid_intensities(pulses)
+            yield DOUBTFUL, f'{cause}; where these act nothing is learnt ({SAMPLES_EXCLUDED})'
+            continue
+        yield DOUBTFUL, stated_doubt(last, name)
+    if not last.curve_known:
+        return
+    if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):
+        yield NO, 'the parameters of the recruitment curve are still those of the start'
+    flags = dict(zip(last.nonlinear_names, last.nonlinear_identifiability.tolist(), strict=False))
+    unknown = [name for name, flag in flags.items() if flag == NOT_INFORMED]
+    if flags and len(unknown) == len(flags):
+        yield NO, 'the data tell nothing about the recruitment curve: no parameter is informed'
+    elif 'u_thr' in unknown:
+        why = '; '.join(last.reasons)
+        yield DOUBTFUL, 'the data do not determine the threshold' + (f': {why}' if why else '')
+    if len(last.curve_upper):
+        applied = pulses.intensity[np.isfinite(pulses.intensity)]
+        top = float(np.clip(applied.max(initial=0.0), 0.0, 1.0))
+        lower, force, upper = (
+            float(np.interp(top, last.curve_intensity, values))
+            for values in (last.curve_lower, last.curve_force, last.curve_upper)
+        )
+        if 0.5 * (upper - lower) > settings.widest_interval * abs(force):
+            yield (
+                DOUBTFUL,
+                (
+                    f'the force at intensity {top:.2g} is known only as {lower:.3g} to '
+                    f'{upper:.3g} {last.unit}'
+                ),
+            )

@@ -1,0 +1,331 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's on-line estimator: modified recursive Levenberg-Marquardt, Sec. 3.2.2.
+
+Prediction of samples ahead by the recursion of the paper.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numba
+import numpy as np
+
+from rpms_ros.errors import IdentificationError
+from rpms_ros.identification.model.basis import distorted_sines
+from rpms_ros.identification.model.estimate import (
+    CURVE_INTENSITY,
+    DEFAULT_RATE,
+    SMALLEST_INTENSITY_SPAN,
+    Estimate,
+    recruiting_range,
+)
+from rpms_ros.identification.model.settings import TABLE_4, RecursiveSettings
+from rpms_ros.identification.recursion.paper_kernel import (
+    NONLINEAR,
+    SCALARS,
+    Recursion,
+    RecursionConstants,
+    RecursionState,
+    SavedRecursion,
+    process,
+    saved_of,
+    state_of,
+    workspace,
+)
+from rpms_ros.identification.stream.doubts import PlausibilityCheck
+from rpms_ros.identification.stream.faults import FACTORISATION_FAILED, FaultCounter
+from rpms_ros.muscle.recruitment import (
+    PARAMETER_NAMES,
+    RecruitmentParameters,
+    arctan_recruitment,
+    identified_recruitment,
+)
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
+from rpms_ros.saved_state import RestorableWithSettings, State, described, expect, plain, typed
+
+
+@numba.njit(cache=True)
+def predict(
+    stamp_ns: IntArray,
+    onset_ns: IntArray,
+    intensity: FloatArray,
+    theta: FloatArray,
+    weights: FloatArray,
+    shape: FloatArray,
+    expected: FloatArray,
+) -> None:
+    """Write ``phi^T w`` at ascending stamps (samples,) into `expected` (samples,).
+
+    Parameters
+    ----------
+    stamp_ns, onset_ns, intensity : ndarray
+        Samples, and the pulses of which some may still act, ascending.
+    theta : ndarray (4,)
+        Parameters.
+    weights : ndarray (functions,)
+        Linear parameters of the raw functions.
+    shape : ndarray (3,)
+        Tap [ns], memory [taps], form factor [taps].
+    expected : ndarray (samples,)
+        Overwritten by the prediction [N].
+    """
+    span_ns = shape[0] * (shape[1] + 0.5)
+    offset = arctan_recruitment(0.0, theta)
+    raw = np.empty(len(weights))
+    first = 0
+    for index in range(len(stamp_ns)):
+        stamp = stamp_ns[index]
+        while first < len(onset_ns) and stamp - onset_ns[first] > span_ns:
+            first += 1
+        total = 0.0
+        place = first
+        while place < len(onset_ns) and onset_ns[place] < stamp:
+            tap = (stamp - onset_ns[place]) / shape[0]
+            if distorted_sines(tap, shape[1], shape[2], raw):
+                response = 0.0
+                for function in range(len(raw)):
+                    response += weights[function] * raw[function]
+                total += (arctan_recruitment(intensity[place], theta) - offset) * response
+            place += 1
+        expected[index] = total
+
+
+RESPONSE_STEP = 5e-3
+# Initial room for pulses that act at the same time.
+ACTING_PULSES = 32
+# Key of the recursion in a saved state.
+_RECURSION = 'recursion'
+
+
+class RecursiveEstimator(RestorableWithSettings):
+    """Modified recursive Levenberg-Marquardt over the separable Hammerstein model.
+
+    Parameters
+    ----------
+    settings : RecursiveSettings
+        Basis and design parameters; `TABLE_4` by default.
+    seed : int
+        Seed of the random H[0].
+    rate_hz : float
+        Repetition rate for which the recruitment curve is stated [Hz].
+
+    Raises
+    ------
+    IdentificationError
+        If the rate is not above zero.
+    """
+
+    name = 'recursive'
+    on_line = True
+
+    _onset_ns: IntArray
+    _intensity: FloatArray
+    _intensity_range: tuple[float, float]
+    _pulses: int
+    _plausibility: PlausibilityCheck
+
+    def __init__(
+        self,
+        settings: RecursiveSettings = TABLE_4,
+        seed: int = 0,
+        rate_hz: float = DEFAULT_RATE,
+    ) -> None:
+        if not (math.isfinite(rate_hz) and rate_hz > 0):
+            raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+        self.settings = settings
+        self.rate_hz = rate_hz
+        self._constants = _constants(settings)
+        self._state = _start(settings, seed)
+        self._workspace = workspace(settings.basis.functions, ACTING_PULSES)
+        self._onset_ns = np.empty(0, dtype=np.int64)
+        self._intensity = np.empty(0)
+        self._intensity_range = (np.inf, -np.inf)
+        self._pulses = 0
+        self._plausibility = PlausibilityCheck()
+        self._response_time = np.arange(0.0, settings.basis.duration, RESPONSE_STEP)
+        self._response_basis = settings.basis.evaluate(self._response_time)
+
+    @property
+    def memory(self) -> float:
+        """Longest time for which a pulse acts on the model's output [s]."""
+        return self.settings.basis.duration
+
+    @property
+    def parameters(self) -> RecruitmentParameters:
+        """Present nonlinear parameters."""
+        return RecruitmentParameters(*(float(value) for value in self._state.theta))
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        if not len(onset_ns):
+            return
+        self._plausibility.add_pulses(onset_ns, intensity)
+        self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
+        self._intensity = np.concatenate((self._intensity, intensity))
+        self._make_room()
+        self._intensity_range = recruiting_range(intensity, self._intensity_range)
+        self._pulses += len(onset_ns)
+
+    def forget_pulses(self) -> None:
+        """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
+        self._onset_ns = np.empty(0, dtype=np.int64)
+        self._intensity = np.empty(0)
+        # With a stamp before the newest one the decaying energies would grow.
+        scalars = self._state.scalars
+        scalars['error_energy'][0] = 0.0
+        scalars['force_energy'][0] = 0.0
+        scalars['previous_ns'][0] = 0
+
+    def described_settings(self) -> State:
+        """Return all settings by name."""
+        return {**described(self.settings), 'rate_hz': self.rate_hz}
+
+    def state(self) -> State:
+        """Return the whole state; see `Restorable.state`."""
+        return {**super().state(), _RECURSION: plain(saved_of(self._state))}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Restore a saved state; see `Restorable.restore`."""
+        super().restore({name: value for name, value in state.items() if name != _RECURSION})
+        saved = typed(SavedRecursion, state.get(_RECURSION), 'RecursiveEstimator.recursion')
+        own = saved_of(self._state)
+        alike = all(one.shape == other.shape for one, other in zip(own, saved, strict=True))
+        alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
+        expect(alike, 'RecursiveEstimator', 'arrays of one model')
+        self._state = state_of(saved)
+        if len(self._onset_ns):
+            self._make_room()
+
+    def update(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        usable: BoolArray,
+    ) -> FloatArray:
+        """Learn from samples (samples,), ascending; return their a-priori prediction [N].
+
+        See `rpms_ros.identification.model.estimate.Estimator.update`.
+        """
+        prediction = np.empty(len(stamp_ns))
+        if not len(stamp_ns):
+            return prediction
+        self._plausibility.add_forces(force, usable)
+        process(
+            stamp_ns,
+            force,
+            usable,
+            self._onset_ns,
+            self._intensity,
+            Recursion(self._constants, self._state, self._workspace),
+            prediction,
+        )
+        oldest = int(stamp_ns[-1]) - nanoseconds(self.memory + 1e-3)
+        if len(self._onset_ns) and self._onset_ns[0] < oldest:
+            kept = int(np.searchsorted(self._onset_ns, oldest))
+            self._onset_ns = self._onset_ns[kept:]
+            self._intensity = self._intensity[kept:]
+        return prediction
+
+    def predict(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the prediction of the next samples (samples,) [N]."""
+        expected = np.empty(len(stamp_ns))
+        constants, state = self._constants, self._state
+        weights = state.linear @ constants.mixing
+        predict(
+            stamp_ns,
+            self._onset_ns,
+            self._intensity,
+            state.theta,
+            weights,
+            constants.shape,
+            expected,
+        )
+        return expected
+
+    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
+        """Return the present estimate."""
+        parameters = self.parameters
+        linear = self._state.linear.copy()
+        scalars = self._state.scalars
+        full = identified_recruitment(parameters, 1.0)
+        energy = float(scalars['force_energy'][0])
+        error = float(np.sqrt(scalars['error_energy'][0] / energy)) if energy > 0.0 else 0.0
+        # faults of monitors of other packages are counted under any name
+        own = FaultCounter(dict.fromkeys(faults, ''))
+        for name, count in (*faults.items(), (FACTORISATION_FAILED, int(scalars['failures'][0]))):
+            own.add(name, count)
+        estimate = Estimate(
+            stamp_ns=stamp_ns,
+            estimator=self.name,
+            nonlinear_names=PARAMETER_NAMES,
+            nonlinear=np.array(parameters),
+            linear_names=tuple(f'basis_{index + 1}' for index in range(len(linear))),
+            linear=linear,
+            repetition_rate=self.rate_hz,
+            curve_intensity=CURVE_INTENSITY,
+            curve_force=self._curve(parameters, linear),
+            response_time=self._response_time,
+            response_force=self._response_basis @ linear * full,
+            output_error=error,
+            samples=int(scalars['samples'][0]),
+            pulses=self._pulses,
+            damping=float(scalars['damping'][0]),
+            condition_number=float(scalars['condition_number'][0]),
+            faults=own.counts(),
+        )
+        return self._plausibility.examine(estimate)
+
+    def _make_room(self) -> None:
+        """Enlarge the workspace to the largest number of pulses that act at the same time."""
+        span = nanoseconds(self.memory)
+        oldest = np.searchsorted(self._onset_ns, self._onset_ns - span)
+        most = int((np.arange(1, len(oldest) + 1) - oldest).max()) + 1
+        if most > len(self._workspace.basis):
+            self._workspace = workspace(self.settings.basis.functions, 2 * most)
+
+    def _curve(self, parameters: RecruitmentParameters, linear: FloatArray) -> FloatArray:
+        """Return K rho(u) [N] (101,), empty if one intensity only has been seen."""
+        low, high = self._intensity_range
+        if not high - low >= SMALLEST_INTENSITY_SPAN:
+            return np.empty(0)
+        gain = self.rate_hz * float(self.settings.basis.area @ linear)
+        return gain * identified_recruitment(parameters, CURVE_INTENSITY)
+
+
+def _constants(settings: RecursiveSettings) -> RecursionConstants:
+    basis = settings.basis
+    bounds = settings.bounds
+    return RecursionConstants(
+        shape=np.array(
+            [basis.tap * NANOSECONDS_PER_SECOND, float(basis.memory_taps), basis.form_factor]
+        ),
+        mixing=np.ascontiguousarray(basis.mixing),
+        force_scale=settings.force_scale,
+        forgetting=settings.forgetting,
+        damping_factor=settings.damping_factor,
+        gain_ratio_margin=settings.gain_ratio_margin,
+        condition_limit=settings.condition_limit,
+        damping_increment=settings.damping_increment,
+        projected=settings.projected,
+        lower=np.array([bounds.u_thr[0], bounds.u_sat[0], bounds.alpha_sat[0]]),
+        upper=np.array([bounds.u_thr[1], bounds.u_sat[1], bounds.alpha_sat[1]]),
+        separation=bounds.separation,
+    )
+
+
+def _start(settings: RecursiveSettings, seed: int) -> RecursionState:
+    functions = settings.basis.functions
+    generator = np.random.default_rng(seed)
+    hessian = generator.uniform(0.0, settings.hessian_scale, (NONLINEAR, NONLINEAR))
+    scalars = np.zeros(1, dtype=SCALARS)
+    scalars['damping'][0] = settings.damping
+    return RecursionState(
+        theta=np.array(settings.start, dtype=np.float64),
+        linear=np.zeros(functions),
+        covariance=settings.linear_covariance * np.eye(functions),
+        projection=np.zeros((NONLINEAR, functions)),
+        hessian=0.5 * (hessian + hessian.T),
+        scalars=scalars,
+    )

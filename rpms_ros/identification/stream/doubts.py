@@ -1,0 +1,353 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults that make an estimate doubtful, because they affect too many of its samples.
+
+Whether prediction errors follow the pulses: then the model's response is not the muscle's.
+
+Noise, tremor and effort do not know of the pulses.  A response that begins too early, is too slow
+for the functions of the model, or has become weaker does: its errors are the larger the stronger
+the pulse was, and have the same course after each.  So they are regressed on the intensity of the
+pulse before, apart for each 5 ms after it, and on the predicted force.
+
+Whether a curve and a response are possible for the muscle that was measured.
+
+An estimator can explain the force by impossible parameters: a recursion that forgets within a
+tenth of a second does so under a slow sinusoid, with an output error of 1 %.  But a muscle does
+not push, and the twitch of one pulse is not larger than the largest force that was measured while
+such pulses were given.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from rpms_ros.identification.model.estimate import Estimate
+from rpms_ros.identification.stream import faults
+from rpms_ros.identification.stream.faults import MEANING
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
+from rpms_ros.saved_state import Restorable, expect
+
+# Share of the samples above which the curve may be wrong by more than its interval.
+SHARES: Mapping[str, float] = {
+    faults.FORCE_NOT_FINITE: 0.1,
+    faults.FORCE_OUT_OF_BOUNDS: 0.01,
+    faults.FORCE_CONFLICT: 0.002,
+    faults.FORCE_STAMP_NOT_AFTER_LAST: 0.01,
+    faults.FORCE_STAMP_ALONE: 0.01,
+    faults.FORCE_QUEUE_FULL: 0.01,
+    faults.SAMPLES_EXCLUDED: 0.5,
+}
+# A share is taken of at least so many samples [1].
+_LEAST_SAMPLES = 1000
+# Counts that are kept, one a second [1].
+_NOTES = 30
+
+
+class Doubts(Restorable):
+    """Keeps the shares of faults over the last half minute and over the whole session.
+
+    Parameters
+    ----------
+    shares : mapping of str to float
+        Largest share of the samples that each fault may have without a doubt.
+    lasting : bool
+        Whether a doubt stays until the end, as for an estimator that forgets nothing.
+    """
+
+    _notes: deque[tuple[int, dict[str, int]]]
+    _found: set[str]
+
+    def __init__(self, shares: Mapping[str, float], lasting: bool) -> None:
+        self._shares = {**SHARES, **shares}
+        self._lasting = lasting
+        self._notes = deque([(0, {})], maxlen=_NOTES)
+        self._found = set()
+
+    def note(self, samples: int, counts: Mapping[str, int]) -> None:
+        """Store the total counts after so many samples; to be called once a second."""
+        if self._lasting:
+            found = self.names(samples, counts)
+            # what was not learnt from does no harm later
+            self._found.update(name for name in found if name != faults.SAMPLES_EXCLUDED)
+        self._notes.append((samples, dict(counts)))
+
+    def names(self, samples: int, counts: Mapping[str, int]) -> tuple[str, ...]:
+        """Return the faults whose share is too large, in the order of the counts."""
+        before, earlier = self._notes[0]
+        recent = max(samples - before, _LEAST_SAMPLES)
+        return tuple(
+            name
+            for name, count in counts.items()
+            if name in self._found
+            or (
+                name in self._shares
+                and (
+                    count > self._shares[name] * max(samples, _LEAST_SAMPLES)
+                    or count - earlier.get(name, 0) > self._shares[name] * recent
+                )
+            )
+        )
+
+
+_BIN_NS = 5_000_000
+_BINS = 20
+# Sums of a lag: samples, intensity, its square, error, error times intensity, error squared.
+_SUMS = 6
+# Over all lags: samples, prediction, its square, error, error times prediction, force squared,
+# error squared.
+_ALL = 7
+# So many seconds count, those with the largest errors left out: after a sudden change the
+# muscle is learnt anew, and an effort of the patient is short.
+_SECONDS, _LEFT_OUT = 12, 4
+# An estimator learns first [s].
+_SETTLING_S = 8
+# Root mean square over the lags of the error of a pulse of full intensity, as a share of that of
+# the force, and share by which the prediction is too small or too large.  Functions that begin
+# 8 ms after the muscle have 1.6 %: the curve is then wrong by less than 1 %, which is no reason
+# not to trust it.
+_SHAPE, _GAIN = 0.025, 0.01
+# Variance of a slope that noise explains, times this for noise whose neighbours are alike.
+_CHANCE = 4.0
+# Intensities that differ less do not tell the response from the baseline.
+_LEAST_SPREAD = 0.05
+
+
+class ResponseMisfit(Restorable):
+    """Regression of the prediction errors on the pulses, over the last seconds."""
+
+    _onset_ns: IntArray
+    _intensity: FloatArray
+    _by_lag: FloatArray
+    _over_all: FloatArray
+    _cell: int | None
+    _cells: int
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def _check_restored(self) -> None:
+        sums = self._by_lag.shape == (_SECONDS, _BINS, _SUMS)
+        sums = sums and self._over_all.shape == (_SECONDS, _ALL) and self._cells >= 0
+        pulses = self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
+        expect(sums and pulses, 'ResponseMisfit', 'arrays of one size')
+
+    def restart(self) -> None:
+        """Forget everything: the clock has jumped."""
+        self._onset_ns = np.empty(0, dtype=np.int64)
+        self._intensity = np.empty(0)
+        self._cell = None
+        self._cells = 0
+        self._by_lag = np.zeros((_SECONDS, _BINS, _SUMS))
+        self._over_all = np.zeros((_SECONDS, _ALL))
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending [ns, 1]."""
+        self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
+        self._intensity = np.concatenate((self._intensity, intensity))
+
+    def add(
+        self, stamp_ns: IntArray, force: FloatArray, prediction: FloatArray, usable: BoolArray
+    ) -> None:
+        """Add samples (samples,), ascending, whose pulses have been added [ns, N, N].
+
+        The sums do not depend on how samples are cut into blocks, in no bit.
+        """
+        if not len(self._onset_ns):
+            return
+        cell = stamp_ns // NANOSECONDS_PER_SECOND
+        starts = np.flatnonzero(np.diff(cell)) + 1
+        for first, last in zip((0, *starts), (*starts, len(stamp_ns)), strict=True):
+            if self._cell is not None and cell[first] != self._cell:
+                self._cells += 1
+                self._by_lag[self._newest] = 0.0
+                self._over_all[self._newest] = 0.0
+            self._cell = int(cell[first])
+            part = slice(first, last)
+            if self._cells >= _SETTLING_S:
+                self._sum(stamp_ns[part], force[part], prediction[part], usable[part])
+        begun = int(np.searchsorted(self._onset_ns, stamp_ns[-1], side='right'))
+        self._onset_ns = self._onset_ns[max(begun - 1, 0) :]
+        self._intensity = self._intensity[max(begun - 1, 0) :]
+
+    def _sum(
+        self, stamp_ns: IntArray, force: FloatArray, prediction: FloatArray, usable: BoolArray
+    ) -> None:
+        place = np.searchsorted(self._onset_ns, stamp_ns, side='right') - 1
+        lag = (stamp_ns - self._onset_ns[np.maximum(place, 0)]) // _BIN_NS
+        chosen = usable & (place >= 0) & (lag < _BINS) & np.isfinite(force - prediction)
+        lag, place = lag[chosen], place[chosen]
+        force, expected = force[chosen], prediction[chosen]
+        error, intensity = force - expected, self._intensity[place]
+        one = np.ones(len(error))
+        # one after the other, so that no bit depends on the blocks
+        columns = (one, intensity, intensity**2, error, error * intensity, error**2)
+        np.add.at(self._by_lag[self._newest], lag, np.stack(columns, axis=1))
+        rows = (one, expected, expected**2, error, error * expected, force**2, error**2)
+        whole = self._over_all[self._newest, None]
+        np.add.at(whole, np.zeros(len(one), dtype=np.int64), np.stack(rows, axis=1))
+
+    @property
+    def _newest(self) -> int:
+        return self._cells % _SECONDS
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Error of the response's shape and of its size, as shares of the force; 0 if unknown."""
+        counted = np.argsort(self._over_all[:, -1], kind='stable')[: _SECONDS - _LEFT_OUT]
+        samples, prediction, squares, error, product, power, _ = self._over_all[counted].sum(0)
+        if self._cells < _SETTLING_S + _SECONDS or not power > 0.0:
+            return 0.0, 0.0
+        spread = squares - prediction**2 / samples
+        gain = (product - error * prediction / samples) / spread if spread > 0.0 else 0.0
+        by_lag = self._by_lag[counted].sum(0)
+        some = by_lag[by_lag[:, 0] > 0.0]
+        count, intensity, its_square, error_there, both, its_noise = some.T
+        varied = its_square - intensity**2 / count
+        enough = varied > count * _LEAST_SPREAD**2
+        slope = (both - error_there * intensity / count)[enough] / varied[enough]
+        if not enough.any():
+            return 0.0, abs(float(gain))
+        by_chance = (its_noise / count)[enough] / varied[enough]
+        mean_square = float(np.average(slope**2 - _CHANCE * by_chance, weights=count[enough]))
+        return float(np.sqrt(max(mean_square, 0.0) * samples / power)), abs(float(gain))
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the errors follow the pulses."""
+        shape, gain = self.sizes
+        return shape > _SHAPE or gain > _GAIN
+
+
+CURVE_NEGATIVE = 'curve_negative'
+CURVE_BEYOND_FORCE = 'curve_beyond_force'
+RESPONSE_BEYOND_FORCE = 'response_beyond_force'
+RESPONSE_NEGATIVE = 'response_negative'
+BAND_WIDER_THAN_CURVE = 'band_wider_than_curve'
+NO_CONSTANT_MUSCLE = 'no_constant_muscle'
+RESPONSE_MISFIT = 'response_misfit'
+RESIDUALS_ALIKE = 'residuals_alike'
+CLOCKS_DIFFER = 'clocks_differ'
+FORCE_WITHOUT_PULSES = 'force_without_pulses'
+OF_TIME = (CLOCKS_DIFFER, FORCE_WITHOUT_PULSES)
+"""Doubts whether pulses and force belong together."""
+
+REASON: Mapping[str, str] = MappingProxyType(
+    {
+        CURVE_NEGATIVE: 'the curve is negative: a muscle does not push',
+        CURVE_BEYOND_FORCE: 'the curve is far above the largest force that was measured',
+        RESPONSE_BEYOND_FORCE: 'the response to one pulse is far above the largest force that was '
+        'measured',
+        RESPONSE_NEGATIVE: 'the response to one pulse is far below zero: the data do not show how '
+        'it runs, or it begins before the functions of the model',
+        BAND_WIDER_THAN_CURVE: 'the interval of the curve is wider than the curve is high',
+        NO_CONSTANT_MUSCLE: 'no constant muscle explains the whole recording: it tired, the coil '
+        'moved or the patient tensed it, and the numbers are a mixture',
+        RESPONSE_MISFIT: 'the prediction errors follow the pulses: the response is not one of the '
+        'model, or the muscle changes',
+        RESIDUALS_ALIKE: 'what the muscle leaves of neighbouring samples is alike, as with a '
+        'sensor that filters its noise: the curve may be wrong by more than its interval',
+        CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',
+        FORCE_WITHOUT_PULSES: 'the force goes on at the rate of the pulses where there are none',
+    }
+)
+"""Explanation of each doubt, by its name."""
+
+
+def stated_doubt(estimate: Estimate, name: str) -> str:
+    """Return a doubt of an estimate by name, with its own reason or else what it means."""
+    own = (reason for reason in estimate.reasons if reason.startswith(f'{name}: '))
+    return next(own, f'{name}: {meaning_of_doubt(name)}')
+
+
+def meaning_of_doubt(name: str) -> str:
+    """Return the explanation of a doubt of an estimate; monitors may add others."""
+    return REASON.get(name) or MEANING.get(name, 'reported by a monitor')
+
+
+# Limits as shares of the largest force, with room for noise and baseline.
+_BEYOND = 1.5
+_NEGATIVE = 0.2
+# Limit as a share of the largest value of the response; noise causes a tenth.
+_RESPONSE_NEGATIVE = 0.25
+# Pulses slower than this share of the rate of the curve never reach the force of the curve.
+_SLOWER = 0.7
+
+
+class PlausibilityCheck(Restorable):
+    """Compares an estimate with the largest force and intensity that the estimator was given."""
+
+    largest_force: float
+    largest_intensity: float
+    _pulses: int
+    _time_ns: int
+    _last_ns: int | None
+
+    def __init__(self) -> None:
+        self.largest_force = 0.0
+        self.largest_intensity = 0.0
+        self._pulses = 0
+        self._time_ns = 0
+        self._last_ns = None
+
+    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
+        """Add pulses (pulses,), ascending [ns, 1]."""
+        if not len(onset_ns):
+            return
+        if self._last_ns is not None:
+            self._time_ns += max(int(onset_ns[0]) - self._last_ns, 0)
+        self._time_ns += int(onset_ns[-1] - onset_ns[0])
+        self._last_ns = int(onset_ns[-1])
+        self._pulses += len(onset_ns)
+        self.largest_intensity = max(self.largest_intensity, float(intensity.max()))
+
+    def add_forces(self, force: FloatArray, usable: BoolArray) -> None:
+        """Add samples (samples,) [N]."""
+        largest = np.abs(force[usable]).max(initial=self.largest_force)
+        self.largest_force = float(largest)
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate of the pulses [Hz]; infinite with fewer than two."""
+        if not self._time_ns:
+            return math.inf
+        return (self._pulses - 1) * NANOSECONDS_PER_SECOND / self._time_ns
+
+    def examine(self, estimate: Estimate) -> Estimate:
+        """Return the estimate, with doubts and reasons added where it is impossible."""
+        if not estimate.curve_known:
+            return estimate
+        found = [name for name, wrong in self._wrong(estimate).items() if wrong]
+        if not found:
+            return estimate
+        return replace(
+            estimate,
+            doubts=(*estimate.doubts, *found),
+            reasons=(*estimate.reasons, *(REASON[name] for name in found)),
+        )
+
+    def _wrong(self, estimate: Estimate) -> dict[str, bool]:
+        """Return by the name of each doubt whether it applies, at intensities that were given."""
+        given = estimate.curve_intensity <= self.largest_intensity + 1e-9
+        curve = estimate.curve_force[given]
+        full = float(estimate.curve_force[-1])
+        # The response is to full intensity, which need not have been given.
+        share = abs(float(curve[-1]) / full) if full else 1.0
+        highest = float(estimate.response_force.max(initial=0.0))
+        lowest = float(estimate.response_force.min(initial=0.0))
+        most = _BEYOND * self.largest_force
+        fast = self.rate_hz > _SLOWER * estimate.repetition_rate
+        wide = False
+        if len(estimate.curve_upper):
+            width = (estimate.curve_upper - estimate.curve_lower)[given].max()
+            wide = bool(width > np.abs(curve).max())
+        return {
+            CURVE_NEGATIVE: bool(curve.min() < -_NEGATIVE * self.largest_force),
+            CURVE_BEYOND_FORCE: bool(curve.max() > most and fast),
+            RESPONSE_BEYOND_FORCE: min(share, 1.0) * highest > most,
+            RESPONSE_NEGATIVE: lowest < -_RESPONSE_NEGATIVE * highest,
+            BAND_WIDER_THAN_CURVE: wide,
+        }

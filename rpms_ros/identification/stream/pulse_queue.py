@@ -1,0 +1,336 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Queue that orders pulses by onset and counts lost, repeated and unusable ones.
+
+A pulse is *settled* when the force has come so far that an earlier one would be too late.  Only
+settled pulses are compared with their predecessors, so the result depends on stamps and
+sequence numbers alone, not on the order or the time of arrival.
+
+Pulses stamped far after the newest force: kept for a limited time in case it follows.
+
+Room for so many pulses in each second of stamps: what comes beyond is refused and counted.
+"""
+
+import numpy as np
+
+from rpms_ros.identification.stream import faults
+from rpms_ros.identification.stream.faults import FaultCounter
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
+from rpms_ros.saved_state import Restorable
+
+
+class PulseRoom(Restorable):
+    """Counts pulses by seconds, first come first served.
+
+    Who is refused follows from what came before in the same second alone: not from what has been
+    processed meanwhile, which depends on how a stream is cut into blocks.
+
+    Parameters
+    ----------
+    most : int
+        So many pulses fit into one second.
+    """
+
+    _taken: dict[int, int]
+    _refused: dict[int, int]
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._taken = {}
+        self._refused = {}
+
+    def admitted(self, pulses: PulseTrain, stamp_ns: IntArray) -> PulseTrain:
+        """Return the pulses for which there is room in the seconds of these stamps (pulses,)."""
+        second = stamp_ns // NANOSECONDS_PER_SECOND
+        kept: BoolArray = np.ones(len(pulses), dtype=np.bool_)
+        for one in np.unique(second).tolist():
+            here = np.flatnonzero(second == one)
+            room = self._most - self._taken.get(one, 0)
+            self._taken[one] = self._taken.get(one, 0) + min(len(here), room)
+            if len(here) > room:
+                kept[here[room:]] = False
+                self._refused[one] = self._refused.get(one, 0) + len(here) - room
+        return pulses[kept]
+
+    def refused(self, until_ns: int) -> int:
+        """Return how many were refused in seconds over by `until_ns`, which are forgotten."""
+        over = [one for one in self._taken if (one + 1) * NANOSECONDS_PER_SECOND <= until_ns]
+        for one in over:
+            del self._taken[one]
+        return sum(self._refused.pop(one, 0) for one in over)
+
+
+# A pulse is far beyond this, and is given up when the force went on as long without it [ns].
+FAR_NS = 10 * NANOSECONDS_PER_SECOND
+# So many are kept of those that come while the force goes on by a second, or before the first of
+# it: pulses of more than an hour at 20 Hz.
+MOST_PULSES = 100_000
+# Where the force was before its first sample.
+_LONG_AGO = -(2**63)
+
+
+class FarPulses(Restorable):
+    """Keeps far pulses, by the newest stamp of the force when they arrived."""
+
+    _kept: list[tuple[int | None, PulseTrain]]
+    _count: int
+    _nearest_ns: int
+    _room: PulseRoom
+
+    def __init__(self) -> None:
+        self._kept = []
+        self._count = 0
+        self._nearest_ns = 0
+        self._room = PulseRoom(MOST_PULSES)
+
+    def take(self, pulses: PulseTrain, newest_ns: int | None) -> PulseTrain:
+        """Keep the far pulses; return the others."""
+        if newest_ns is None:
+            pulses = self._admitted(pulses, _LONG_AGO)
+        if not len(pulses):
+            return pulses
+        first_ns = newest_ns if newest_ns is not None else int(pulses.onset_ns.min())
+        far = pulses.onset_ns > first_ns + FAR_NS
+        if far.any():
+            kept = pulses[far]
+            if newest_ns is not None:
+                kept = self._admitted(kept, newest_ns)
+            self._keep(kept, newest_ns)
+        return pulses[~far]
+
+    def come_near(self, until_ns: int) -> tuple[list[PulseTrain], int]:
+        """Return the pulses no longer far at `until_ns` [ns], and how many were given up."""
+        near: list[PulseTrain] = []
+        given_up = self._room.refused(until_ns)
+        if self._count and (self._nearest_ns <= until_ns + FAR_NS or self._due(until_ns)):
+            kept, self._kept, self._count = self._kept, [], 0
+            for newest_ns, train in kept:
+                far = train.onset_ns > until_ns + FAR_NS
+                near.append(train[~far])
+                if newest_ns is not None and until_ns > newest_ns + FAR_NS:
+                    given_up += int(np.count_nonzero(far))
+                elif far.any():
+                    self._keep(train[far], newest_ns)
+        return near, given_up
+
+    def _admitted(self, pulses: PulseTrain, newest_ns: int) -> PulseTrain:
+        return self._room.admitted(pulses, np.full(len(pulses), newest_ns, dtype=np.int64))
+
+    def _due(self, until_ns: int) -> bool:
+        """Return whether the force went on so long that some pulses are given up."""
+        oldest = self._kept[0][0]
+        return oldest is not None and until_ns > oldest + FAR_NS
+
+    def _keep(self, pulses: PulseTrain, newest_ns: int | None) -> None:
+        if not len(pulses):
+            return
+        nearest_ns = int(pulses.onset_ns.min())
+        self._nearest_ns = min(self._nearest_ns, nearest_ns) if self._count else nearest_ns
+        self._count += len(pulses)
+        if self._kept and self._kept[-1][0] == newest_ns:
+            pulses = PulseTrain.joined([self._kept.pop()[1], pulses])
+        self._kept.append((newest_ns, pulses))
+
+
+SEQUENCE_PERIOD = 2**32
+LONG_AGO = -(2**63)
+_MANY_ARRIVALS = 1000
+# Pulses with onsets in one second: twice of what stimulators could give, which are 0.2 ms apart.
+MOST_IN_A_SECOND = 10_000
+# Pulses closer than this do not come from one stimulator [ns].
+_CLOSEST_NS = 200_000
+# The topic of the pulses may be found so much later than that of the force [ns].
+_FOUND_WITHIN_NS = 2_000_000_000
+# A second restart of the sequence within this time is not a restart of the driver [ns].
+_RESTARTS_NS = 10_000_000_000
+
+
+class PulseQueue(Restorable):
+    """Orders pulses by onset and finds lost, doubled and unusable ones.
+
+    Parameters
+    ----------
+    memory_ns : int
+        How long a pulse acts on the force [ns].
+    pulse_look_ahead_ns : int
+        Samples up to this before the pulse that shows a gap in the sequence are not excluded [ns].
+    counter : FaultCounter
+        Where faults are counted.
+    """
+
+    _arrived: list[PulseTrain]
+    _ordered: PulseTrain
+    _far: FarPulses
+    _room: PulseRoom
+    _begun_ns: int | None
+    _last_onset_ns: int | None
+    _last_sequence: int | None
+    _last_restart_ns: int
+    _unknown: list[tuple[int, int]]
+
+    def __init__(self, memory_ns: int, pulse_look_ahead_ns: int, counter: FaultCounter) -> None:
+        self._memory_ns = memory_ns
+        self._pulse_look_ahead_ns = pulse_look_ahead_ns
+        self._counter = counter
+        self._arrived = []
+        self._ordered = PulseTrain.of([])
+        self._far = FarPulses()
+        self._room = PulseRoom(MOST_IN_A_SECOND)
+        self._begun_ns = None
+        self._last_onset_ns = None
+        self._last_sequence = None
+        self._last_restart_ns = LONG_AGO
+        self._unknown = []
+
+    def add(self, pulses: PulseTrain, newest_ns: int | None = None) -> None:
+        """Add pulses, in any order, none too late.
+
+        `newest_ns` is the newest stamp of the force on their arrival [ns], None before the first.
+        """
+        near = self._far.take(pulses, newest_ns)
+        if newest_ns is not None:
+            near = self._room.admitted(near, near.onset_ns)
+        if len(near):
+            self._arrived.append(near)
+        if len(self._arrived) > _MANY_ARRIVALS:
+            # No force arrives: keep one array instead of many small ones.
+            self._merge_arrived()
+
+    def begin(self, stamp_ns: int) -> None:
+        """Take the stamp of the first sample of the stream [ns]."""
+        self._begun_ns = stamp_ns
+
+    def settle(self, until_ns: int, cell_ns: int | None = None) -> tuple[IntArray, FloatArray]:
+        """Return the pulses with onsets up to `until_ns`, ascending, that can be used.
+
+        Parameters
+        ----------
+        until_ns : int
+            How far pulses are settled [ns].
+        cell_ns : int or None
+            The same at the beginning of the present cell of the grid of stamps [ns]: far pulses
+            are examined once a cell, however it is cut into blocks.  None: as `until_ns`.
+
+        Returns
+        -------
+        onset_ns : ndarray of int64, shape (pulses,)
+            Onsets [ns].
+        intensity : ndarray, shape (pulses,)
+            Shares of the maximum, 0..1.
+        """
+        begun_ns = until_ns if cell_ns is None else cell_ns
+        come_near, given_up = self._far.come_near(begun_ns)
+        self._counter.add(faults.PULSE_FAR_AHEAD, given_up)
+        self._counter.add(faults.PULSE_TOO_CLOSE, self._room.refused(begun_ns))
+        self._arrived += come_near
+        self._merge_arrived()
+        due = int(np.searchsorted(self._ordered.onset_ns, until_ns, side='right'))
+        train, self._ordered = self._ordered[:due], self._ordered[due:]
+        if self._regular(train):
+            self._last_onset_ns = int(train.onset_ns[-1])
+            self._last_sequence = int(train.sequence[-1])
+            return train.onset_ns, train.intensity
+        kept = np.array([self._accept(train, index) for index in range(due)], dtype=np.bool_)
+        return train.onset_ns[kept], train.intensity[kept]
+
+    def unknown(self, stamp_ns: IntArray) -> BoolArray:
+        """Return which stamps (samples,) a pulse of unknown strength could act on."""
+        touched = np.zeros(len(stamp_ns), dtype=np.bool_)
+        if not len(stamp_ns):
+            return touched
+        for start, end in self._unknown:
+            touched |= (stamp_ns > start) & (stamp_ns <= end)
+        self._unknown = [span for span in self._unknown if span[1] > stamp_ns[-1]]
+        return touched
+
+    def exclude(self, start_ns: int, end_ns: int) -> None:
+        """Mark the time after `start_ns` up to `end_ns` as affected by unknown pulses."""
+        apart = []
+        for start, end in self._unknown:
+            if end < start_ns or start > end_ns:
+                apart.append((start, end))
+            else:
+                start_ns, end_ns = min(start, start_ns), max(end, end_ns)
+        self._unknown = [*apart, (start_ns, end_ns)]
+
+    def restart(self) -> None:
+        """Forget everything but the sequence number: the clock has jumped."""
+        self._arrived = []
+        self._ordered = PulseTrain.of([])
+        self._far = FarPulses()
+        self._room = PulseRoom(MOST_IN_A_SECOND)
+        self._unknown = []
+        self._last_onset_ns = None
+        self._last_restart_ns = LONG_AGO
+
+    def _merge_arrived(self) -> None:
+        if self._arrived:
+            self._ordered = _merge([self._ordered, *self._arrived])
+            self._arrived = []
+
+    def _regular(self, train: PulseTrain) -> bool:
+        """Return whether there are pulses and every one follows on the one before it."""
+        if not len(train) or self._last_sequence is None or self._last_onset_ns is None:
+            return False
+        onset_ns = np.append(self._last_onset_ns, train.onset_ns)
+        sequence = np.append(self._last_sequence, train.sequence)
+        apart = (np.diff(onset_ns) >= _CLOSEST_NS) & (np.diff(sequence) == 1)
+        return bool(np.all(apart & (train.intensity >= 0.0) & (train.intensity <= 1.0)))
+
+    def _accept(self, train: PulseTrain, index: int) -> bool:
+        """Compare one pulse with the one before it; return whether it can be used."""
+        onset = int(train.onset_ns[index])
+        sequence = int(train.sequence[index])
+        if self._last_sequence is None:
+            self._look_before(onset, sequence)
+        elif self._last_onset_ns is not None and not self._in_sequence(onset, sequence):
+            return False
+        self._last_onset_ns = onset
+        self._last_sequence = sequence
+        if 0.0 <= train.intensity[index] <= 1.0:
+            return True
+        self._counter.add(faults.PULSE_INTENSITY_INVALID)
+        self.exclude(onset, onset + self._memory_ns)
+        return False
+
+    def _look_before(self, onset_ns: int, sequence: int) -> None:
+        """Exclude what earlier pulses may act on, if the first one that is heard is not number 0.
+
+        The stream began amid stimulation, or pulses were lost before the first one was heard.
+        After a rest in which the force was heard none acts.
+        """
+        known_ns = self._memory_ns + _FOUND_WITHIN_NS
+        rested = self._begun_ns is not None and onset_ns - self._begun_ns > known_ns
+        if sequence % SEQUENCE_PERIOD and not rested:
+            self.exclude(onset_ns - self._pulse_look_ahead_ns, onset_ns + self._memory_ns)
+
+    def _in_sequence(self, onset_ns: int, sequence: int) -> bool:
+        """Check sequence number and interval; return whether the pulse is a new one."""
+        assert self._last_onset_ns is not None
+        assert self._last_sequence is not None
+        if onset_ns == self._last_onset_ns and sequence == self._last_sequence:
+            self._counter.add(faults.PULSE_DUPLICATE)
+            return False
+        if onset_ns - self._last_onset_ns < _CLOSEST_NS:
+            self._counter.add(faults.PULSE_TOO_CLOSE)
+            self.exclude(onset_ns, onset_ns + self._memory_ns)
+            return False
+        step = (sequence - self._last_sequence) % SEQUENCE_PERIOD
+        missing_from_ns = max(self._last_onset_ns, onset_ns - self._pulse_look_ahead_ns)
+        if step == 0:
+            self._counter.add(faults.PULSE_SEQUENCE_STUCK)
+        elif step > SEQUENCE_PERIOD // 2:
+            self._counter.add(faults.PULSE_SEQUENCE_RESTART)
+            if onset_ns - self._last_restart_ns < _RESTARTS_NS:
+                self.exclude(missing_from_ns, onset_ns + self._memory_ns)
+            self._last_restart_ns = onset_ns
+        elif step > 1:
+            self._counter.add(faults.PULSE_LOST, step - 1)
+            self.exclude(missing_from_ns, onset_ns + self._memory_ns)
+        return True
+
+
+def _merge(trains: list[PulseTrain]) -> PulseTrain:
+    """Return all pulses ascending in onset, equal onsets by sequence and intensity."""
+    train = PulseTrain.joined(trains)
+    return train[np.lexsort((train.intensity, train.sequence, train.onset_ns))]

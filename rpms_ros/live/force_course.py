@@ -1,0 +1,228 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The course of the force as a browser can draw it: smallest and largest value in short bins.
+
+A bin lasts for about a pixel, so nothing that a sample shows is lost on the way to the screen, and
+the amount that is sent does not grow with the rate of the sensor.  Bins are kept in a ring.
+
+The force that the newest estimate gives for the pulses that were delivered.
+
+The response to one pulse at full intensity, times the recruitment of each pulse relative to full
+intensity, Eq. (30), summed over the pulses, plus the newest level of the baseline if the estimate
+has one.  It is what the page draws beside the measured force; it is not the prediction that an
+estimator makes before it learns from a sample.
+"""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from rpms_ros.identification.model.estimate import Estimate
+from rpms_ros.muscle.recruitment import (
+    PARAMETER_NAMES,
+    RecruitmentParameters,
+    identified_recruitment,
+)
+from rpms_ros.pulses import FloatArray, IntArray
+
+BIN_NS = 5_000_000
+KEPT = 6000
+"""Bins that are kept: half a minute."""
+
+_JUMP = 200
+# A clock that has jumped goes on from there; a single stray stamp does not.
+_STEADY = 5
+
+
+class ForceBins:
+    """Smallest, largest and modelled force a bin.
+
+    Attributes
+    ----------
+    epoch : int
+        Counts how often the stamps began anew, as after a jump of the clock.
+    origin : int
+        Bin of the first sample of this epoch.
+    newest : int
+        Newest bin that is complete, one less than `origin` if there is none.
+    not_finite, stray : int
+        Samples that were left out: NaN or infinite, or stamped far from the others.
+    last : float
+        Newest force [N]; NaN before the first.
+    """
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self.not_finite = 0
+        self.stray = 0
+        self.last = math.nan
+        self.origin = 0
+        self.newest = -1
+        self._open = -1
+        self._low = self._high = 0.0
+        self._strays = (0, 0)
+        self._begun = False
+        self._values: FloatArray = np.full((3, KEPT), np.nan)
+
+    @property
+    def oldest(self) -> int:
+        """Oldest bin that is still kept."""
+        return max(self.origin, self.newest - KEPT + 1)
+
+    def add(self, stamp_ns: int, force: float) -> None:
+        """Add a sample [ns], [N]."""
+        if not math.isfinite(force):
+            self.not_finite += 1
+            return
+        place = stamp_ns // BIN_NS
+        if place == self._open:
+            self._low, self._high = min(self._low, force), max(self._high, force)
+        elif not self._begun or not -_JUMP < place - self._open < KEPT:
+            self._jumped(place, force)
+        elif place > self._open:
+            self._close()
+            self._skip_to(place)
+            self._begin(place, force)
+        self.last = force
+
+    def add_block(self, stamp_ns: IntArray, force: FloatArray) -> None:
+        """Add samples [ns], [N], each (n,); the bins are those that `add` one by one makes."""
+        if not len(stamp_ns):
+            return
+        # the open bin goes on as two samples of it
+        place = np.concatenate(((self._open, self._open), stamp_ns // BIN_NS))
+        first, last = self._open, int(place[-1])
+        steps = place[1:] - place[:-1]
+        steady = self._begun and last - first < KEPT and steps.min() >= 0
+        if not (steady and np.isfinite(force).all()):
+            for stamp, value in zip(stamp_ns.tolist(), force.tolist(), strict=True):
+                self.add(stamp, value)
+            return
+        force = np.concatenate(((self._low, self._high), force))
+        starts = np.concatenate(((0,), steps.nonzero()[0] + 1))
+        low, high = np.minimum.reduceat(force, starts), np.maximum.reduceat(force, starts)
+        if last > first:
+            closed = place[starts[:-1]] % KEPT
+            self._values[:, np.arange(first, last) % KEPT] = np.nan
+            self._values[0, closed], self._values[1, closed] = low[:-1], high[:-1]
+            self._open, self.newest, self._strays = last, last - 1, (0, 0)
+        self._low, self._high, self.last = float(low[-1]), float(high[-1]), float(force[-1])
+
+    def model(self, first: int, forces: FloatArray) -> None:
+        """Put the modelled force [N] of bins from `first` on beside the measured."""
+        self._values[2, (first + np.arange(len(forces))) % KEPT] = forces
+
+    def since(self, first: int, last: int) -> FloatArray:
+        """Return low, high and modelled force [N] of bins, shape (3, last - first + 1).
+
+        Both bins have to be kept; NaN stands for a bin without a sample.
+        """
+        return self._values[:, np.arange(first, last + 1) % KEPT]
+
+    def _jumped(self, place: int, force: float) -> None:
+        before, count = self._strays
+        count = count + 1 if count and abs(place - before) < _JUMP else 1
+        self._strays = (place, count)
+        if self._begun and count < _STEADY:
+            self.stray += 1
+            return
+        self._strays = (0, 0)
+        self.epoch += self._begun
+        self._begun = True
+        self.origin, self.newest = place, place - 1
+        self._values.fill(np.nan)
+        self._begin(place, force)
+
+    def _begin(self, place: int, force: float) -> None:
+        self._open = place
+        self._low = self._high = force
+
+    def _close(self) -> None:
+        slot = self._open % KEPT
+        self._values[:, slot] = (self._low, self._high, np.nan)
+        self.newest = self._open
+        self._strays = (0, 0)
+
+    def _skip_to(self, place: int) -> None:
+        """Leave the bins before `place` empty: a hole in the force is a hole in the line."""
+        for skipped in range(self._open + 1, place):
+            self._values[:, skipped % KEPT] = np.nan
+        self.newest = place - 1
+
+
+# More than a second of pulses at the highest rate of a schedule.
+_MOST_PULSES = 2000
+_MOST_TIMES = 5000
+# No response lasts so long; a much longer one could not be counted in nanoseconds.
+_LONGEST_S = 100.0
+# A response may become longer with the next estimate.
+_LATEST_NS = 1_000_000_000
+
+
+class ModelledForce:
+    """Sums responses to pulses; all NaN before the first estimate that has one."""
+
+    def __init__(self) -> None:
+        self._pulses: deque[tuple[int, float]] = deque(maxlen=_MOST_PULSES)
+        self._estimate: Estimate | None = None
+
+    def pulse(self, onset_ns: int, intensity: float) -> None:
+        """Take a pulse that was delivered; its intensity is within 0..1."""
+        self._pulses.append((onset_ns, intensity))
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Take the newest estimate, if it can be drawn."""
+        time, force = estimate.response_time, estimate.response_force
+        finite = len(time) > 1 and np.isfinite(time).all() and np.isfinite(force).all()
+        bounded = len(time) <= _MOST_TIMES and finite and np.abs(time).max() <= _LONGEST_S
+        if bounded and (np.diff(time) > 0.0).all():
+            self._estimate = estimate
+
+    def at(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the force [N] at stamps (n,), ascending."""
+        if self._estimate is None or not len(stamp_ns):
+            return np.full(len(stamp_ns), np.nan)
+        time, response = self._estimate.response_time, self._estimate.response_force
+        oldest = int(stamp_ns[0]) - math.ceil(float(time[-1]) * 1e9)
+        self._forget(oldest - _LATEST_NS)
+        acting = [pulse for pulse in self._pulses if oldest < pulse[0] <= int(stamp_ns[-1])]
+        total = np.full(len(stamp_ns), _baseline(self._estimate))
+        if acting:
+            onset_ns = np.array([onset for onset, _ in acting], dtype=np.int64)
+            share = _relative_recruitment(self._estimate, np.array([u for _, u in acting]))
+            after = (stamp_ns[:, None] - onset_ns[None, :]) * 1e-9
+            total += np.interp(after, time, response, left=0.0, right=0.0) @ share
+        return total
+
+    def _forget(self, stamp_ns: int) -> None:
+        """Forget pulses before a stamp: looking at all of them takes longer than the rest."""
+        while self._pulses and self._pulses[0][0] < stamp_ns:
+            self._pulses.popleft()
+
+
+def warm_up() -> None:
+    """Compile beforehand: the page would stand still at the first pulse."""
+    identified_recruitment(RecruitmentParameters(0.3, 0.7, 6.0), np.ones(1))
+
+
+def _baseline(estimate: Estimate) -> float:
+    levels = [
+        float(value)
+        for name, value in zip(estimate.linear_names, estimate.linear, strict=False)
+        if name.startswith('baseline')
+    ]
+    return levels[-1] if levels and math.isfinite(levels[-1]) else 0.0
+
+
+def _relative_recruitment(estimate: Estimate, intensity: FloatArray) -> FloatArray:
+    """Return rho(u) / rho(1) of intensities (n,), NaN where the estimate cannot tell."""
+    if estimate.nonlinear_names == PARAMETER_NAMES:
+        parameters = RecruitmentParameters(*(float(value) for value in estimate.nonlinear))
+        rho = identified_recruitment(parameters, np.append(intensity, 1.0))
+    elif estimate.curve_known:
+        grid, curve = estimate.curve_intensity, estimate.curve_force
+        rho = np.interp(np.append(intensity, 1.0), grid, curve)
+    else:
+        return np.full(len(intensity), np.nan)
+    return rho[:-1] / rho[-1] if rho[-1] else np.full(len(intensity), np.nan)

@@ -1,0 +1,104 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Diagnostics of any node: one status with a level, and its figures."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from rpms_ros.nodes.common import topics
+from rpms_ros.nodes.common.logger import plain_text
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+
+PERIOD_S = 1.0
+"""Time between two messages of a node."""
+_REMEMBERED_NS = 10 * NANOSECONDS_PER_SECOND
+
+
+@dataclass(frozen=True)
+class Health:
+    """How a node is.
+
+    Attributes
+    ----------
+    message : str
+        In a few words.
+    level : bytes
+        `DiagnosticStatus.OK`, `WARN`, `ERROR` or `STALE`.
+    figures : mapping of str to object
+        What is behind it, by name.
+    """
+
+    message: str
+    level: bytes = DiagnosticStatus.OK
+    figures: Mapping[str, object] = field(default_factory=dict)
+
+
+def diagnostics_message(name: str, hardware: str, stamp: Any, health: Health) -> DiagnosticArray:
+    """Return the diagnostics of what does one task.
+
+    Parameters
+    ----------
+    name : str
+        Node with its namespace, and its task: two of one graph differ in it.
+    hardware : str
+        What it is about: no two of one graph are called alike.
+    stamp : builtin_interfaces/Time
+        When this was true.
+    health : Health
+        How it is.
+    """
+    status = DiagnosticStatus(
+        level=health.level,
+        name=name,
+        message=plain_text(health.message),
+        hardware_id=plain_text(hardware),
+        values=[
+            KeyValue(key=plain_text(key), value=plain_text(value))
+            for key, value in health.figures.items()
+        ],
+    )
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = stamp
+    return array
+
+
+class DiagnosticsPublisher:
+    """Publishes the health of a node, stamped by the node's clock.
+
+    Parameters
+    ----------
+    node : Node
+        Whose health it is.
+    task : str
+        What the node does.
+    hardware : str
+        What it does it with: no two of one graph are called alike.
+    """
+
+    def __init__(self, node: Node, task: str, hardware: str) -> None:
+        self._clock = node.get_clock()
+        self._name, self._hardware = f'{node.get_fully_qualified_name()}: {task}', hardware
+        self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+
+    def publish(self, health: Health) -> None:
+        """Publish it as that of now."""
+        stamp = self._clock.now().to_msg()
+        self._publisher.publish(diagnostics_message(self._name, self._hardware, stamp, health))
+
+
+class RecentChange:
+    """Remembers for ten seconds that a number has changed."""
+
+    def __init__(self) -> None:
+        self._value: object = 0
+        self._changed_ns: int | None = None
+
+    def seen(self, value: object, now_ns: int) -> bool:
+        """Return whether the value is another one than it was within the last ten seconds."""
+        if value != self._value:
+            self._value, self._changed_ns = value, now_ns
+        return self._changed_ns is not None and now_ns - self._changed_ns < _REMEMBERED_NS

@@ -1,0 +1,220 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The client's side of arming: token, heartbeat, held enable and goals of one operator.
+
+Client of a stop button: publishes its state at a rate, and at once when it changes.
+
+Health of the nodes of the person who stimulates: stop button and console.
+"""
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.action import ActionClient
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+from std_msgs.msg import Bool
+
+from rpms_msgs.action import RunSchedule
+from rpms_msgs.msg import OperatorHeartbeat
+from rpms_msgs.srv import ConfirmArming, RequestArming
+from rpms_ros import messages
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.stimulation.driver.authority import host_identity, operator_name
+
+HEARTBEAT_RATE = 50.0
+
+
+class OperatorClient:
+    """Acts for one operator in the executor of a node: if that hangs, the heartbeat ends.
+
+    Parameters
+    ----------
+    node : Node
+        Whose executor serves it.
+    operator : str
+        Who; raises Refused if it is no name.
+    rate : float
+        Heartbeats a second [Hz].
+
+    Attributes
+    ----------
+    enable : bool
+        Whether the operator holds the enable.
+    token : str
+        What the driver has given; empty before.
+    """
+
+    def __init__(self, node: Node, operator: str, rate: float = HEARTBEAT_RATE) -> None:
+        # a message ends at a zero: what is sent would be another name
+        self.operator = operator_name(operator)
+        self.enable = False
+        self.token = ''
+        self._sequence = 0
+        self._host = host_identity()
+        self._beats = node.create_publisher(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP)
+        self._request = node.create_client(RequestArming, topics.REQUEST_ARMING)
+        self._confirm = node.create_client(ConfirmArming, topics.CONFIRM_ARMING)
+        self.goals = ActionClient(node, RunSchedule, topics.RUN_SCHEDULE)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.timer = node.create_timer(1.0 / rate, self.beat, clock=steady)
+
+    @property
+    def ready(self) -> bool:
+        """Whether a driver serves everything that is asked for."""
+        return bool(
+            self._request.service_is_ready()
+            and self._confirm.service_is_ready()
+            and self.goals.server_is_ready()
+            and self._beats.get_subscription_count() > 0
+        )
+
+    def request(self) -> Future:
+        """Ask for a token: first step of arming; it is there a moment after the answer."""
+        self.token = ''
+        future: Future = self._request.call_async(RequestArming.Request(operator_id=self.operator))
+        future.add_done_callback(self._take_token)
+        return future
+
+    def confirm(self) -> Future:
+        """Arm: second step; the enable has to be held, and a heartbeat to have been heard."""
+        request = ConfirmArming.Request(operator_id=self.operator, token=self.token)
+        future: Future = self._confirm.call_async(request)
+        return future
+
+    def start(self, schedule: str, **callbacks: Any) -> Future:
+        """Send a schedule as this operator."""
+        goal = RunSchedule.Goal(schedule=schedule, operator_id=self.operator, token=self.token)
+        future: Future = self.goals.send_goal_async(goal, **callbacks)
+        return future
+
+    def beat(self) -> None:
+        """Say that the operator is there, once a token was given."""
+        if not self.token:
+            return
+        self._sequence += 1
+        message = OperatorHeartbeat(
+            operator_id=self.operator,
+            token=self.token,
+            sequence=self._sequence,
+            enable=bool(self.enable),
+            host=self._host,
+            process=os.getpid(),
+        )
+        message.header.stamp = messages.time_message(time.time_ns(), MESSAGE_TYPES)
+        self._beats.publish(message)
+
+    def destroy(self) -> None:
+        """Destroy the client of the action, which a node does not do by itself."""
+        self.goals.destroy()
+
+    def _take_token(self, future: Future) -> None:
+        answer = future.result()
+        if answer is not None and answer.success:
+            self.token = answer.token
+            self._sequence = 0
+
+
+RATE = 50.0
+
+
+class ButtonPublisher:
+    """Publishes the state of one button in the executor of a node.
+
+    Parameters
+    ----------
+    node : Node
+        Whose executor serves it: where that hangs, the button falls silent.
+    pressed : bool
+        State at the beginning.
+    rate : float
+        How often the state is said [Hz].
+    """
+
+    def __init__(self, node: Node, pressed: bool = False, rate: float = RATE) -> None:
+        self._pressed = pressed
+        self._left = False
+        self._node = node
+        self._publisher = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.timer = node.create_timer(1.0 / rate, self.say, clock=steady)
+
+    @property
+    def pressed(self) -> bool:
+        """State of the button."""
+        return self._pressed
+
+    @property
+    def listeners(self) -> int:
+        """How many hear it."""
+        return int(self._publisher.get_subscription_count())
+
+    def set(self, pressed: bool) -> None:
+        """Change the state and say so."""
+        changed, self._pressed = pressed != self._pressed, pressed
+        if changed:
+            self.say()
+
+    def say(self) -> None:
+        """Publish the state."""
+        # an executor may have taken the timer out of its queue before the button left
+        if not self._left:
+            self._publisher.publish(Bool(data=self._pressed))
+
+    def destroy(self) -> None:
+        """Leave the graph; a driver that is armed takes this for a button that fell silent."""
+        self._left = True
+        self._node.destroy_timer(self.timer)
+        self._node.destroy_publisher(self._publisher)
+
+
+def button_health(pressed: bool, lost: Sequence[str], listeners: int) -> Health:
+    """Return the health of a stop button.
+
+    An error while an input is lost, which counts as pressed; a warning while it is pressed or no
+    driver hears it; ok otherwise.
+
+    Parameters
+    ----------
+    pressed : bool
+        What it publishes.
+    lost : sequence of str
+        Inputs that are gone or silent.
+    listeners : int
+        Subscriptions of its topic.
+    """
+    figures = {'pressed': pressed, 'listeners': listeners}
+    if lost:
+        return Health(f'{" and ".join(lost)} lost: pressed', DiagnosticStatus.ERROR, figures)
+    if pressed:
+        return Health('pressed', DiagnosticStatus.WARN, figures)
+    if not listeners:
+        return Health('released; no driver listens', DiagnosticStatus.WARN, figures)
+    return Health('released', DiagnosticStatus.OK, figures)
+
+
+class DiagnosticsTimer:
+    """Publishes the health of a node once a second, in its executor.
+
+    Parameters
+    ----------
+    node, task, hardware
+        As of `DiagnosticsPublisher`; the hardware is told from that of others by the node's name.
+    health : callable
+        Returns the health.
+    """
+
+    def __init__(self, node: Node, task: str, hardware: str, health: Callable[[], Health]) -> None:
+        self._health = health
+        name = node.get_fully_qualified_name()
+        self._publisher = DiagnosticsPublisher(node, task, f'{hardware} of {name}')
+        node.create_timer(PERIOD_S, self._say, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _say(self) -> None:
+        self._publisher.publish(self._health())

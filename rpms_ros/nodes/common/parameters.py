@@ -1,0 +1,364 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of a node as one frozen dataclass, declared in ROS from the dataclass alone.
+
+A field made by `parameter` carries default, description, unit and bounds::
+
+    @dataclass(frozen=True)
+    class PlantParameters(NodeParameters):
+        rate: float = parameter(1000.0, 'Force samples a second', unit='Hz', minimum=1.0)
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            if ...:  # conditions on several fields
+                raise NodeError(...)
+
+``declare_parameters(node, PlantParameters)`` returns the dataclass with the values of YAML file,
+command line or overrides.  `follow_parameters` calls back on later changes.
+
+Which nodes a file of parameters is for: rcl drops what is for others without a word.
+
+A file for ``/**/identifier`` has nothing for an identifier that was renamed.
+"""
+
+import dataclasses
+import difflib
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import yaml
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from rpms_ros.errors import NodeError, RpmsError
+from rpms_ros.nodes.common.logger import logger_of, plain_text
+
+_LARGEST_INTEGER = 2**63 - 1
+# Share of letters in common: names of parameters of different nodes have less.
+_ALIKE = 0.85
+_LARGEST_DOUBLE = 1.7976931348623157e308
+_METADATA = 'parameter'
+
+_TYPES = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+    tuple[bool, ...]: Parameter.Type.BOOL_ARRAY,
+    tuple[int, ...]: Parameter.Type.INTEGER_ARRAY,
+    tuple[float, ...]: Parameter.Type.DOUBLE_ARRAY,
+    tuple[str, ...]: Parameter.Type.STRING_ARRAY,
+}
+
+
+@dataclass(frozen=True)
+class Description:
+    """Meaning, unit and bounds of a parameter.
+
+    Attributes
+    ----------
+    doc : str
+        One sentence.
+    unit : str
+        Unit, empty for a share, a count or a name.
+    minimum, maximum : float or None
+        Inclusive bounds, of every element if the field is a tuple.
+    choices : tuple of str
+        Every string that is allowed; empty allows any.
+    dynamic : bool
+        Whether it may be changed while the node runs.
+    may_be_empty : bool
+        Whether a list may be empty, as it is by default.
+    true_is : str
+        What a text was where ROS gives true for it: it reads y, yes and on as such.
+    """
+
+    doc: str
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    dynamic: bool = False
+    may_be_empty: bool = False
+    true_is: str = ''
+
+    def conditions(self) -> str:
+        """Return unit, bounds and choices in words."""
+        parts = [f'[{self.unit}]'] if self.unit else []
+        if self.minimum is not None and self.maximum is not None:
+            parts.append(f'{self.minimum} to {self.maximum}')
+        elif self.minimum is not None:
+            parts.append(f'at least {self.minimum}')
+        elif self.maximum is not None:
+            parts.append(f'at most {self.maximum}')
+        if self.choices:
+            parts.append('one of ' + ', '.join(self.choices))
+        return ' '.join(parts)
+
+
+def parameter(default: Any, doc: str, **description: Any) -> Any:
+    """Return a dataclass field that is a ROS parameter; keywords are those of `Description`.
+
+    A tuple may be empty if it is so by default.
+    """
+    return dataclasses.field(
+        default=default,
+        metadata={_METADATA: Description(doc, may_be_empty=default == (), **description)},
+    )
+
+
+@dataclass(frozen=True)
+class NodeParameters:
+    """Base of a node's parameters: the type and bounds of every value are checked."""
+
+    def __post_init__(self) -> None:
+        for name, description in descriptions(type(self)).items():
+            _require(name, getattr(self, name), type_of(type(self), name), description)
+
+
+Settings = TypeVar('Settings', bound=NodeParameters)
+
+
+def descriptions(settings: type[NodeParameters]) -> dict[str, Description]:
+    """Return the description of each parameter by name, in the order of the fields."""
+    return {
+        field.name: field.metadata[_METADATA]
+        for field in dataclasses.fields(settings)
+        if _METADATA in field.metadata
+    }
+
+
+def type_of(settings: type[NodeParameters], name: str) -> Parameter.Type:
+    """Return the ROS type of a parameter."""
+    return _TYPES[get_type_hints(settings)[name]]
+
+
+def _require(name: str, value: Any, expected: Parameter.Type, description: Description) -> None:
+    """Raise NodeError unless `value` has the type and keeps the bounds."""
+    if description.may_be_empty and isinstance(value, list | tuple) and not value:
+        # it has the type that is expected: ROS cannot tell the type of an empty list
+        return
+    got = Parameter.Type.from_parameter_value(list(value) if isinstance(value, tuple) else value)
+    if got is not expected:
+        names = [kind.name.lower().replace('_', ' ') for kind in (expected, got)]
+        hint = _hint(expected, got, value)
+        raise NodeError(f'parameter {name}: expected {names[0]}, got {names[1]} {value}{hint}')
+    for item in value if isinstance(value, list | tuple) else (value,):
+        if not _within(item, description):
+            conditions = description.conditions() or 'finite'
+            raise NodeError(f'parameter {name}: expected {conditions}, got {item!r}')
+
+
+def _hint(expected: Parameter.Type, got: Parameter.Type, value: Any) -> str:
+    """Return how to write a value that ROS has read as another type than it was meant."""
+    if (expected, got) == (Parameter.Type.DOUBLE, Parameter.Type.INTEGER):
+        return f' (write {value}.0)'
+    read_otherwise = (Parameter.Type.BOOL, Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
+    if expected is Parameter.Type.STRING and got in read_otherwise:
+        return ' (put it in quotes)'
+    return ''
+
+
+def _within(item: Any, description: Description) -> bool:
+    if isinstance(item, str):
+        return not description.choices or item in description.choices
+    if isinstance(item, float) and not math.isfinite(item):
+        return False
+    if description.minimum is not None and item < description.minimum:
+        return False
+    return description.maximum is None or item <= description.maximum
+
+
+def _descriptor(name: str, kind: Parameter.Type, description: Description) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        name=name,
+        type=kind.value,
+        description=description.doc,
+        additional_constraints=description.conditions(),
+        read_only=not description.dynamic,
+    )
+    low, high = description.minimum, description.maximum
+    if low is None and high is None:
+        return descriptor
+    if kind is Parameter.Type.DOUBLE:
+        bounds = FloatingPointRange(
+            from_value=-_LARGEST_DOUBLE if low is None else float(low),
+            to_value=_LARGEST_DOUBLE if high is None else float(high),
+        )
+        descriptor.floating_point_range = [bounds]
+    elif kind is Parameter.Type.INTEGER:
+        bounds = IntegerRange(
+            from_value=-_LARGEST_INTEGER if low is None else int(low),
+            to_value=_LARGEST_INTEGER if high is None else int(high),
+        )
+        descriptor.integer_range = [bounds]
+    return descriptor
+
+
+def declare_parameters(
+    node: Node, settings: type[Settings], refuse_misspelt: bool = False
+) -> Settings:
+    """Declare every field of `settings` on `node` and return them with their values.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    settings : type
+        Class of the parameters.
+    refuse_misspelt : bool
+        Refuse an unknown name that is much like one of the node's, of which others are warned.
+
+    Raises
+    ------
+    NodeError
+        If a value has the wrong type, is out of bounds, or contradicts another one; if a name is
+        misspelt and that is to be refused.
+    """
+    # The errors of rclpy name neither the bounds nor the right way to write the value, and it
+    # ignores misspelled names; it has no public access to the given values.
+    given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    values: dict[str, Any] = {}
+    for name, description in descriptions(settings).items():
+        kind = type_of(settings, name)
+        default = getattr(settings, name)
+        if default == () and not (name in given and given[name].value):
+            _declare_empty(node, name, kind, _descriptor(name, kind, description))
+            values[name] = ()
+            continue
+        if name in given and given[name].value is True and description.true_is:
+            given[name] = Parameter(name, value=description.true_is)
+        if name in given:
+            _require(name, given[name].value, kind, description)
+        descriptor = _descriptor(name, kind, description)
+        # of an empty list the type alone
+        plain = (list(default) or kind) if isinstance(default, tuple) else default
+        declared = node.declare_parameter(name, plain, descriptor).value
+        values[name] = tuple(declared) if isinstance(default, tuple) else declared
+    _warn_of_unknown(node, given, list(values) if refuse_misspelt else [])
+    try:
+        return settings(**values)
+    except RpmsError as error:
+        raise NodeError(f'parameters of {node.get_name()}: {error}') from error
+
+
+def _declare_empty(
+    node: Node, name: str, kind: Parameter.Type, descriptor: ParameterDescriptor
+) -> None:
+    """Declare an empty list: ROS takes one for bytes, and that of a file for nothing."""
+    node.declare_parameter(name, kind, ignore_override=True)
+    node.set_parameters([Parameter(name, kind, [])])
+    node.set_descriptor(name, descriptor)
+
+
+def _warn_of_unknown(node: Node, given: dict[str, Parameter], known: list[str]) -> None:
+    """Warn of unknown names; raise `NodeError` for one that is much like a `known` one."""
+    for name in given:
+        # A file may hold parameters of several nodes, so this alone is not an error.
+        if node.has_parameter(name) or name.startswith('qos_overrides.'):
+            continue
+        for meant in difflib.get_close_matches(name, known, 1, _ALIKE):
+            raise NodeError(f'expected a parameter of {node.get_name()} as {meant}, got {name}')
+        logger_of(node).warning(f'parameter {name} is unknown here and ignored')
+
+
+def follow_parameters(node: Node, current: Settings, apply: Callable[[Settings], None]) -> None:
+    """Call `apply` with the new parameters whenever dynamic ones have changed.
+
+    A change that violates a bound or a condition on several fields is refused with its reason.
+    """
+    known = set(descriptions(type(current)))
+    latest = current
+
+    def changed(parameters: list[Parameter]) -> Settings:
+        values = {
+            given.name: tuple(given.value) if isinstance(given.value, list) else given.value
+            for given in parameters
+            if given.name in known
+        }
+        return dataclasses.replace(latest, **values)
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            changed(parameters)
+        except RpmsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def keep(parameters: list[Parameter]) -> None:
+        nonlocal latest
+        before, latest = latest, changed(parameters)
+        if latest != before:
+            apply(latest)
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(keep)
+
+
+_PARAMETERS = 'ros__parameters'
+_PARTS = {'**': '(?:/[^/]+)*', '*': '/[^/]+'}
+
+
+def files_of(arguments: Sequence[str]) -> list[Path]:
+    """Return the files of parameters on a command line."""
+    return [Path(value) for name, value in pairwise(arguments) if name == '--params-file']
+
+
+def nodes_of(path: Path) -> list[str]:
+    """Return the names of nodes, with wildcards, that a file has parameters for.
+
+    Empty if it cannot be read, of which rcl says so itself, or is a pipe, which rcl has emptied.
+    """
+    if not path.is_file():
+        return []
+    try:
+        # values stay text: PyYAML would refuse some that rcl takes, as a date with a 13th month
+        content = yaml.load(path.read_text(encoding='utf-8'), Loader=yaml.BaseLoader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
+        return []
+    return [name for name, _ in blocks_of(content)]
+
+
+def is_for(pattern: str, node: str) -> bool:
+    """Return whether a name with wildcards is that of a node, as rcl compares them.
+
+    >>> [is_for(name, '/left/leg') for name in ('/**', 'left/leg', '/*/leg', '/**/arm', 'leg')]
+    [True, True, True, False, False]
+    """
+    parts = [part for part in pattern.split('/') if part]
+    expression = ''.join(_PARTS.get(part, '/' + re.escape(part)) for part in parts)
+    return re.fullmatch(expression, node) is not None
+
+
+def without_effect(arguments: Sequence[str], node: str) -> Iterator[str]:
+    """Yield a line for each file on a command line that has nothing for a node."""
+    for path in files_of(arguments):
+        names = nodes_of(path)
+        if names and not any(is_for(name, node) for name in names):
+            yield plain_text(
+                f'{path} has parameters for {", ".join(names)} and nothing for {node}'
+            )
+
+
+def blocks_of(content: object, prefix: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield each node of the content of a file, with wildcards, and its parameters.
+
+    >>> list(blocks_of({'leg': {'identifier': {'ros__parameters': {'seed': 1}}}}))
+    [('/leg/identifier', {'seed': 1})]
+    """
+    for key, value in content.items() if isinstance(content, Mapping) else ():
+        if key == _PARAMETERS:
+            yield prefix, value if isinstance(value, Mapping) else {}
+        else:
+            yield from blocks_of(value, f'{prefix}/{str(key).strip("/")}')

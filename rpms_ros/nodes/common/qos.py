@@ -1,0 +1,187 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Quality of service of every topic.
+
+Data is reliable and volatile: no sample is skipped, and a late subscriber does not get a part of
+earlier samples.  The depths are for a receiver that stalls, not for one that is always too slow.
+
+Subscriptions of a second node, whose quality of service `qos_overrides` may replace.
+
+qos_overrides:
+  /left_leg/force:
+    subscription: {reliability: best_effort, depth: 100}
+"""
+
+from copy import copy
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import (
+    InvalidQosOverridesError,
+    QoSOverridingOptions,
+    _declare_qos_parameters,
+)
+from rclpy.subscription import Subscription
+
+from rpms_ros.errors import NodeError
+from rpms_ros.nodes.common.logger import logger_of
+
+
+def _profile(
+    depth: int,
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
+) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=reliability,
+        durability=durability,
+    )
+
+
+# Five seconds at 1 kHz, longer than a stall by compilation or garbage collection.
+FORCE = _profile(5000)
+
+# For a sensor that publishes best effort; it also receives from reliable publishers.
+FORCE_BEST_EFFORT = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# A hundred seconds at 50 Hz.
+PULSES = _profile(5000)
+
+ESTIMATE = _profile(1000)
+"""For subscribers of new estimates."""
+
+# A late subscriber that asks for it gets the newest estimate at once, and no older one.
+ESTIMATE_KEPT = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+DISTURBANCE = _profile(1000)
+
+# Every state, and those of the last seconds for late subscribers; deep enough that a burst of
+# changes does not overwrite one before it is read.
+STATUS = _profile(100, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# For subscribers that need the newest state only.
+STATUS_LATEST = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# The running schedule, also for a recorder that is started after it.
+ACCEPTED_SCHEDULE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# As the subscription of use_sim_time expects: only the newest time matters.
+CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# Of a joystick: a press that is released again within a stall counts too.
+JOYSTICK = _profile(100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# Messages that may stop a driver: none is skipped, old ones are not repeated.
+STOP = _profile(10)
+
+
+# State of a button, also for a driver that starts later.
+STOP_STATE = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# The queue is common to all publishers; a driver empties it every 5 ms.
+STOP_DEPTH = 2000
+
+# Subscriptions of a driver to stops: from publishers of any durability and reliability ...
+STOP_LIVE = _profile(STOP_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# ... and with the states published before the driver was started.
+STOP_KEPT = _profile(STOP_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# For a view: receives from publishers of any quality of service and does not block them.
+VIEW = _profile(5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+TRUTH = _profile(100)
+"""True state of a simulated muscle."""
+
+
+PREFIX = 'qos_overrides.'
+
+
+def second_node(node: Node, suffix: str) -> Node:
+    """Return a node of the same context and namespace that no executor and no service knows.
+
+    What its subscriptions get is taken from them (`rpms_ros.nodes.common.subscriptions`).
+
+    Parameters
+    ----------
+    node : Node
+        Whose name it bears, with `suffix` behind it.
+    suffix : str
+        By which people and policies know it.
+    """
+    return Node(
+        node.get_name() + suffix,
+        namespace=node.get_namespace(),
+        context=node.context,
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )
+
+
+def subscribe(
+    named: Node, hearing: Node, kind: Any, topic: str, profile: QoSProfile
+) -> Subscription:
+    """Create a subscription of one node with the quality of service of another one's parameters.
+
+    No other subscription is made meanwhile, so a publisher that finds a subscription has found
+    the one that receives its messages.
+
+    Parameters
+    ----------
+    named : Node
+        Node with the parameters and the remappings of topics.
+    hearing : Node
+        Node that owns the subscription; it is in no executor.
+    kind : type
+        Message class.
+    topic : str
+        Name of the topic, relative to the first node.
+    profile : QoSProfile
+        Quality of service without parameters.
+
+    Raises
+    ------
+    NodeError
+        If the parameters are no quality of service.
+    """
+    name = named.resolve_topic_name(topic)
+    options = QoSOverridingOptions.with_default_policies(callback=_judged)
+    # rclpy writes the values of the parameters into the given profile
+    chosen = copy(profile)
+    try:
+        _declare_qos_parameters(Subscription, named, name, chosen, options)
+        return taken_from(hearing, kind, name, chosen)
+    except (InvalidParameterTypeException, InvalidQosOverridesError, RuntimeError) as error:
+        raise NodeError(
+            f'expected {PREFIX}{name} with a quality of service, got {error}'
+        ) from error
+
+
+def taken_from(node: Node, kind: Any, name: str, profile: QoSProfile) -> Subscription:
+    """Create a subscription whose messages are read with a `Taker` instead of a callback."""
+    return node.create_subscription(kind, name, _served_by_nobody, profile)
+
+
+def warn_of_unused(node: Node) -> None:
+    """Warn of overrides without a topic; to be called after all subscriptions are made."""
+    given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    for name in given:
+        if name.startswith(PREFIX) and not node.has_parameter(name):
+            logger_of(node).warning(f'parameter {name} fits no topic of this node and is ignored')
+
+
+def _judged(profile: QoSProfile) -> SetParametersResult:
+    fits = profile.depth >= 1
+    reason = '' if fits else f'expected a depth of 1 or more, got {profile.depth}'
+    return SetParametersResult(successful=fits, reason=reason)
+
+
+def _served_by_nobody(_message: Any) -> None:
+    """Do nothing: rclpy requires a callback."""

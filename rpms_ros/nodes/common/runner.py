@@ -1,0 +1,297 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Run one node as a process: init, build, spin, shut down.
+
+Signals that end a process, as a request that is not lost in callbacks.
+
+Nodes that are complete or not on the graph at all.
+"""
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import LoggingSeverity
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from rpms_ros import __version__
+from rpms_ros.errors import RpmsError
+from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.parameters import NodeParameters, descriptions, files_of, without_effect
+from rpms_ros.nodes.common.subscriptions import use_fast_discovery
+from rpms_ros.report.text import labelled
+
+SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""Signals that would suspend the process; SIGSTOP cannot be caught."""
+
+# Nothing can be done after a fault of the processor, in whose instruction these come.
+_FAULTS = {'SIGSEGV', 'SIGBUS', 'SIGFPE', 'SIGILL', 'SIGTRAP', 'SIGSYS'}
+_NEVER_CAUGHT = {'SIGKILL', 'SIGSTOP'}
+# Ignored, by default or by Python.
+_IGNORED = {'SIGCHLD', 'SIGCONT', 'SIGURG', 'SIGWINCH', 'SIGPIPE', 'SIGXFSZ'}
+
+
+def name_of(number: int) -> str:
+    """Return the name of a signal; most of those for real time have none."""
+    named = number in list(signal.Signals)
+    return signal.Signals(number).name if named else f'SIGRTMIN+{number - signal.SIGRTMIN}'
+
+
+ENDING = tuple(
+    number
+    for number in sorted(signal.valid_signals() - set(SUSPENDING))
+    if name_of(number) not in _FAULTS | _NEVER_CAUGHT | _IGNORED
+)
+"""Signals that would end the process: all that can be caught."""
+
+
+class StopRequest:
+    """Signals as a request to end: a process that spins finishes its callback first.
+
+    The handlers of rclpy shut the context down at once, so that publishing in a callback fails.
+    The handler of Python raises in the running code, where the exception may get lost: callbacks
+    from C, as during compilation, print and discard it.  So the request is always stored too.
+
+    Attributes
+    ----------
+    made : bool
+        Whether a signal has come.
+    """
+
+    def __init__(self) -> None:
+        self.made = False
+        self._spinning = False
+        self._before: dict[int, Callable[[int, FrameType | None], Any] | int | None] = {}
+        self._thread: threading.Thread | None = None
+        self._written = -1
+        self._take_over(ENDING)
+
+    def heed_between_callbacks(self) -> None:
+        """From now on only store signals, so that the spinning loop can check for them."""
+        self._spinning = True
+
+    def call_at_once(self, callback: Callable[[str], None]) -> None:
+        """Let a thread call `callback` on a signal, whatever the main thread does.
+
+        A handler in Python waits until the main thread runs Python code; the byte that wakes this
+        thread does not.  Signals that would suspend the process end it from now on.
+        """
+        self._take_over(SUSPENDING)
+        read, self._written = os.pipe()
+        os.set_blocking(self._written, False)
+        signal.set_wakeup_fd(self._written, warn_on_full_buffer=False)
+
+        def wait() -> None:
+            with os.fdopen(read, 'rb', buffering=0) as pipe:
+                for number in iter(lambda: pipe.read(1), b''):
+                    if number[0] in self._before:
+                        callback(f'signal {name_of(number[0])}')
+
+        self._thread = threading.Thread(target=wait, name='signals', daemon=True)
+        self._thread.start()
+
+    def raise_if_made(self) -> None:
+        """Raise KeyboardInterrupt if a signal has come."""
+        if self.made:
+            raise KeyboardInterrupt
+
+    def restore(self) -> None:
+        """Restore the earlier handlers."""
+        if self._thread is not None:
+            signal.set_wakeup_fd(-1)
+            with contextlib.suppress(OSError):
+                os.close(self._written)
+            self._thread.join()
+            self._thread = None
+        for number, handler in self._before.items():
+            # one that was not set by Python cannot be restored by it
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    def _take_over(self, numbers: Sequence[int]) -> None:
+        for number in numbers:
+            self._before[number] = signal.signal(number, self._on_signal)
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        again, self.made = self.made, True
+        if again or not self._spinning:
+            raise KeyboardInterrupt
+
+
+PARENT_VARIABLE = 'RPMS_ROS_PARENT'
+"""Environment variable with the id of the process with which this process is to end."""
+
+_ROS_ARGUMENTS = 'Arguments of ROS: -p NAME:=VALUE, --params-file FILE, -r OLD:=NEW'
+
+_BAD_ARGUMENTS = (
+    rclpy_implementation.RCLError,
+    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.UnknownROSArgsError,
+    NameValidationException,
+)
+
+
+def run(build: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+    """Run the node that `build` makes until a signal or shutdown; return the exit code.
+
+    If the node has a method `stop_at_once`, it is called on a signal by another thread, and on
+    an error before the executor is shut down.
+
+    Parameters
+    ----------
+    build : callable
+        Makes the node, in the default context.
+    args : sequence of str, optional
+        Command line; `sys.argv` if not given.
+
+    Returns
+    -------
+    int
+        0 after a signal or shutdown, 2 if the node could not be made or failed.
+    """
+    given = list(sys.argv if args is None else args)
+    with suppress(*_BAD_ARGUMENTS):  # rclpy.init says what is wrong with arguments of ROS
+        _refuse_options(build, remove_ros_args(given)[1:])
+    use_fast_discovery()
+    stop = StopRequest()
+    node: Node | None = None
+    hook, sys.unraisablehook = sys.unraisablehook, _without_interrupts
+    try:
+        rclpy.init(
+            args=None if args is None else list(args),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        node = build()
+        _say_which_files_were_dropped(given, node)
+        at_once = getattr(node, 'stop_at_once', None)
+        if at_once is not None:
+            stop.call_at_once(at_once)
+        _spin(node, stop)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (RpmsError, *_BAD_ARGUMENTS) as error:
+        print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
+        return 2
+    except Exception:
+        # while it is built, what fails after a signal fails because of it: compilation discards
+        # the interrupt and goes on without what was interrupted
+        if node is not None or not stop.made:
+            raise
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+        sys.unraisablehook = hook
+    return 0
+
+
+def _say_which_files_were_dropped(arguments: Sequence[str], node: Node) -> None:
+    lines = list(without_effect(arguments, node.get_fully_qualified_name()))
+    # a file for other nodes of a launch is no mistake while another one is for this node
+    alone = len(lines) == len(files_of(arguments))
+    severity = LoggingSeverity.WARN if alone else LoggingSeverity.INFO
+    for line in lines:
+        logger_of(node).log(line, severity)
+
+
+def _without_interrupts(discarded: Any) -> None:
+    """Say what a callback from C has discarded, unless it is an interrupt: that is stored."""
+    if discarded.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(discarded)
+
+
+def _refuse_options(build: Callable[[], Node], options: Sequence[str]) -> None:
+    """Print help or version, or exit with 2: a node takes ROS arguments only."""
+    settings: type[NodeParameters] | None = getattr(build, 'settings_type', None)
+    parser = ArgumentParser(
+        usage='%(prog)s [-h] [--version] [--ros-args ARGUMENTS]',
+        description=f'{(build.__doc__ or "").partition(";")[0]}.\n\n{_ROS_ARGUMENTS}',
+        epilog=f'parameters:\n{labelled(_explained(settings))}' if settings else None,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--version', action='version', version=f'rpms_ros {__version__}')
+    parser.parse_args(options)
+
+
+def _explained(settings: type[NodeParameters]) -> Iterator[tuple[str, str]]:
+    """Yield name and meaning of each parameter, with what is allowed and the default."""
+    for name, description in descriptions(settings).items():
+        default = getattr(settings, name)
+        shown = list(default) if isinstance(default, tuple) else default
+        facts = (description.conditions(), f'default {shown!r}')
+        yield name, f'{description.doc} ({"; ".join(fact for fact in facts if fact)})'
+
+
+def _spin(node: Node, stop: StopRequest) -> None:
+    executor = EventsExecutor()
+    executor.add_node(node)
+    stop.heed_between_callbacks()
+    try:
+        # In Jazzy the spin() of this executor neither waits nor ends on signals.
+        while rclpy.ok() and not stop.made and not _orphaned():
+            executor.spin_once(timeout_sec=0.1)
+    except Exception as error:
+        # shutting an executor down during an exception has crashed processes
+        getattr(node, 'stop_at_once', _nothing)(f'expected to spin on, got {error!r}')
+        raise
+    finally:
+        executor.remove_node(node)
+        executor.shutdown()
+
+
+def _nothing(_reason: str) -> None:
+    """Do nothing: for nodes without `stop_at_once`."""
+
+
+def _orphaned() -> bool:
+    parent = os.environ.get(PARENT_VARIABLE)
+    return parent is not None and os.getppid() != int(parent)
+
+
+@contextmanager
+def complete_or_gone(node: Node) -> Iterator[ExitStack]:
+    """Build the parts of a node; if that fails, end those that were made and destroy the node.
+
+    Half of a node would stay on the graph until Python collects it: under its name, with its
+    parameter services, and with subscriptions from which nobody reads.
+
+    Parameters
+    ----------
+    node : Node
+        Constructed as a node; its parts are made inside.
+
+    Yields
+    ------
+    ExitStack
+        What has to end before the node is destroyed, the newest first; `destroy_node` of the
+        node closes it.
+
+    Examples
+    --------
+    ::
+
+        super().__init__('identifier', **options)
+        with complete_or_gone(self) as self._parts:
+            self._build()
+    """
+    parts = ExitStack()
+    try:
+        yield parts
+    except BaseException:
+        # destroy_node does so too, where a node has parts of its own
+        parts.close()
+        node.destroy_node()
+        raise

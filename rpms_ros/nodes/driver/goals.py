@@ -1,0 +1,279 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The action `run_schedule`: one goal at a time, results when the run is over.
+
+Every goal is accepted and answered.  One that is refused is aborted before any pulse, with an
+error code and a reason: the answer to a goal that is rejected has room for neither.
+
+Error codes of `run_schedule`: why a goal was refused, and why a run ended.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+
+from rpms_msgs.action import RunSchedule
+from rpms_ros import schedule_messages
+from rpms_ros.errors import RpmsError, StimulationError
+from rpms_ros.nodes.common import topics
+from rpms_ros.nodes.common.logger import plain_text
+from rpms_ros.stimulation import Schedule, schedule_from_text, schedule_to_text
+from rpms_ros.stimulation.driver.authority import AUTHORITY
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.interlocks import SUSPEND, Refused
+from rpms_ros.stimulation.driver.safety_monitor import (
+    EMERGENCY_STOP,
+    EXECUTOR,
+    FORCE,
+    HEARTBEAT,
+    SUPERVISOR,
+)
+from rpms_ros.stimulation.driver.states import Run, State
+
+CODES = RunSchedule.Result
+WATCH = 'watch'
+"""Sign of life of the thread that hears what stops the driver."""
+UNIQUE = 'unique_driver'
+AUDIT = 'audit_log'
+_OF_THE_CONTROLLER = (EMERGENCY_STOP, EXECUTOR, FORCE, HEARTBEAT, SUPERVISOR, SUSPEND)
+INTERLOCKS = frozenset(('stop', 'force_limit', *_OF_THE_CONTROLLER, AUDIT, UNIQUE, WATCH))
+"""What a refusal may name that is no limit of device, coil or patient."""
+
+
+_CODE_OF_CAUSE = {
+    'completed': CODES.NONE,
+    'incomplete': CODES.INCOMPLETE,
+    'cancelled': CODES.CANCELLED,
+    'limit': CODES.OVER_LIMIT,
+    'disarmed': CODES.WRONG_STATE,
+    'stopped': CODES.INTERLOCK,
+    'fault': CODES.DEVICE_FAULT,
+}
+
+
+class GoalRefused(StimulationError):
+    """A goal is not run; ``code`` is the error code of its result."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
+def code_of(error: RpmsError) -> int:
+    """Return the error code of a goal that was refused because of `error`."""
+    return int(_code_of(error))
+
+
+def _code_of(error: RpmsError) -> Any:
+    if isinstance(error, GoalRefused):
+        return error.code
+    if not isinstance(error, Refused):
+        # the state machine refuses commands with the error of its room
+        return CODES.WRONG_STATE
+    if error.limit == AUTHORITY:
+        return CODES.NO_AUTHORITY
+    return CODES.INTERLOCK if error.limit in INTERLOCKS else CODES.OVER_LIMIT
+
+
+def code_of_end(run: Run) -> int:
+    """Return the error code of a run that is over."""
+    return int(_CODE_OF_CAUSE[run.cause])
+
+
+# every status message names all goals that are kept: a flood of them must not slow the executor
+_RESULT_TIMEOUT_S = 5
+
+
+class _DeferredServer(ActionServer):
+    """An action server whose goals execute for long without a callback that waits.
+
+    A waiting callback blocks a single-threaded executor, and one that awaits a future is polled
+    without a pause in Jazzy.  Here a goal is set executing, and its callback runs at its end.
+    """
+
+    def __init__(self, node: Node, **callbacks: Callable[..., Any]) -> None:
+        ActionServer.__init__(
+            self,
+            node,
+            RunSchedule,
+            topics.RUN_SCHEDULE,
+            result_timeout=_RESULT_TIMEOUT_S,
+            **callbacks,
+        )
+
+    def notify_execute(
+        self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None
+    ) -> None:
+        """Do nothing yet: the goal is executing from now on."""
+
+    def remove_future(self, future: Any) -> None:
+        """Forget a future, if that was not done: a goal may expire while the server goes."""
+        if future in self._futures:
+            ActionServer.remove_future(self, future)
+
+    def conclude(self, goal_handle: ServerGoalHandle, callback: Callable[..., Any]) -> None:
+        """End a goal: `callback` sets its state and returns its result."""
+        ActionServer.notify_execute(self, goal_handle, callback)
+
+
+class ScheduleAction:
+    """Serves `run_schedule` for a node.
+
+    Parameters
+    ----------
+    node : Node
+        Whose executor serves it.
+    controller : StimulationController
+        What runs the schedules.
+    allowed : callable
+        Takes the goal; raises StimulationError unless its sender may start a schedule.
+    started : callable
+        Told of goal and schedule before the first pulse; raises StimulationError to prevent it.
+    refused : callable
+        Told why a goal was refused.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        controller: StimulationController,
+        allowed: Callable[[RunSchedule.Goal], None],
+        started: Callable[[RunSchedule.Goal, Schedule], None],
+        refused: Callable[[str], None],
+    ) -> None:
+        self._controller = controller
+        self._allowed = allowed
+        self._started = started
+        self._refused = refused
+        self._goal: ServerGoalHandle | None = None
+        self._run: Run | None = None
+        self._destroyed = False
+        self._server = _DeferredServer(
+            node,
+            execute_callback=self._unused,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self._on_cancel,
+        )
+
+    def progress(self, stamp: Any, now_ns: int) -> None:
+        """Send feedback, or the result if the run is over; called steadily by the executor."""
+        goal, run = self._goal, self._run
+        if goal is None or run is None:
+            return
+        if run.ended:
+            self._goal = self._run = None
+            self._conclude(goal, run)
+            return
+        feedback = RunSchedule.Feedback()
+        feedback.header.stamp = stamp
+        feedback.segment = int(run.segment)
+        feedback.segments = len(run.schedule.segments)
+        feedback.pulses_delivered = int(run.delivered)
+        feedback.time_left = float(run.time_left_s(now_ns))
+        feedback.coil_energy = float(run.energy_j)
+        goal.publish_feedback(feedback)
+
+    def destroy(self) -> None:
+        """Let go of the server; once is enough."""
+        if not self._destroyed:
+            self._destroyed = True
+            ActionServer.destroy(self._server)
+
+    def _on_accepted(self, goal: ServerGoalHandle) -> None:
+        goal.execute()
+        try:
+            self._run = self._begun(goal.request)
+            self._goal = goal
+        except RpmsError as error:
+            self._refuse(goal, code_of(error), str(error))
+        except Exception as error:  # noqa: BLE001
+            # whatever it is, it must neither end the process nor leave the device armed
+            reason = f'expected a goal without an error, got {error!r}'
+            self._controller.fail('goal', reason)
+            self._refuse(goal, CODES.INTERNAL_ERROR, reason)
+
+    def _begun(self, request: RunSchedule.Goal) -> Run:
+        """Start what is asked for; the text is read only when its sender may ask for it."""
+        if self._goal is not None or self._controller.state is State.RUNNING:
+            raise GoalRefused(CODES.WRONG_STATE, 'expected no schedule running, got a second goal')
+        self._allowed(request)
+        schedule = _schedule_of(request)
+        return self._controller.start(schedule, lambda: self._started(request, schedule))
+
+    def _refuse(self, goal: ServerGoalHandle, code: int, reason: str) -> None:
+        said = plain_text(reason)
+        self._refused(said)
+        result = RunSchedule.Result(error_code=code, reason=said)
+
+        def end(handle: ServerGoalHandle) -> RunSchedule.Result:
+            handle.abort()
+            return result
+
+        self._server.conclude(goal, end)
+
+    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        if goal is self._goal:
+            self._controller.cancel('cancelled by the client')
+        return CancelResponse.ACCEPT
+
+    def _conclude(self, goal: ServerGoalHandle, run: Run) -> None:
+        cancelled = goal.is_cancel_requested
+        result = RunSchedule.Result(
+            completed=bool(run.completed),
+            error_code=code_of_end(run),
+            reason=plain_text(run.ended),
+            pulses_delivered=int(run.delivered),
+            pulses_dropped=int(run.dropped),
+            coil_energy=float(run.energy_j),
+        )
+
+        def end(handle: ServerGoalHandle) -> RunSchedule.Result:
+            if cancelled:
+                handle.canceled()
+            elif run.completed:
+                handle.succeed()
+            else:
+                handle.abort()
+            return result
+
+        self._server.conclude(goal, end)
+
+    @staticmethod
+    def _unused(goal: ServerGoalHandle) -> RunSchedule.Result:
+        goal.abort()
+        return RunSchedule.Result(reason='expected a deferred execution')
+
+
+def text_of(request: RunSchedule.Goal, schedule: Schedule) -> str:
+    """Return the YAML document of a goal: as it came, or written from its typed schedule."""
+    text: str = request.schedule
+    return text or schedule_to_text(schedule)
+
+
+def _schedule_of(request: RunSchedule.Goal) -> Schedule:
+    """Return the schedule in a goal from anybody.
+
+    Raises
+    ------
+    GoalRefused
+        If it does not describe exactly one, whatever the readers of it make of it.
+    """
+    try:
+        if not schedule_messages.is_given(request.typed_schedule):
+            return schedule_from_text(request.schedule)
+        if request.schedule:
+            raise GoalRefused(
+                CODES.BAD_SCHEDULE, 'expected either schedule or typed_schedule, got both'
+            )
+        return schedule_messages.schedule_of(request.typed_schedule)
+    except GoalRefused:
+        raise
+    except StimulationError as error:
+        raise GoalRefused(CODES.BAD_SCHEDULE, str(error)) from error
+    except Exception as error:
+        raise GoalRefused(
+            CODES.BAD_SCHEDULE, f'expected a schedule, got one that raises {error!r}'
+        ) from error

@@ -1,0 +1,387 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the stimulator driver, and what is built from them.
+
+The parameter `maximum_intensity`: checked before it is set, in force once it is.
+
+A change may be refused by any callback of the node, and for another parameter that is set
+together with this one: only a parameter that has been set moves the bound.
+
+Figures of device and patient that a driver was started with, looked at again at every arming.
+
+A driver may run for days: meanwhile the figures of a patient expire, or are set again.
+"""
+
+import dataclasses
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from rpms_ros.axis import FORCE, UNITS
+from rpms_ros.errors import NodeError, StimulationError
+from rpms_ros.nodes.common.logger import plain_text
+from rpms_ros.nodes.common.parameters import NodeParameters, follow_parameters, parameter
+from rpms_ros.stimulation.devices import Device, registry
+from rpms_ros.stimulation.devices.registry import DeviceOptions, require_device
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.states import DriverSettings
+from rpms_ros.stimulation.limits.device_specification import (
+    DeviceSpecification,
+    load_device_specification,
+)
+from rpms_ros.stimulation.limits.patient import Patient, for_session, load_patient
+from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
+
+# nobody is stimulated, and a busy computer lets a thread wait for longer than is safe elsewhere
+_SIMULATED_PATIENCE_S = 2.0
+_NODE_NAME = re.compile(r'(/\w+)+|\w+', re.ASCII)
+
+
+@dataclass(frozen=True)
+class DriverParameters(NodeParameters):
+    """Parameters of the stimulator driver."""
+
+    device: str = parameter('simulated', 'Kind of device, by the name it is registered under.')
+    port: str = parameter('/dev/ttyUSB0', 'Serial port of a device on one.')
+    device_specification: str = parameter(
+        'simulated', 'Limits of the device: a name, or a YAML file.'
+    )
+    frame_id: str = parameter('coil', 'Frame of the pulses.')
+    maximum_intensity: float = parameter(
+        1.0,
+        'Hard bound on the intensity, share of the maximum; never raised while armed.',
+        minimum=0.0,
+        maximum=1.0,
+        dynamic=True,
+    )
+    maximum_rate: float = parameter(
+        50.0, 'Hard bound on the repetition rate.', unit='Hz', minimum=0.1, maximum=1000.0
+    )
+    lateness_limit: float = parameter(
+        0.01, 'A pulse later than this is dropped.', unit='s', minimum=1e-4, maximum=0.1
+    )
+    executor_timeout: float = parameter(
+        0.5,
+        'Longest silence of the executor while armed; after 0.4 of it pulses are held back.',
+        unit='s',
+        minimum=0.1,
+        maximum=10.0,
+    )
+    watch_timeout: float = parameter(
+        0.1,
+        'Longest silence of the thread that hears buttons and heartbeat, while armed; after 0.4 '
+        'of it pulses are held back.',
+        unit='s',
+        minimum=0.02,
+        maximum=10.0,
+    )
+    require_stop_button: bool = parameter(
+        True,
+        'Ask for a stop button that says its state at a rate; false is for a simulated device '
+        'only.',
+    )
+    stop_button_timeout: float = parameter(
+        0.3, 'Longest silence of a stop button.', unit='s', minimum=0.01, maximum=10.0
+    )
+    stop_buttons: tuple[str, ...] = parameter(
+        (),
+        'Nodes of the stop buttons that must be present, speaking and released: full names or '
+        'their last parts.',
+    )
+    require_operator: bool = parameter(
+        True,
+        'Ask for an operator: two steps to arm, a token, a heartbeat, a held enable; false is '
+        'for a simulated device only.',
+    )
+    heartbeat_timeout: float = parameter(
+        0.3, "Longest silence of the operator's heartbeat.", unit='s', minimum=0.01, maximum=10.0
+    )
+    arming_timeout: float = parameter(
+        10.0, 'From the first step of arming to the second.', unit='s', minimum=1.0, maximum=60.0
+    )
+    force_limit: float = parameter(
+        0.0,
+        'Stop above this force; 0 does not listen to the force.',
+        unit='N',
+        minimum=0.0,
+        maximum=1e5,
+    )
+    force_timeout: float = parameter(
+        0.2,
+        'Longest silence of the force when it is limited.',
+        unit='s',
+        minimum=0.01,
+        maximum=10.0,
+    )
+    force_frame: str = parameter('force_sensor', 'Frame of the force that is limited.')
+    quantity: str = parameter(
+        FORCE,
+        'What the sensor measures and force_limit limits: a force, or a torque in newton metres.',
+        choices=tuple(UNITS),
+    )
+    temperature_limit: float = parameter(
+        40.0, 'Stop above this coil temperature.', unit='Celsius', minimum=0.0, maximum=100.0
+    )
+    patient_file: str = parameter(
+        '', 'YAML file of the patient; a real device needs one, empty for nobody.'
+    )
+    ledger_folder: str = parameter(
+        '', 'Folder of the dose ledgers, absolute; a real device needs one, empty keeps none.'
+    )
+    audit_log: str = parameter(
+        '', 'File of the audit log; a real device needs one, empty writes none.'
+    )
+    status_rate: float = parameter(
+        10.0, 'Status messages a second.', unit='Hz', minimum=1.0, maximum=20.0
+    )
+    realtime_priority: int = parameter(
+        0,
+        'SCHED_FIFO priority of the process and of the guard that it starts; 0 does not ask.',
+        minimum=0,
+        maximum=99,
+    )
+    autostart: bool = parameter(
+        False, 'Configure, activate and run schedule_file; simulated device only.'
+    )
+    minimum_subscribers: int = parameter(
+        1,
+        'Subscribers of the pulses to wait for before an automatic start.',
+        minimum=0,
+        maximum=100,
+    )
+    schedule_file: str = parameter('', 'YAML file of the schedule of an automatic start.')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_device(self.device)
+        if not self.simulated:
+            self._require_safeguards()
+        # from another directory a relative one would be another, without the doses so far
+        folder = self.ledger_folder
+        if folder and not Path(folder).expanduser().is_absolute():
+            raise NodeError(f'expected ledger_folder with an absolute path, got {folder}')
+        for name in self.stop_buttons:
+            if not _NODE_NAME.fullmatch(name):
+                raise NodeError(
+                    "expected stop_buttons with a node's full name or its last part, such as "
+                    f'/left/foot_switch or foot_switch, got {name!r}'
+                )
+        if self.autostart and not self.schedule_file:
+            raise NodeError('expected schedule_file with autostart, got none')
+
+    def _require_safeguards(self) -> None:
+        """Raise NodeError if something that a real device needs is switched off."""
+        for name in ('require_operator', 'require_stop_button'):
+            if not getattr(self, name):
+                raise NodeError(f'expected {name} with a real device, got false')
+        if self.autostart:
+            raise NodeError('expected no autostart with a real device, got true')
+        for name in ('audit_log', 'ledger_folder', 'patient_file'):
+            if not getattr(self, name):
+                raise NodeError(f'expected {name} with a real device, got none')
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the device exists only as a program."""
+        return self.device == 'simulated'
+
+    @property
+    def hardware(self) -> str:
+        """Name of the device, with its port if it is on one."""
+        return self.device if self.simulated else f'{self.device} {self.port}'
+
+
+def build_device(settings: DriverParameters, specification: DeviceSpecification) -> Device:
+    """Return the device that the parameters name, not open yet.
+
+    Parameters
+    ----------
+    settings : DriverParameters
+        Kind of device and port.
+    specification : DeviceSpecification
+        As `device_specification_of` returns it: no intensity above its bound is asked of the
+        device, and the device is told of that bound.
+
+    Raises
+    ------
+    StimulationError
+        If there is no such device or it cannot be built.
+    """
+    options = DeviceOptions(settings.port, specification.limits.maximum_intensity)
+    return registry.build_device(settings.device, options)
+
+
+def device_specification_of(settings: DriverParameters) -> DeviceSpecification:
+    """Return the device specification, its limits tightened by patient and parameters.
+
+    Raises
+    ------
+    StimulationError
+        If there is no such device specification or patient, or the two do not go together.
+    """
+    specification = for_session(
+        load_device_specification(settings.device_specification), patient_of(settings)
+    )
+    limits = dataclasses.replace(
+        specification.limits,
+        maximum_intensity=min(specification.limits.maximum_intensity, settings.maximum_intensity),
+        maximum_rate_hz=min(specification.limits.maximum_rate_hz, settings.maximum_rate),
+    )
+    return dataclasses.replace(specification, limits=limits)
+
+
+def patient_of(settings: DriverParameters) -> Patient | None:
+    """Return the patient, None where nobody is named.
+
+    Raises
+    ------
+    StimulationError
+        If the file cannot be used.
+    """
+    if not settings.patient_file:
+        return None
+    return load_patient(Path(settings.patient_file).expanduser())
+
+
+def ledger_of(settings: DriverParameters, specification: DeviceSpecification) -> MemoryLedger:
+    """Return where the dose is kept, open: in files where a folder and a patient are named.
+
+    Raises
+    ------
+    StimulationError
+        If the ledger is open elsewhere, damaged, or cannot be written, or if a real device has no
+        serial number: by the name of a port it would be another one at each.
+    """
+    patient = patient_of(settings)
+    if patient is None or not settings.ledger_folder:
+        return MemoryLedger(None if patient is None else patient.dose)
+    folder = Path(settings.ledger_folder).expanduser()
+    device = settings.device if settings.simulated else specification.serial_number
+    if not device:
+        raise StimulationError(
+            'expected serial_number in the device specification of a real device, got none in '
+            f'{specification.name!r}: state it in a file of your own'
+        )
+    return DoseLedger(folder, device, patient.identifier, patient.dose)
+
+
+def patience_s(settings: DriverParameters, limit_s: float) -> float:
+    """Return how long a thread of the driver may be silent [s], a limit unless simulated."""
+    return max(limit_s, _SIMULATED_PATIENCE_S) if settings.simulated else limit_s
+
+
+def driver_settings_of(settings: DriverParameters) -> DriverSettings:
+    """Return how the driver watches over itself."""
+    return DriverSettings(
+        lateness_limit_s=settings.lateness_limit,
+        executor_timeout_s=patience_s(settings, settings.executor_timeout),
+        response_limit_s=patience_s(settings, DriverSettings.response_limit_s),
+        stuck_limit_s=patience_s(settings, DriverSettings.stuck_limit_s),
+        supervisor_timeout_s=patience_s(settings, DriverSettings.supervisor_timeout_s),
+        force_limit_n=settings.force_limit,
+        force_unit=UNITS[settings.quantity],
+        force_timeout_s=settings.force_timeout,
+        temperature_limit=settings.temperature_limit,
+    )
+
+
+_NAME = 'maximum_intensity'
+
+
+def follow_bound(
+    node: Node,
+    controller: StimulationController,
+    settings: DriverParameters,
+    followed: Callable[[DriverParameters], None],
+    refused: Callable[[str], None],
+) -> None:
+    """Keep the bound of a controller at the parameter of a node.
+
+    Parameters
+    ----------
+    node : Node
+        Whose parameter it is.
+    controller : StimulationController
+        What is bounded.
+    settings : DriverParameters
+        Of the start.
+    followed : callable
+        Told of the parameters when another bound is in force.
+    refused : callable
+        Told why a change was refused.
+    """
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            for given in parameters:
+                if given.name == _NAME and isinstance(given.value, float):
+                    controller.require_bound(given.value)
+        except StimulationError as error:
+            refused(str(error))
+            return SetParametersResult(successful=False, reason=plain_text(error))
+        return SetParametersResult(successful=True)
+
+    def apply(changed: DriverParameters) -> None:
+        try:
+            controller.tighten(changed.maximum_intensity)
+        except StimulationError as error:
+            # armed since the check, by another thread: the lower bound stays in force
+            refused(str(error))
+            return
+        followed(changed)
+
+    follow_parameters(node, settings, apply)
+    node.add_on_set_parameters_callback(check)
+
+
+class SessionFigures:
+    """The device specification for a patient, as it was at the start.
+
+    Parameters
+    ----------
+    settings : DriverParameters
+        Which files, and bounds beside them.
+
+    Attributes
+    ----------
+    specification : DeviceSpecification
+        Its limits tightened by patient and parameters.
+
+    Raises
+    ------
+    StimulationError
+        If there is no such device specification or patient, or the two do not go together today.
+    """
+
+    def __init__(self, settings: DriverParameters) -> None:
+        self._settings = settings
+        self._dose = _dose_of(settings)
+        self.specification = device_specification_of(settings)
+
+    def require_unchanged(self) -> None:
+        """Read the files again.
+
+        Raises
+        ------
+        StimulationError
+            If they cannot be used today, or say something else than at the start: limits, dose
+            and ledger of a driver are those of its start.
+        """
+        settings = self._settings
+        read_again = (device_specification_of(settings), _dose_of(settings))
+        if read_again != (self.specification, self._dose):
+            raise StimulationError(
+                f'expected the figures of {settings.patient_file or "nobody"} and of the device '
+                'specification as they were at the start, got others: start the driver again'
+            )
+
+
+def _dose_of(settings: DriverParameters) -> object:
+    """Return whose dose is counted, and what it may be; None for nobody."""
+    patient = patient_of(settings)
+    return None if patient is None else (patient.identifier, patient.dose)

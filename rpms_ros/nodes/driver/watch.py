@@ -1,0 +1,305 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The thread that receives, without any executor, what has to stop a driver.
+
+An executor that is busy hears nothing, and its queue holds a few messages only.  Here a node that
+is in no executor is read by a thread of its own every few milliseconds: stop buttons, the service
+`emergency_stop` (std_srvs/Trigger), which latches a stop, the operator's heartbeat, the end of the
+operator's process, and the graph.  Its own life is a sign of life that every pulse asks for.
+
+Other drivers on the graph, and the publishers of a topic.
+"""
+
+import contextlib
+import select
+import threading
+import time
+from collections.abc import Callable
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from rpms_msgs.msg import OperatorHeartbeat
+from rpms_ros import messages
+from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.qos import second_node, taken_from
+from rpms_ros.nodes.common.runner import complete_or_gone
+from rpms_ros.nodes.common.subscriptions import Taken, Taker
+from rpms_ros.nodes.driver.goals import UNIQUE, WATCH
+from rpms_ros.stimulation.driver.authority import Authority, Beat, ProcessLife
+from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.interlocks import HOLD_SHARE
+from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, HEARTBEAT, POSSIBLE
+from rpms_ros.stimulation.driver.stop_buttons import StopButtons
+
+_GOALS = '/_action/send_goal'
+
+
+def publishers_of(node: Node, topic: str) -> dict[bytes, str]:
+    """Return the node of every publisher of a topic, by the identity of the publisher."""
+    return {
+        bytes(publisher.endpoint_gid): _joined(publisher.node_namespace, publisher.node_name)
+        for publisher in node.get_publishers_info_by_topic(topic)
+    }
+
+
+def others_of_this_name(node: Node) -> str:
+    """Return why this driver is not the only one of its name, empty if it is.
+
+    A driver is known by its node, and by the action that it serves: of two, both would run a goal.
+    """
+    name, namespace = node.get_name(), node.get_namespace()
+    nodes = node.get_node_names_and_namespaces().count((name, namespace))
+    if nodes > 1:
+        return f'expected one driver {_joined(namespace, name)}, got {nodes} nodes of this name'
+    action = node.resolve_topic_name(topics.RUN_SCHEDULE)
+    servers = node.count_services(action + _GOALS)
+    if servers > 1:
+        return f'expected one driver that serves {action}, got {servers}'
+    return ''
+
+
+def _joined(namespace: str, name: str) -> str:
+    return f'{namespace.rstrip("/")}/{name}'
+
+
+SUFFIX = '_watch'
+"""What the name of the second node adds to the driver's."""
+
+_LOOK_MS = 5
+_GRAPH_PERIOD_NS = 100_000_000
+# the state of a button stands behind four bytes of encapsulation; the last of these says how many
+# bytes follow it that fill up a word
+_HEADER, _FILLED = 4, 3
+
+
+class DriverWatch:
+    """Receives what stops a driver.
+
+    Parameters
+    ----------
+    node : Node
+        The driver's.
+    controller : StimulationController
+        What is stopped.
+    buttons : StopButtons
+        Takes what buttons say.
+    authority : Authority
+        Takes what the operator's heartbeat says.
+    timeout_s : float
+        Longest silence of this thread while a pulse is possible [s].
+    refused : callable
+        Told why a heartbeat was refused.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        controller: StimulationController,
+        buttons: StopButtons,
+        authority: Authority,
+        timeout_s: float,
+        refused: Callable[[str], None],
+    ) -> None:
+        self._driver = node
+        self._controller = controller
+        self._buttons = buttons
+        self._authority = authority
+        self._refused = refused
+        # the process of the operator, and for which token it is watched
+        self._client = ProcessLife('', 0)
+        self._watched_for = -1
+        self._next_graph_ns = 0
+        self._pressed = False
+        self._others = ''
+        self._lock = threading.Lock()
+        self._closing = False
+        self._node = second_node(node, SUFFIX)
+        with complete_or_gone(self._node):
+            self._live = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_LIVE)
+            self._kept = self._taker(Bool, topics.EMERGENCY_STOP, qos.STOP_KEPT)
+            self._beats = self._taker(OperatorHeartbeat, topics.HEARTBEAT, qos.STOP_LIVE)
+            # taken by `_answer_stops`: no executor calls anything for it
+            name = node.resolve_service_name(topics.EMERGENCY_STOP)
+            self._stops = self._node.create_service(Trigger, name, lambda _, response: response)
+        # pulses are held back before the stop is latched
+        controller.interlocks.require(WATCH, timeout_s, hold_s=HOLD_SHARE * timeout_s)
+        self._thread = threading.Thread(target=self._run, name='driver_watch', daemon=True)
+        self._thread.start()
+
+    def look(self) -> None:
+        """Take everything that has come, and stop the driver if that is needed."""
+        with self._lock:
+            if self._closing:
+                return
+            self._answer_stops()
+            now_ns = time.monotonic_ns()
+            self._hear(now_ns)
+            if now_ns >= self._next_graph_ns:
+                self._next_graph_ns = now_ns + _GRAPH_PERIOD_NS
+                self._look_at_graph()
+            self._judge_buttons(time.monotonic_ns())
+            self._judge_operator(time.monotonic_ns())
+            self._controller.seen(WATCH)
+
+    def forget_gone(self) -> None:
+        """Forget buttons that have left the graph; part of a reset."""
+        with self._lock:
+            self._look_at_graph()
+            self._buttons.forget_gone()
+        self.look()
+
+    def close(self) -> None:
+        """End the thread and the second node."""
+        with self._lock:
+            self._closing = True
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+        for taker in (self._live, self._kept, self._beats):
+            taker.close()
+        self._client.close()
+        self._node.destroy_node()
+
+    def _taker(self, kind: type, topic: str, profile: QoSProfile) -> Taker:
+        name = self._driver.resolve_topic_name(topic)
+        return Taker(taken_from(self._node, kind, name, profile))
+
+    def _run(self) -> None:
+        try:
+            while not self._closing:
+                self.look()
+                self._wait()
+        except Exception as error:  # noqa: BLE001
+            # whatever it is: without this thread nothing stops the driver
+            if not self._closing and self._driver.context.ok():
+                self._controller.fail(WATCH, f'{WATCH}: expected to run on, got {error!r}')
+
+    def _wait(self) -> None:
+        poll = select.poll()
+        client = self._client
+        # read once: a look of another thread may close it meanwhile
+        descriptor = client.descriptor
+        if descriptor >= 0 and not client.ended:
+            poll.register(descriptor, select.POLLIN)
+        poll.poll(_LOOK_MS)
+
+    def _answer_stops(self) -> None:
+        """Stop if the service was called, and say so; what is not taken here comes next time."""
+        answer = Trigger.Response(success=True, message='stopped; reset_emergency_stop resets it')
+        for _ in range(qos.STOP_DEPTH):
+            with self._stops.handle:
+                taken = self._stops.handle.service_take_request(Trigger.Request)
+            if taken is None or taken[0] is None:
+                return
+            self._controller.stop(EMERGENCY_STOP, 'emergency stop by service')
+            # who has asked may be gone
+            with contextlib.suppress(rclpy_implementation.RCLError):
+                self._stops.send_response(answer, taken[1])
+
+    def _hear(self, now_ns: int) -> None:
+        for taker, kept in ((self._kept, True), (self._live, False)):
+            for taken in self._drained(taker):
+                pressed = not says_released(taken.data)
+                self._buttons.heard(taken.identity, taken.sequence, pressed, now_ns, kept)
+        for taken in self._drained(self._beats):
+            self._take_beat(taken, now_ns)
+
+    def _drained(self, taker: Taker) -> list[Taken]:
+        """Return what has come; if the queue was full, something may have been lost."""
+        found: list[Taken] = []
+        while (taken := taker.take()) is not None:
+            found.append(taken)
+            if len(found) >= qos.STOP_DEPTH:
+                self._buttons.overrun(
+                    f'expected at most {qos.STOP_DEPTH} messages in a look at buttons and '
+                    'heartbeat, got more: some may be lost'
+                )
+                break
+        return found
+
+    def _take_beat(self, taken: Taken, now_ns: int) -> None:
+        try:
+            message = deserialize_message(taken.data, OperatorHeartbeat)
+            beat = Beat(
+                message.token,
+                messages.nanoseconds(message.header.stamp),
+                int(message.sequence),
+                bool(message.enable),
+                taken.identity,
+            )
+        except Exception as error:  # noqa: BLE001
+            self._refused(f'expected a heartbeat that can be read, got {error!r}')
+            return
+        # a token that is given meanwhile is another one: this process is not watched for it
+        generation = self._authority.generation
+        refusal = self._authority.beat(beat, now_ns)
+        if refusal is not None:
+            self._controller.count('heartbeat_refused')
+            if self._authority.operator:
+                self._refused(refusal)
+        elif not self._client.known or generation != self._watched_for:
+            self._client.close()
+            self._client = ProcessLife(message.host, int(message.process))
+            self._watched_for = generation
+
+    def _look_at_graph(self) -> None:
+        topic = self._driver.resolve_topic_name(topics.EMERGENCY_STOP)
+        self._buttons.present(publishers_of(self._node, topic))
+        before, self._others = self._others, others_of_this_name(self._driver)
+        if not self._others:
+            self._controller.interlocks.close(UNIQUE)
+        elif before:
+            self._open(UNIQUE, self._others)
+        else:
+            # arming is refused at once, a train is stopped when it is seen again
+            self._refuse_arming(UNIQUE, self._others)
+
+    def _refuse_arming(self, name: str, reason: str) -> None:
+        if self._controller.state not in POSSIBLE:
+            self._controller.interlocks.open(name, reason)
+
+    def _open(self, name: str, reason: str) -> None:
+        self._controller.interlocks.open(name, reason)
+        if self._controller.state in POSSIBLE:
+            self._controller.stop(name, reason)
+
+    def _judge_buttons(self, now_ns: int) -> None:
+        problem, pressed = self._buttons.problem(now_ns), self._buttons.pressed
+        first, self._pressed = pressed and not self._pressed, pressed
+        if problem is None:
+            self._controller.interlocks.close(EMERGENCY_STOP)
+        else:
+            self._open(EMERGENCY_STOP, problem)
+        press = self._buttons.taken_press()
+        # pressed counts in every state, also if it is released again by now
+        if press or (first and self._controller.state not in POSSIBLE):
+            self._controller.stop(EMERGENCY_STOP, press or str(problem))
+
+    def _judge_operator(self, now_ns: int) -> None:
+        if self._authority.generation != self._watched_for:
+            # of an operator before this one
+            self._client.close()
+        if not self._authority.confirmed:
+            return
+        if self._client.ended:
+            problem: str | None = (
+                f'expected the process of {self._authority.operator} to run, got its end'
+            )
+        else:
+            problem = self._authority.problem(now_ns)
+        if problem is None or self._controller.state not in POSSIBLE:
+            return
+        if self._authority.released_enable(now_ns):
+            self._controller.disarm(problem)
+        else:
+            self._controller.stop(HEARTBEAT, problem)
+
+
+def says_released(data: bytes) -> bool:
+    """Return whether a serialized state of a button is one zero byte and nothing else."""
+    filled = data[_HEADER - 1] & _FILLED if len(data) >= _HEADER else 0
+    return data[_HEADER : len(data) - filled] == b'\0'

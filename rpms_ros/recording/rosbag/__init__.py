@@ -1,0 +1,3 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Rosbag2 recordings: reading, writing, verifying."""

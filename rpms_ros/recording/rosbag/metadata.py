@@ -1,0 +1,269 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""metadata.yaml, the table of contents of a recording (version 9 of rosbag2).
+
+metadata.yaml of any writer, believed only if it is whole and what it should be.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import dump_qos_v9
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.recording.rosbag.checksums import read_checksums, sha256
+from rpms_ros.recording.rosbag.records import Channel, Findings
+
+VERSION = 9
+NAME = 'metadata.yaml'
+KEY = 'rosbag2_bagfile_information'
+CRC_KEY = 'storage_crc32'
+"""Name in `custom_data` under which the CRC-32 of a sqlite3 file stands."""
+_NO_TIME = 2**63 - 1
+
+
+@dataclass
+class TopicEntry:
+    """A topic that is written.
+
+    Attributes
+    ----------
+    channel : Channel
+        Its name and type.
+    digest : str
+        Hash of the type.
+    qos : sequence of Qos
+        Quality of service that its publishers offer.
+    count : int
+        Number of messages so far.
+    """
+
+    channel: Channel
+    digest: str
+    qos: Sequence[Qos] = ()
+    count: int = 0
+
+
+def metadata_of(
+    file_name: str,
+    storage: str,
+    topics: Sequence[TopicEntry],
+    span_ns: tuple[int, int] | None,
+    custom: Mapping[str, str],
+) -> dict[str, Any]:
+    """Return the metadata of a recording with one file.
+
+    Parameters
+    ----------
+    file_name : str
+        Name of the storage file.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    topics : sequence of TopicEntry
+        What was written.
+    span_ns : (int, int) or None
+        First and last time of reception [ns]; None without messages.
+    custom : mapping of str to str
+        Notes for people.
+    """
+    first, last = span_ns or (_NO_TIME, _NO_TIME)
+    span = {
+        'starting_time': {'nanoseconds_since_epoch': first},
+        'duration': {'nanoseconds': last - first},
+        'message_count': sum(topic.count for topic in topics),
+    }
+    return {
+        'version': VERSION,
+        'storage_identifier': storage,
+        'relative_file_paths': [file_name],
+        **span,
+        'topics_with_message_count': _topics(topics),
+        'compression_format': '',
+        'compression_mode': '',
+        'files': [{'path': file_name, **span}],
+        'custom_data': dict(custom) or None,
+        'ros_distro': 'jazzy',
+    }
+
+
+def _topics(topics: Sequence[TopicEntry]) -> list[dict[str, Any]]:
+    """Return one entry a topic and type, however many publishers it has."""
+    counts: dict[tuple[str, str], int] = {}
+    first: dict[tuple[str, str], TopicEntry] = {}
+    for topic in topics:
+        key = topic.channel.topic, topic.channel.type_name
+        first.setdefault(key, topic)
+        counts[key] = counts.get(key, 0) + topic.count
+    return [_topic(topic, counts[key]) for key, topic in first.items()]
+
+
+def _topic(topic: TopicEntry, count: int) -> dict[str, Any]:
+    return {
+        'topic_metadata': {
+            'name': topic.channel.topic,
+            'type': topic.channel.type_name,
+            'serialization_format': topic.channel.serialization,
+            'offered_qos_profiles': dump_qos_v9(list(topic.qos)),
+            'type_description_hash': topic.digest,
+        },
+        'message_count': count,
+    }
+
+
+def qos_text(qos: Sequence[Qos]) -> str:
+    """Return profiles as rosbag2 writes them into a storage file."""
+    return as_yaml(dump_qos_v9(list(qos))) if qos else ''
+
+
+def as_yaml(document: object) -> str:
+    """Return a document as rosbag2 writes it."""
+    return yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what stands in two places twice, not once and a reference to it."""
+
+    def ignore_aliases(self, _data: object) -> bool:
+        return True
+
+
+# A recording with a thousand topics has a tenth of it [bytes].
+_LARGEST = 4_000_000
+_DEEPEST = 32
+_MOST_NODES = 100_000
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+_REQUIRED = (
+    (1, ('version', 'storage_identifier', 'relative_file_paths', 'duration', 'starting_time')),
+    (1, ('message_count', 'topics_with_message_count')),
+    (3, ('compression_format', 'compression_mode')),
+    (5, ('files',)),
+    (6, ('custom_data',)),
+    (8, ('ros_distro',)),
+)
+"""Keys that every version of rosbag2 writes from a version on."""
+_KINDS: dict[str, type | tuple[type, ...]] = {
+    'version': int,
+    'message_count': int,
+    'relative_file_paths': list,
+    'topics_with_message_count': list,
+    'custom_data': (dict, type(None)),
+}
+
+
+def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
+    """Return what metadata.yaml tells; nothing, and a fault, if it is missing or damaged."""
+    if not path.exists():
+        findings.add('missing_metadata', f'{path.name} is missing: read without it')
+        return {}
+    try:
+        metadata = checked(loaded(regular_text(path))[KEY])
+    except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError) as error:
+        return _left_aside(path, error, findings)
+    except (OSError, RecordingError, RecursionError, TypeError, ValueError) as error:
+        return _left_aside(path, error, findings)
+    _check_sum(path, findings)
+    return metadata
+
+
+def _left_aside(path: Path, error: Exception, findings: Findings) -> dict[str, Any]:
+    reason = (str(error).splitlines() or [type(error).__name__])[0]
+    findings.add('damaged_metadata', f'{path.name} left aside: {reason}')
+    return {}
+
+
+def regular_text(path: Path) -> str:
+    """Return the text of a file that is neither a pipe nor larger than any description.
+
+    Raises
+    ------
+    RecordingError
+        If it is one of these.
+    OSError, ValueError
+        If it cannot be read.
+    """
+    if not path.is_file() or path.stat().st_size > _LARGEST:
+        raise RecordingError(f'expected a regular file of {_LARGEST} bytes at most')
+    return path.read_text('utf-8')
+
+
+def loaded(text: str) -> Any:
+    """Return a YAML document, if it is neither too deep nor too large with all aliases resolved.
+
+    An alias stands for the content of its anchor: a few nested ones stand for more than a memory
+    holds.  The loader calls itself for every level: thousands of them end the process.
+
+    Raises
+    ------
+    RecordingError
+        If it is too deep or too large.
+    yaml.YAMLError, ValueError
+        If it is no YAML.
+    """
+    sizes: dict[str | None, int] = {}
+    open_nodes: list[tuple[str | None, int]] = [(None, 0)]
+    total = 0
+    for event in yaml.parse(text, _LOADER):
+        if isinstance(event, yaml.AliasEvent):
+            # An anchor that is not closed yet would contain itself.
+            total += sizes.get(event.anchor, _MOST_NODES)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, begun = open_nodes.pop()
+            if anchor:
+                sizes[anchor] = total - begun
+        elif isinstance(event, yaml.NodeEvent):
+            if isinstance(event, yaml.CollectionStartEvent):
+                open_nodes.append((event.anchor, total))
+            elif event.anchor:
+                sizes[event.anchor] = 1
+            total += 1
+        if len(open_nodes) > _DEEPEST or total > _MOST_NODES:
+            raise RecordingError(f'expected at most {_DEEPEST} levels and {_MOST_NODES} entries')
+    return yaml.load(text, _LOADER)
+
+
+def checked(metadata: Any) -> dict[str, Any]:
+    """Return metadata that have all keys of their version, with values that can be used.
+
+    Raises
+    ------
+    RecordingError
+        If something is missing: the file may have been cut off between two keys.
+    """
+    if not isinstance(metadata, dict):
+        raise RecordingError(f'expected a mapping, got {type(metadata).__name__}')
+    for name, kind in _KINDS.items():
+        if name in metadata and not isinstance(metadata[name], kind):
+            raise RecordingError(f'expected another {name}, got {metadata[name]!r:.80}')
+    version = metadata['version']
+    missing = [
+        name
+        for since, names in _REQUIRED
+        for name in names
+        if version >= since and name not in metadata
+    ]
+    if missing:
+        raise RecordingError(f'expected {", ".join(missing)}, got no such entry')
+    for entry in metadata['topics_with_message_count']:
+        _expect_text(entry['topic_metadata']['name'], entry['topic_metadata']['type'])
+    _expect_text(*metadata['relative_file_paths'])
+    return metadata
+
+
+def _expect_text(*values: object) -> None:
+    if wrong := [value for value in values if not isinstance(value, str)]:
+        raise RecordingError(f'expected names as text, got {wrong[0]!r:.80}')
+
+
+def _check_sum(path: Path, findings: Findings) -> None:
+    """Compare metadata.yaml with SHA256SUMS; the storage files have quicker checksums."""
+    try:
+        sums = read_checksums(path.parent)
+    except (OSError, RecordingError) as error:
+        findings.add('wrong_checksum', str(error))
+        return
+    if sums is not None and sums.get(path.name) != sha256(path):
+        findings.add('wrong_checksum', f'{path.name} is not what was written: its SHA-256 differs')

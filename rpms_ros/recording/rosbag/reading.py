@@ -1,0 +1,480 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A recording as arrays of pulses and forces.
+
+Messages of a topic by who published them: those that count, and those of others.
+
+Schedules that a driver accepted, as a recording has them.
+
+One hash of everything in a session that an estimator is fed with.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.serde import SerdeError
+
+from rpms_ros.axis import FORCE, UNITS
+from rpms_ros.errors import RecordingError
+from rpms_ros.identification.stream.first_publisher import counting
+from rpms_ros.identification.stream.recorded_order import NO_FOREIGN, Foreign
+from rpms_ros.identification.stream.stream_input import StreamSettings
+from rpms_ros.printable import counted, printable
+from rpms_ros.pulses import (
+    NANOSECONDS_PER_SECOND,
+    BoolArray,
+    FloatArray,
+    ForceTrace,
+    IntArray,
+    PulseTrain,
+    nanoseconds,
+)
+from rpms_ros.recording.rosbag.definitions import direction_of, force_along, types_of
+from rpms_ros.recording.rosbag.records import Budget, Channel, Findings, Records
+from rpms_ros.recording.rosbag.scan import Progress, Scan, TopicFacts
+from rpms_ros.recording.rosbag.topic_reading import (
+    PULSE_TYPES,
+    SENSOR_TYPES,
+    TopicReading,
+    TopicValues,
+)
+from rpms_ros.schema import documented
+
+
+def listened(
+    values: TopicValues, findings: Findings, name: str
+) -> tuple[TopicValues, TopicValues | None]:
+    """Return the messages that an identifier listens to, and those of others if there are any.
+
+    The others are noted among the findings, under the name of the topic.
+    """
+    if values.publisher is None:
+        return values, None
+    silence_ns = nanoseconds(StreamSettings().longest_gap)
+    own = counting(values.publisher, values.stamp_ns(), silence_ns)
+    count = int(np.count_nonzero(~own))
+    if not count:
+        return values, None
+    remark = f'{count} messages of another publisher of {name} left out'
+    findings.add('several_publishers', remark, count)
+    return _chosen(values, own), _chosen(values, ~own)
+
+
+def foreign_messages(
+    force: TopicValues, other_forces: TopicValues | None, other_pulses: TopicValues | None
+) -> Foreign:
+    """Return what came of others among the samples that count."""
+    nothing = NO_FOREIGN.onset_ns
+    return Foreign(
+        nothing if other_forces is None else np.searchsorted(force.place, other_forces.place),
+        nothing if other_pulses is None else other_pulses.stamp_ns(),
+        nothing if other_pulses is None else samples_before(other_pulses, force),
+    )
+
+
+def samples_before(messages: TopicValues, force: TopicValues) -> IntArray:
+    """Return how many samples were received before each message (messages,) of another topic.
+
+    Where the clock of reception was set back, only the order of the recording tells.  Otherwise
+    the times do, since a recording may also have been written one topic after the other; a pulse
+    comes before a sample of the same time.
+    """
+    rising = all((np.diff(topic.received_ns) >= 0).all() for topic in (messages, force))
+    if rising:
+        return np.searchsorted(force.received_ns, messages.received_ns, side='left')
+    return np.searchsorted(force.place, messages.place)
+
+
+def _chosen(values: TopicValues, chosen: BoolArray) -> TopicValues:
+    return replace(
+        values,
+        number={path: column[chosen] for path, column in values.number.items()},
+        received_ns=values.received_ns[chosen],
+        place=values.place[chosen],
+        publisher=None,
+    )
+
+
+ACCEPTED_SCHEDULE = 'rpms_msgs/msg/AcceptedSchedule'
+_MOST = 1000
+_LONGEST_NAME = 200
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedSchedule:
+    """A schedule that a driver accepted."""
+
+    name: str = documented('what people call it')
+    sha256: str = documented('hash of its text, computed from the text in the recording')
+    pulses: int = documented('that it stands for')
+    duration_s: float = documented('[s]')
+    operator: str = documented('who asked for it; empty where nobody is asked for')
+    accepted_ns: int = documented('stamp of its acceptance [ns]')
+
+    def __str__(self) -> str:
+        who = f', started by {self.operator}' if self.operator else ''
+        pulses = counted(self.pulses, 'pulse')
+        return f'{self.name}, {pulses}, {self.duration_s:g} s{who}, sha256 {self.sha256}'
+
+
+class ScheduleReading:
+    """Collects the schedules while a recording is read.
+
+    Parameters
+    ----------
+    findings : Findings
+        Where faults are noted.
+    budget : Budget
+        What reading may take.
+    """
+
+    def __init__(self, findings: Findings, budget: Budget) -> None:
+        self._findings = findings
+        self._budget = budget
+        self._found: list[RecordedSchedule] = []
+
+    @property
+    def schedules(self) -> tuple[RecordedSchedule, ...]:
+        """What was found, in the order of the recording."""
+        return tuple(self._found)
+
+    def take(self, channel: Channel, records: Records) -> None:
+        """Keep the schedules among these messages."""
+        if channel.type_name != ACCEPTED_SCHEDULE:
+            return
+        try:
+            types = types_of(channel.type_name, channel.definition, channel.definition_encoding)
+        except RecordingError as error:
+            self._findings.add('undecodable_message', str(error), len(records))
+            return
+        for index in range(len(records)):
+            try:
+                message = types.deserialize_cdr(records.message(index), channel.type_name)
+                self._keep(channel.topic, message)
+            except (SerdeError, AttributeError, IndexError, TypeError, ValueError) as error:
+                reason = f'{channel.topic}: expected a schedule, got {type(error).__name__}'
+                self._findings.add('undecodable_message', reason)
+
+    def _keep(self, topic: str, message: Any) -> None:
+        found = _schedule_of(message)
+        if found.sha256 != str(message.sha256):
+            self._findings.add(
+                'altered_schedule',
+                f'{topic}: the text of {found.name} is not the one whose hash was recorded',
+            )
+        if len(self._found) < _MOST:
+            self._budget.keep(1)
+            self._found.append(found)
+        else:
+            self._findings.add('too_many_schedules', f'{topic}: more than {_MOST} schedules')
+
+
+def _schedule_of(message: Any) -> RecordedSchedule:
+    text = str(message.schedule).encode('utf-8', 'surrogateescape')
+    stamp = message.header.stamp
+    return RecordedSchedule(
+        name=printable(str(message.name))[:_LONGEST_NAME],
+        sha256=hashlib.sha256(text).hexdigest(),
+        pulses=int(message.pulses),
+        duration_s=float(message.duration),
+        operator=printable(str(message.operator_id))[:_LONGEST_NAME],
+        accepted_ns=int(stamp.sec) * NANOSECONDS_PER_SECOND + int(stamp.nanosec),
+    )
+
+
+DEFAULT_FRAME = 'force_sensor'
+DAMAGE = {
+    'damaged_chunk',
+    'damaged_record',
+    'missing_file',
+    'truncated_file',
+    'undecodable_message',
+    'unreadable_file',
+}
+"""Faults of a recording of which a part is lost."""
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Names of the topics of a recording.
+
+    A name without a leading slash also fits below any one namespace: ``force`` is ``/force``, or
+    ``/left_leg/force`` if that is the only one.
+    """
+
+    pulses: str = 'pulses'
+    force: str = 'force'
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """What a recording tells about itself.
+
+    Attributes
+    ----------
+    path : Path
+        Folder or file.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    topics : tuple of TopicFacts
+        All topics, by name.
+    frame_ids : mapping of str to tuple of str
+        Frame ids of ``pulses`` and ``force``.
+    custom : mapping of str to str
+        What the writer noted for people.
+    faults : mapping of str to int
+        Faults of the recording by kind.
+    remarks : tuple of str
+        One line on each.
+    files : tuple of str
+        Names of the storage files.
+    schedules : tuple of RecordedSchedule
+        Schedules that a driver accepted.
+    """
+
+    path: Path
+    storage: str
+    topics: tuple[TopicFacts, ...]
+    frame_ids: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    custom: Mapping[str, str] = field(default_factory=dict)
+    faults: Mapping[str, int] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    schedules: tuple[RecordedSchedule, ...] = ()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Pulses and forces in the order in which they were received.
+
+    Of several publishers of a topic, those of the one that the identifier listens to: the first,
+    until it has been silent for a second.
+
+    Attributes
+    ----------
+    pulses : PulseTrain
+        Delivered pulses.
+    forces : ForceTrace
+        Force samples.
+    pulse_received_ns : ndarray of int64, shape (pulses,)
+        When each pulse was received [ns].
+    force_received_ns : ndarray of int64, shape (samples,)
+        When each sample was received [ns].
+    samples_before_pulse : ndarray of int64, shape (pulses,)
+        How many samples had been received when each pulse was.
+    facts : RecordingFacts
+        Everything else.
+    quantity : str
+        What the sensor measured: ``force`` [N], or ``torque``, then the forces are in N m.
+    foreign : Foreign
+        What came of other publishers.
+    """
+
+    pulses: PulseTrain
+    forces: ForceTrace
+    pulse_received_ns: IntArray
+    force_received_ns: IntArray
+    samples_before_pulse: IntArray
+    facts: RecordingFacts
+    quantity: str = FORCE
+    foreign: Foreign = NO_FOREIGN
+
+    @property
+    def unit(self) -> str:
+        """Unit of the forces: ``N`` or ``N m``."""
+        return UNITS[self.quantity]
+
+    @property
+    def loss(self) -> str | None:
+        """What damage has cost, in words; None for an undamaged recording."""
+        if not DAMAGE & self.facts.faults.keys():
+            return None
+        steps = np.diff(np.sort(self.forces.stamp_ns))
+        gaps = steps[steps > 2 * np.median(steps)] if len(steps) else steps
+        share = 100.0 * float(gaps.sum()) / max(float(steps.sum()), 1.0)
+        return (
+            f'the recording is damaged: {share:.2g} % of the time between first and last sample '
+            f'has no force, up to {gaps.max(initial=0) * 1e-9:.3g} s at once'
+        )
+
+
+def read_facts(
+    path: Path | str, progress: Progress | None = None, memory: int | None = None
+) -> RecordingFacts:
+    """Return what a recording holds, without decoding it; parameters as of `read_recording`.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read.
+    """
+    scan = Scan(Path(path), memory)
+    schedules = ScheduleReading(scan.findings, scan.budget)
+    for channel, records in scan.blocks(progress):
+        schedules.take(channel, records)
+    return _facts(scan, schedules)
+
+
+def read_recording(
+    path: Path | str,
+    topics: Topics | None = None,
+    axis: str | Sequence[float] = 'z',
+    sign: int = 1,
+    progress: Progress | None = None,
+    memory: int | None = None,
+    quantity: str = FORCE,
+) -> Recording:
+    """Return pulses and forces of a recording.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder or storage file of rosbag2: mcap or sqlite3.
+    topics : Topics, optional
+        Their names.
+    axis : str or sequence of float
+        Axis of a wrench: ``x``, ``y``, ``z`` or a direction.
+    sign : int
+        1, or -1 where the sensor shows the muscle's pull as negative.
+    progress : callable, optional
+        Is told how many messages were read.
+    memory : int, optional
+        What reading may take [bytes]; 1 GB and four times the size of the recording if it is not
+        given.
+    quantity : str
+        What of a wrench is read: ``force``, or ``torque``, as an isometric dynamometer measures.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read or lacks pulses or forces.
+    """
+    topics = topics or Topics()
+    direction = direction_of(axis)
+    if sign not in (1, -1):
+        raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
+    if quantity not in SENSOR_TYPES:
+        raise RecordingError(f'expected a quantity of {", ".join(SENSOR_TYPES)}, got {quantity}')
+    types = SENSOR_TYPES[quantity]
+    scan = Scan(Path(path), memory)
+    pulses = TopicReading(topics.pulses, PULSE_TYPES)
+    force = TopicReading(
+        topics.force, {kind: fields.along(direction) for kind, fields in types.items()}
+    )
+    schedules = ScheduleReading(scan.findings, scan.budget)
+    for channel, records in scan.blocks(progress):
+        schedules.take(channel, records)
+        scan.budget.keep(pulses.take(channel, records) + force.take(channel, records))
+    if not any(facts.count for facts in scan.topics.values()):
+        raise RecordingError(f'expected messages in {path}, got none')
+    all_pulses, all_forces = pulses.values(scan), force.values(scan)
+    pulse_values, other_pulses = listened(all_pulses, scan.findings, 'pulses')
+    force_values, other_forces = listened(all_forces, scan.findings, 'force')
+    return Recording(
+        _pulse_train(pulse_values),
+        _force_trace(force_values, direction, sign, types[force_values.type_name].values),
+        pulse_values.received_ns,
+        force_values.received_ns,
+        samples_before(pulse_values, force_values),
+        _facts(
+            scan,
+            schedules,
+            {'pulses': all_pulses.frame_ids, 'force': all_forces.frame_ids},
+        ),
+        quantity,
+        foreign_messages(force_values, other_forces, other_pulses),
+    )
+
+
+def held_bytes(recording: Recording) -> int:
+    """Return what the arrays of a recording take [bytes]."""
+    pulses, forces = recording.pulses, recording.forces
+    foreign = recording.foreign
+    arrays = (
+        *(foreign.samples_before_sample, foreign.onset_ns, foreign.samples_before_pulse),
+        *(pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width),
+        *(forces.stamp_ns, forces.force),
+        *(recording.pulse_received_ns, recording.force_received_ns),
+        recording.samples_before_pulse,
+    )
+    return sum(array.nbytes for array in arrays)
+
+
+def _facts(
+    scan: Scan,
+    schedules: ScheduleReading,
+    frame_ids: Mapping[str, tuple[str, ...]] | None = None,
+) -> RecordingFacts:
+    return RecordingFacts(
+        scan.path,
+        scan.files.storage,
+        tuple(scan.topics[key] for key in sorted(scan.topics)),
+        frame_ids or {},
+        scan.files.custom,
+        dict(scan.findings.counts),
+        tuple(scan.findings.remarks),
+        tuple(path.name for path in scan.files.paths),
+        schedules.schedules,
+    )
+
+
+def _pulse_train(values: TopicValues) -> PulseTrain:
+    return PulseTrain(
+        values.stamp_ns(),
+        values.number['intensity'],
+        values.number['sequence'].astype(np.int64),
+        values.number['width'],
+    )
+
+
+def _force_trace(
+    values: TopicValues, direction: FloatArray, sign: int, fields: tuple[str, ...]
+) -> ForceTrace:
+    # Components across the axis were not read.
+    nothing = np.empty(0)
+    components = [np.asarray(values.number.get(path, nothing), np.float64) for path in fields]
+    force = (
+        force_along(direction, components, float(sign))
+        if len(components) == 3
+        else sign * components[0]
+    )
+    frame_id = values.frame_ids[0] if values.frame_ids else DEFAULT_FRAME
+    return ForceTrace(values.stamp_ns(), force, frame_id)
+
+
+_NAME = b'rpms_ros session 1'
+
+
+def session_hash(recording: Recording) -> str:
+    """Return the SHA-256 of a session as hexadecimal digits.
+
+    It covers stamps, intensities, numbers and widths of all pulses, stamps and forces of all
+    samples, and the order in which they were received among each other.  It depends neither on
+    the storage nor on names, frames and times of reception: a copy in another format has the
+    same.  A result with this hash was made from these numbers.
+
+    Parameters
+    ----------
+    recording : Recording
+        The session, as it was read: along one axis, with one sign.
+    """
+    pulses, forces = recording.pulses, recording.forces
+    columns: tuple[tuple[npt.NDArray[np.generic], str], ...] = (
+        (pulses.onset_ns, '<i8'),
+        (pulses.intensity, '<f8'),
+        (pulses.sequence, '<i8'),
+        (pulses.width, '<f8'),
+        (forces.stamp_ns, '<i8'),
+        (forces.force, '<f8'),
+        (recording.samples_before_pulse, '<i8'),
+    )
+    digest = hashlib.sha256(_NAME)
+    for column, kind in columns:
+        digest.update(len(column).to_bytes(8, 'little'))
+        digest.update(np.ascontiguousarray(column, kind).tobytes())
+    return digest.hexdigest()

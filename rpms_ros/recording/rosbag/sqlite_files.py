@@ -1,0 +1,389 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Topics and raw messages of a sqlite3 file of rosbag2, complete, hot or cut off.
+
+Messages out of a sqlite3 file, thousands at a time.
+
+A row that becomes Python objects costs a microsecond.  Concatenated by SQLite, a batch is a few
+objects: the data of all its rows in one, and their lengths, times, topics and ids as text.  Every
+aggregate of a query sees the rows in the same order, whichever it is, and the ids tell it.  A
+batch that does not add up, or is damaged, is read row by row.
+
+A sqlite3 file of rosbag2; what was committed survives a killed writer.
+"""
+
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import apsw
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import IntArray
+from rpms_ros.recording.rosbag.metadata import VERSION, TopicEntry, qos_text
+from rpms_ros.recording.rosbag.records import Batch, Budget, Channel, Findings, Records
+
+_ROWS = 8192
+_SINGLE_ROWS = 1000
+# Larger batches, as of images beside the force, are read row by row.
+_LARGEST = 1 << 25
+_RANGE = 'FROM messages WHERE id BETWEEN ? AND ?'
+_NEXT = 'SELECT min(id) FROM messages WHERE id > ?'
+_PACKED = (
+    "SELECT CAST(group_concat(data, '') AS BLOB), group_concat(length(data)), "
+    f'group_concat(timestamp), group_concat(topic_id), group_concat(id) {_RANGE}'
+)
+_SINGLE = f'SELECT topic_id, timestamp, data {_RANGE} ORDER BY id'
+_LAST_ID = 2**63 - 1
+
+
+def batches(connection: apsw.Connection) -> Iterator[Batch]:
+    """Yield messages in the order of their ids.
+
+    Raises
+    ------
+    apsw.Error
+        Where the file is damaged, after what comes before it.
+    """
+    begin = _one(connection, 'SELECT min(id) FROM messages')[0]
+    while begin is not None:
+        end = min(begin + _ROWS - 1, _LAST_ID)
+        packed = _packed(connection, begin, end)
+        if packed is None:
+            yield from _singly(connection, begin, end)
+        else:
+            yield packed
+        begin = _one(connection, _NEXT, end)[0]
+
+
+def _one(connection: apsw.Connection, query: str, *values: int) -> tuple[Any, ...]:
+    return tuple(connection.execute(query, values).fetchall()[0])
+
+
+def _packed(connection: apsw.Connection, begin: int, end: int) -> Batch | None:
+    """Return a batch, or None if it has to be read row by row."""
+    usual = connection.limit(apsw.SQLITE_LIMIT_LENGTH, _LARGEST)
+    try:
+        data, *texts = _one(connection, _PACKED, begin, end)
+    except apsw.Error:
+        return None
+    finally:
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, usual)
+    if data is None or None in texts:
+        return None
+    length, time_ns, topic, number = (np.fromstring(text, np.int64, sep=',') for text in texts)
+    same = len(length) == len(time_ns) == len(topic) == len(number)
+    if not same or length.sum() != len(data):
+        return None
+    stop = np.cumsum(length)
+    records = Records(np.frombuffer(data, np.uint8), stop - length, stop, time_ns)
+    order = np.argsort(number, kind='stable')
+    return Batch(topic[order], records.select(order))
+
+
+def _singly(connection: apsw.Connection, begin: int, end: int) -> Iterator[Batch]:
+    cursor = connection.execute(_SINGLE, (begin, end))
+    while True:
+        rows: list[tuple[Any, ...]] = []
+        try:
+            rows.extend(islice(cursor, _SINGLE_ROWS))
+        except apsw.Error:
+            if rows:
+                yield _of_rows(rows)
+            raise
+        if not rows:
+            return
+        yield _of_rows(rows)
+
+
+def _of_rows(rows: list[tuple[Any, ...]]) -> Batch:
+    """Return rows as a batch; what is not of its type cannot be decoded, or belongs nowhere."""
+    topics, times, messages = zip(*rows, strict=True)
+    data = [message if isinstance(message, bytes) else b'' for message in messages]
+    return Batch(_whole(topics), Records.of(data, _whole(times)))
+
+
+def _whole(values: tuple[Any, ...]) -> IntArray:
+    return np.array([value if isinstance(value, int) else -1 for value in values], np.int64)
+
+
+MAGIC = b'SQLite format 3\0'
+JOURNALS = ('-journal', '-wal')
+# A topic as objects, without its texts [bytes].
+_ROW = 1000
+
+
+class SqliteFile:
+    """A sqlite3 file of rosbag2.
+
+    A writer that was killed leaves a journal: the last whole state needs it.  Recovery writes,
+    so it is done on a copy, and the recording stays as it was.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    findings : Findings
+        Where faults are noted.
+    budget : Budget
+        What reading may take.
+
+    Attributes
+    ----------
+    channels : dict of int to Channel
+        Channels by number; empty before the first batch was asked for.
+
+    Raises
+    ------
+    RecordingError
+        If the file is empty, no sqlite3 file, or not one of rosbag2.
+    """
+
+    def __init__(self, path: Path, findings: Findings, budget: Budget) -> None:
+        self._path = path
+        self._findings = findings
+        self._budget = budget
+        self.channels: dict[int, Channel] = {}
+        with path.open('rb') as file:
+            magic = file.read(len(MAGIC))
+        if magic != MAGIC:
+            found = repr(magic) if magic else 'an empty file'
+            raise RecordingError(f'expected a sqlite3 file at {path}, got {found}')
+
+    def batches(self) -> Iterator[Batch]:
+        """Yield the messages in the order of the file."""
+        hot = [name for name in JOURNALS if _size(_beside(self._path, name))]
+        size, promised = _size(self._path), _promised_size(self._path)
+        if not hot and size >= promised:
+            yield from self._read(f'{self._path.resolve().as_uri()}?mode=ro&immutable=1')
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder, self._path.name)
+            shutil.copyfile(self._path, copy)
+            if hot:
+                self._findings.add(
+                    'hot_journal',
+                    f'{self._path.name} was not closed: recovered from its {hot[0][1:]}',
+                )
+                for name in hot:
+                    shutil.copyfile(_beside(self._path, name), _beside(copy, name))
+            else:
+                self._findings.add(
+                    'truncated_file', f'{self._path.name} has {size} of {promised} bytes'
+                )
+                # Half a page would read as messages full of zeros.
+                os.truncate(copy, size - size % _page_size(self._path))
+            yield from self._read(copy.as_uri(), cut_off=not hot)
+
+    def _read(self, uri: str, cut_off: bool = False) -> Iterator[Batch]:
+        flags = apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_URI
+        try:
+            with closing(apsw.Connection(uri, flags)) as connection:
+                if cut_off:
+                    # Lets SQLite open a file that is shorter than its header says.
+                    connection.execute('PRAGMA writable_schema = ON')
+                _expect_tables(connection)
+                self.channels = _channels(connection, self._budget)
+                if not cut_off and not _is_finished(connection):
+                    self._findings.add(
+                        'truncated_file', f'{self._path.name} has no end: its writer stopped'
+                    )
+                yield from self._messages(connection)
+        except (apsw.Error, TypeError, ValueError) as error:
+            raise RecordingError(
+                f'expected tables of rosbag2 in {self._path}, got {error}'
+            ) from error
+
+    def _messages(self, connection: apsw.Connection) -> Iterator[Batch]:
+        try:
+            yield from batches(connection)
+        except (apsw.Error, ValueError) as error:
+            self._findings.add(
+                'truncated_file', f'{self._path.name} cannot be read to its end: {error}'
+            )
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    return path.with_name(path.name + suffix)
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
+def _page_size(path: Path) -> int:
+    """Return the page size that the header states [bytes]; 1 stands for 65536."""
+    with path.open('rb') as file:
+        size = int.from_bytes(file.read(18)[16:], 'big')
+    return 65536 if size < 2 else size
+
+
+def _promised_size(path: Path) -> int:
+    """Return the size of the file that the header states [bytes]."""
+    with path.open('rb') as file:
+        return int.from_bytes(file.read(32)[28:], 'big') * _page_size(path)
+
+
+def _expect_tables(connection: apsw.Connection) -> None:
+    """Refuse views and virtual tables, which may have rows without end."""
+    kinds = dict(connection.execute('SELECT name, type FROM sqlite_master ORDER BY type'))
+    virtual = [
+        name
+        for (name,) in connection.execute(
+            "SELECT name FROM sqlite_master WHERE sql LIKE 'create virtual%'"
+        )
+    ]
+    for name in ('topics', 'messages', 'message_definitions', 'publishers', 'metadata', 'schema'):
+        if kinds.get(name, 'table') != 'table' or name in virtual:
+            raise apsw.SQLError(f'{name} is no plain table')
+
+
+def _is_finished(connection: apsw.Connection) -> bool:
+    """Tell whether the writer came to its end, where it says so behind the last message."""
+    tables = {name for (name,) in connection.execute('SELECT name FROM sqlite_master')}
+    return 'metadata' not in tables or bool(
+        connection.execute('SELECT count(*) FROM metadata').fetchall()[0][0]
+    )
+
+
+def _channels(connection: apsw.Connection, budget: Budget) -> dict[int, Channel]:
+    definitions: dict[str, tuple[str, str]] = {}
+    tables = {name for (name,) in connection.execute('SELECT name FROM sqlite_master')}
+    if 'message_definitions' in tables:
+        query = 'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions'
+        definitions = {
+            name: (text, encoding) for name, text, encoding in _rows(connection, query, budget)
+        }
+    publishers: dict[int, str] = {}
+    if 'publishers' in tables:
+        query = (
+            "SELECT topic_id, identity FROM publishers WHERE typeof(identity) = 'text' "
+            'AND topic_id IN (SELECT id FROM topics)'
+        )
+        publishers = dict(_rows(connection, query, budget))
+    query = 'SELECT id, name, type, serialization_format FROM topics'
+    return {
+        number: Channel(
+            topic,
+            kind,
+            *definitions.get(kind, ('', 'ros2msg')),
+            serialization,
+            publishers.get(number, ''),
+        )
+        for number, topic, kind, serialization in _rows(connection, query, budget)
+    }
+
+
+def _rows(connection: apsw.Connection, query: str, budget: Budget) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of a query, each of which is kept; a row costs more than its texts."""
+    for row in connection.execute(query):
+        budget.hold(_ROW + sum(len(value) for value in row if isinstance(value, str | bytes)))
+        yield row
+
+
+# The tables of rosbag2's version 4, besides who published, and behind them who wrote them.
+_TABLES = """
+PRAGMA journal_mode = WAL;
+PRAGMA synchronous = NORMAL;
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(
+  id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
+CREATE TABLE topics(
+  id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+  serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL,
+  type_description_hash TEXT NOT NULL);
+CREATE TABLE message_definitions(
+  id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
+  encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE publishers(topic_id INTEGER PRIMARY KEY, identity TEXT NOT NULL);
+CREATE TABLE messages(
+  id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
+  data BLOB NOT NULL);
+INSERT INTO schema VALUES (4, 'jazzy');
+"""
+# About a megabyte of force samples in one transaction.
+_MOST_WAITING = 8192
+
+
+class SqliteFileWriter:
+    """Writer of one sqlite3 file.
+
+    rosbags' writer commits only at its end: a killed process would leave nothing.
+
+    Parameters
+    ----------
+    path : Path
+        File that does not exist yet.
+    """
+
+    suffix = '.db3'
+
+    def __init__(self, path: Path, _compression: str = '') -> None:
+        self._connection = sqlite3.connect(path, check_same_thread=False)
+        self._connection.executescript(_TABLES)
+        self._types: set[str] = set()
+        self._waiting: list[tuple[int, int, bytes | memoryview]] = []
+
+    def add_topic(self, topic: TopicEntry) -> int:
+        """Return the number of a new topic."""
+        channel = topic.channel
+        if channel.type_name not in self._types:
+            self._types.add(channel.type_name)
+            self._connection.execute(
+                'INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, ?)',
+                (channel.type_name, channel.definition_encoding, channel.definition, topic.digest),
+            )
+        cursor = self._connection.execute(
+            'INSERT INTO topics VALUES (NULL, ?, ?, ?, ?, ?)',
+            (
+                channel.topic,
+                channel.type_name,
+                channel.serialization,
+                qos_text(topic.qos),
+                topic.digest,
+            ),
+        )
+        number = int(cursor.lastrowid or 0)
+        if channel.publisher:
+            row = (number, channel.publisher)
+            self._connection.execute('INSERT INTO publishers VALUES (?, ?)', row)
+        self._connection.commit()
+        return number
+
+    def append(self, topic: int, time_ns: int, message: bytes | memoryview) -> None:
+        """Take one message; it is written with the next `flush`, or earlier if many wait."""
+        self._waiting.append((topic, time_ns, message))
+        if len(self._waiting) >= _MOST_WAITING:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits, and commit it."""
+        waiting, self._waiting = self._waiting, []
+        self._connection.executemany('INSERT INTO messages VALUES (NULL, ?, ?, ?)', waiting)
+        self._connection.commit()
+
+    def finish(self, metadata: str) -> None:
+        """Write what waits, the metadata and the index, and close the file."""
+        try:
+            self.flush()
+            self._connection.execute(
+                'INSERT INTO metadata VALUES (NULL, ?, ?)', (VERSION, metadata)
+            )
+            self._connection.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
+            self._connection.commit()
+            # One file at rest, as ros2 bag leaves it.
+            self._connection.execute('PRAGMA journal_mode = DELETE')
+        finally:
+            self._connection.close()
+
+    def abandon(self) -> None:
+        """Close the file without metadata: readers then see that something is missing."""
+        with suppress(sqlite3.Error):
+            self._connection.close()

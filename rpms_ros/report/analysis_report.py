@@ -1,0 +1,360 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The analysis of a muscle as one JSON object: SI units, rates in Hz; missing numbers are null.
+
+The analysis of a recording as a list for people, and of several as tables with a row each.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rpms_ros.axis import QUANTITIES
+from rpms_ros.identification.analysis import (
+    FieldAnalysis,
+    MuscleAnalysis,
+    SummationAnalysis,
+    TwitchAnalysis,
+)
+from rpms_ros.identification.analysis.dynamics import HISTORY_LAW, TrainDynamics, train_dynamics
+from rpms_ros.identification.analysis.latency import LatencyTable
+from rpms_ros.identification.analysis.recruitment_field import Interval
+from rpms_ros.identification.analysis.summation import TrainAnalysis
+from rpms_ros.report.text import labelled, table, with_interval
+from rpms_ros.schema import plain
+
+Document = dict[str, Any]
+_SPREADS = 'latency latency_spread time_constant time_constant_spread'
+_MODELS = ('equal', 'gains', 'law')
+
+
+def analysis_document(analysis: MuscleAnalysis) -> Document:
+    """Return all results without the traces."""
+    clocks = analysis.artifacts
+    document: Document = plain(
+        {
+            **_fields(analysis, 'contents pulses samples sample_rate_hz noise unit'),
+            'clocks': clocks
+            and {
+                'artifacts_found': clocks.found,
+                'artifacts': clocks.count,
+                'artifact_after_stamp': clocks.median_offset,
+                'spread': clocks.spread,
+                'clock_offset': clocks.clock_offset,
+            },
+            'twitches': analysis.twitches and _twitches(analysis.twitches),
+            'dynamics': train_dynamics(analysis),
+            'summation': analysis.summation and _summation(analysis.summation),
+            'steady': analysis.steady,
+            'recruitment': analysis.recruitment and _field(analysis.recruitment),
+            'findings': analysis.findings,
+        }
+    )
+    return document
+
+
+def _fields(value: object, names: str) -> Document:
+    return {name: getattr(value, name) for name in names.split()}
+
+
+def _twitches(found: TwitchAnalysis) -> Document:
+    names = 'rejected shared time_constant time_constant_spread latency crossing_latency'
+    return {'count': len(found.fits), 'order': found.choice, **_fields(found, names)}
+
+
+def _summation(found: SummationAnalysis) -> Document:
+    return {
+        'count': len(found.trains),
+        **_fields(found, f'order rejected {_SPREADS} onsets law'),
+        'mean_fit': {model: found.mean_fit(model) for model in _MODELS},
+        'mean_fit_held_out': {model: found.mean_fit(model, held_out=True) for model in _MODELS},
+        'trains': [_train(train) for train in found.trains],
+    }
+
+
+def _train(train: TrainAnalysis) -> Document:
+    return {
+        'rate_hz': train.rate_hz,
+        'pulses': len(train.response.onset),
+        'intensity': train.response.intensity,
+        'held_out': train.held_out,
+        'fit': {model: getattr(getattr(train, model), 'fit', None) for model in _MODELS},
+        **_fields(train.equal, 'latency time_constant'),
+        'gain': train.equal.gains[0],
+        'gains': train.gains.gains,
+    }
+
+
+def _field(found: FieldAnalysis) -> Document:
+    names = 'maximum_force rates_fitted residual worst_interval shape_difference'
+    return {
+        **_fields(found, f'{names} monotone_intensity monotone_share'),
+        'parameters': dict(found.parameters),
+        'by_intensity': found.recruitment.by_intensity,
+        'by_rate': found.recruitment.by_rate,
+        'levels': len(found.points),
+    }
+
+
+Row = tuple[str, str]
+Columns = dict[str, str]
+NOTHING = '-'
+
+
+def analysis_text(analyses: Sequence[MuscleAnalysis], names: Sequence[str]) -> str:
+    """Return all results of one recording, or the main results of several.
+
+    Several are shown as one table for each kind of stimulation, with a row for each recording.
+    """
+    if len(analyses) == 1:
+        return f'{names[0]}\n{labelled(_rows(analyses[0]))}'
+    kinds: tuple[tuple[str, Callable[[MuscleAnalysis], Columns]], ...] = (
+        ('recording', _force_columns),
+        ('twitches', _twitch_columns),
+        ('trains', _train_columns),
+        ('recruitment', _field_columns),
+    )
+    return '\n\n'.join(
+        text
+        for heading, columns_of in kinds
+        if (text := _table(heading, names, [columns_of(analysis) for analysis in analyses]))
+    )
+
+
+def _table(heading: str, names: Sequence[str], columns: Sequence[Columns]) -> str:
+    labels = list(dict.fromkeys(label for row in columns for label in row))
+    rows = [
+        (name, *(row.get(label, NOTHING) for label in labels))
+        for name, row in zip(names, columns, strict=True)
+    ]
+    return table((heading, *labels), rows) if labels else ''
+
+
+def _force_columns(analysis: MuscleAnalysis) -> Columns:
+    return {
+        'pulses': str(analysis.pulses),
+        'samples': str(analysis.samples),
+        'rate [Hz]': f'{analysis.sample_rate_hz:.0f}',
+        f'noise [{analysis.unit}]': f'{analysis.noise:.3g}',
+    }
+
+
+def _twitch_columns(analysis: MuscleAnalysis) -> Columns:
+    if (found := analysis.twitches) is None:
+        return {}
+    return {
+        'number': str(len(found.fits)),
+        'rejected': str(sum(found.rejected.values())),
+        'order': str(found.choice.order),
+        'T_a [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
+        'model delay [ms]': _milliseconds(found.latency.mean, found.latency.spread),
+        'onset, paper [ms]': _milliseconds(
+            found.crossing_latency.mean, found.crossing_latency.spread
+        ),
+    }
+
+
+def _train_columns(analysis: MuscleAnalysis) -> Columns:
+    if (found := analysis.summation) is None:
+        return {}
+    models = (('equal', 'fit, equal [%]'), ('gains', 'gains [%]'), ('law', 'law [%]'))
+    return {
+        'number': str(len(found.trains)),
+        'T_a, equal [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
+        'delay [ms]': _milliseconds(found.latency, found.latency_spread),
+        'onset [ms]': _onset(found).removesuffix(' ms'),
+        **{
+            label: f'{found.mean_fit(model):.1f}'
+            for model, label in models
+            if model != 'law' or found.law is not None
+        },
+    }
+
+
+def _field_columns(analysis: MuscleAnalysis) -> Columns:
+    if (found := analysis.recruitment) is None:
+        return {}
+    values, what = dict(found.parameters), QUANTITIES[analysis.unit]
+    return {
+        'levels': str(len(found.points)),
+        'known to': f'{found.worst_interval:.2%}',
+        f'{what} at 100 %, 20 Hz [{analysis.unit}]': f'{found.maximum_force.value:.4g}',
+        'threshold': f'{values["threshold"].value:.1%}',
+        'saturation': f'{values["saturation"].value:.1%}',
+    }
+
+
+def _rows(analysis: MuscleAnalysis) -> list[Row]:
+    contents = ', '.join(
+        f'{count} {_plural(kind, count)}' for kind, count in analysis.contents.items()
+    )
+    rows = [
+        ('recording', contents or 'no pulses'),
+        (
+            QUANTITIES[analysis.unit],
+            (
+                f'{analysis.samples} samples at {analysis.sample_rate_hz:.0f} Hz, '
+                f'noise {analysis.noise:.3g} {analysis.unit}'
+            ),
+        ),
+    ]
+    if (clocks := analysis.artifacts) is not None:
+        seen = f'{clocks.median_offset * 1e3:.2f} +- {clocks.spread * 1e3:.2f} ms after the stamp'
+        rows.append(('artifacts', f'{clocks.count}, {seen}' if clocks.found else 'none'))
+        if clocks.clock_offset:
+            rows.append(('clock offset', f'{clocks.clock_offset * 1e3:.2f} ms, taken out'))
+    if analysis.twitches:
+        rows += _twitch_rows(analysis.twitches)
+    if analysis.summation:
+        rows += _train_rows(analysis.summation, train_dynamics(analysis))
+    if analysis.recruitment:
+        rows += _field_rows(analysis.recruitment, analysis.unit)
+    return rows
+
+
+def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
+    rejected = ', '.join(f'{count} x {reason}' for reason, count in found.rejected.items())
+    choice = found.choice
+    rows = [
+        ('twitches', f'{len(found.fits)}, rejected: {rejected or "none"}'),
+        (
+            'order',
+            (
+                f'{choice.order} (held-out error: {choice.held_out_order}; '
+                f'as a real number {_plus_minus(choice.free_order, choice.free_order_spread)})'
+            ),
+        ),
+    ]
+    rows += [
+        (
+            f'  order {one.order}',
+            (
+                f'information +{one.information:.0f}, held-out error '
+                f'{one.held_out:.2%}, E_min {one.least_error:.3g}, T_a '
+                f'{_spread(one.time_constant, one.time_constant_spread)}'
+            ),
+        )
+        for one in choice.evidence
+    ]
+    rows.append(('T_a', _spread(found.time_constant, found.time_constant_spread)))
+    shared = found.shared
+    rows.append(
+        (
+            'T_a, all twitches at once',
+            _spread(shared.time_constant, shared.time_constant_deviation, 3),
+        )
+    )
+    rows += _latency_rows('delay of the model', found.latency)
+    return rows + _latency_rows('onset, paper', found.crossing_latency)
+
+
+def _latency_rows(label: str, found: LatencyTable) -> list[Row]:
+    how = f'{found.method}, from {found.reference}'
+    rows = [(label, f'{_spread(found.mean, found.spread)} of {found.count} ({how})')]
+    if len(found.rows) > 1:
+        rows += [
+            (
+                f'  {label} at {row.intensity:.0%}',
+                f'{_spread(row.mean, row.spread)} of {row.count}',
+            )
+            for row in found.rows
+        ]
+    return rows
+
+
+def _train_rows(found: SummationAnalysis, stated: TrainDynamics | None) -> list[Row]:
+    rejected = ', '.join(f'{count} x {reason}' for reason, count in found.rejected.items())
+    rows = [
+        ('trains', f'{len(found.trains)}, rejected: {rejected or "none"}'),
+        ('onset of force in trains', _onset(found)),
+        *_stated_rows(stated),
+        # Those of the history law are others: each belongs to its model.
+        ('T_a, equal pulses', _spread(found.time_constant, found.time_constant_spread)),
+        ('delay of the model, equal pulses', _spread(found.latency, found.latency_spread)),
+        ('fit, equal pulses', f'{found.mean_fit("equal"):.1f} %'),
+        ('fit, a gain a pulse', f'{found.mean_fit("gains"):.1f} %'),
+    ]
+    if found.law is not None:
+        rows.append(('fit, history law', f'{found.mean_fit("law"):.1f} %'))
+        if any(train.held_out for train in found.trains):
+            rows.append(
+                (
+                    '  on trains it has not seen',
+                    (
+                        f'{found.mean_fit("law", held_out=True):.1f} % (equal pulses '
+                        f'{found.mean_fit("equal", held_out=True):.1f} %)'
+                    ),
+                )
+            )
+    return rows
+
+
+def _stated_rows(stated: TrainDynamics | None) -> list[Row]:
+    """Return the rows of the model that `rpms identify` states, if that is not equal pulses."""
+    if stated is None or stated.model != HISTORY_LAW:
+        return []
+    named = (
+        ('T_a', stated.twitch_time_constant_s),
+        ('delay of the model', stated.latency_s),
+    )
+    return [
+        (f'{name}, {stated.model}', with_interval(plain(one), 1e3, ' ms')) for name, one in named
+    ]
+
+
+def _onset(found: SummationAnalysis) -> str:
+    """Return when the force leaves its baseline, from the earliest to the latest train."""
+    if not (values := found.onsets):
+        return 'hidden by noise'
+    low, high = (f'{1e3 * value:.2f}' for value in (min(values), max(values)))
+    return f'{low} ms' if low == high else f'{low} to {high} ms'
+
+
+def _field_rows(found: FieldAnalysis, unit: str) -> list[Row]:
+    rows = [
+        (
+            'recruitment',
+            (
+                f'{len(found.points)} levels, known to {found.worst_interval:.2%} '
+                f'of its maximum, {found.shape_difference:.2%} from a monotone fit'
+            ),
+        ),
+        (
+            f'{QUANTITIES[unit]} at 100 %, 20 Hz',
+            _interval(found.maximum_force, lambda x: f'{x:.4g} {unit}'),
+        ),
+    ]
+    shown: dict[str, Callable[[float], str]] = {
+        'threshold': lambda x: f'{x:.1%}',
+        'saturation': lambda x: f'{x:.1%}',
+        'threshold_slope': lambda x: f'{x:.3g}',
+        'saturation_slope': lambda x: f'{x:.3g}',
+    }
+    if found.rates_fitted:
+        shown['rate_saturation'] = lambda x: f'{x:.3g} Hz'
+        shown['rate_slope'] = lambda x: f'{x:.3g}'
+    values = dict(found.parameters)
+    rows += [(f'  {name}', _interval(values[name], show)) for name, show in shown.items()]
+    return rows
+
+
+def _interval(interval: Interval, show: Callable[[float], str]) -> str:
+    return f'{show(interval.value)} ({show(interval.low)} to {show(interval.high)})'
+
+
+def _spread(mean: float, spread: float, digits: int = 2) -> str:
+    return f'{_milliseconds(mean, spread, digits)} ms'
+
+
+def _milliseconds(mean: float, spread: float, digits: int = 2) -> str:
+    return _plus_minus(mean * 1e3, spread * 1e3, digits)
+
+
+def _plus_minus(mean: float, spread: float, digits: int = 2) -> str:
+    """Return a number with its spread, which a single one does not have."""
+    interval = '' if math.isnan(spread) else f' +- {spread:.{digits}f}'
+    return f'{mean:.{digits}f}{interval}'
+
+
+def _plural(kind: str, count: int) -> str:
+    return kind if count == 1 or kind.endswith('s') else f'{kind}s'

@@ -1,0 +1,330 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Who may arm a driver and start a schedule: one operator, by a token, in two steps.
+
+The operator asks for a token, shows with heartbeats that carry it that a process of theirs is
+there and that the enable is held, and confirms.  From then on token, heartbeat and schedules
+belong to this operator, and end together.
+
+A token keeps strangers from acting by mistake.  Whoever can listen on the network can read it:
+against intent there is only a secured network (SROS2).
+
+Heartbeats: one counts if its stamp has moved on and does not lag.
+
+The sender's clock and the driver's need not agree and may be set while they run: what counts is
+that stamps move on, and that the way of a message takes hardly longer than the shortest so far.
+
+The end of another process on this machine, which the kernel reports at once.
+
+A heartbeat tells that a process has ended only after the longest silence that is allowed to it.
+"""
+
+import contextlib
+import hmac
+import os
+import secrets
+import select
+import threading
+from pathlib import Path
+from typing import NamedTuple
+
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
+from rpms_ros.stimulation.driver.interlocks import Refused
+
+
+class Heartbeat:
+    """Tells a new heartbeat from one that is repeated or was delayed.
+
+    Parameters
+    ----------
+    timeout_s : float
+        How much longer than the quickest one a heartbeat may have taken [s].
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        self._timeout_ns = nanoseconds(timeout_s)
+        self._last_ns: int | None = None
+        self._quickest_ns = 0
+
+    def refusal(self, stamp_ns: int, arrival_ns: int) -> str | None:
+        """Return why a heartbeat does not count, None if it does.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            When it was sent, on the sender's clock [ns].
+        arrival_ns : int
+            When it came, on a clock that is never set [ns].
+        """
+        took_ns = arrival_ns - stamp_ns
+        if self._last_ns is None:
+            self._quickest_ns = took_ns
+        elif stamp_ns <= self._last_ns:
+            return 'expected a heartbeat after the last one, got one that repeats or goes back'
+        self._quickest_ns = min(self._quickest_ns, took_ns)
+        late_ns = took_ns - self._quickest_ns
+        if late_ns > self._timeout_ns:
+            limit_s = self._timeout_ns / NANOSECONDS_PER_SECOND
+            late_s = late_ns / NANOSECONDS_PER_SECOND
+            return f'expected a heartbeat of at most {limit_s:g} s ago, got one of {late_s:.3g} s'
+        self._last_ns = stamp_ns
+        return None
+
+
+AUTHORITY = 'authority'
+LONGEST_NAME = 64
+_TOKEN_BYTES = 16
+
+
+class Beat(NamedTuple):
+    """One heartbeat of an operator.
+
+    Attributes
+    ----------
+    token : str
+        What the driver gave the operator.
+    stamp_ns : int
+        When it was sent, on the sender's clock [ns].
+    sequence : int
+        Counts the heartbeats.
+    enable : bool
+        Whether the operator holds the enable.
+    source : bytes
+        Identity of the publisher.
+    """
+
+    token: str
+    stamp_ns: int
+    sequence: int
+    enable: bool
+    source: bytes
+
+
+def operator_name(text: str) -> str:
+    """Return the name of an operator; raise Refused if it is none."""
+    name = text.strip(' ')
+    if not name or len(name) > LONGEST_NAME or not name.isprintable():
+        raise Refused(
+            AUTHORITY,
+            f'expected a name of 1 to {LONGEST_NAME} printable characters, got {text!r}',
+        )
+    return name
+
+
+class Authority:
+    """Holds the one operator; any thread may call it.
+
+    Parameters
+    ----------
+    timeout_s : float
+        Longest silence of the heartbeat [s].
+    valid_s : float
+        From the request of a token to its confirmation [s].
+    """
+
+    def __init__(self, timeout_s: float, valid_s: float = 10.0) -> None:
+        self.valid_s = valid_s
+        self._timeout_s = timeout_s
+        self._lock = threading.RLock()
+        self._generation = 0
+        self._operator = ''
+        self._token = ''
+        self._until_ns = 0
+        self._confirmed = False
+        self._source: bytes | None = None
+        self._sequence: int | None = None
+        self._seen_ns: int | None = None
+        self._enabled = False
+        self._forget_beats()
+
+    @property
+    def generation(self) -> int:
+        """Number of this token, or of the time without one: another one after each change."""
+        return self._generation
+
+    @property
+    def operator(self) -> str:
+        """Who has asked for a token or has armed; empty if nobody."""
+        return self._operator
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether an operator has armed."""
+        return self._confirmed
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the operator holds the enable, as the last heartbeat said."""
+        return self._enabled
+
+    def request(self, operator: str, now_ns: int) -> str:
+        """Return a new token for an operator.
+
+        Raises
+        ------
+        Refused
+            If somebody else has armed or has asked just before, or the name is none.
+        """
+        name = operator_name(operator)
+        with self._lock:
+            pending = bool(self._token) and now_ns <= self._until_ns
+            if self._confirmed or (pending and name != self._operator):
+                raise Refused(AUTHORITY, f'expected no other operator, got {self._operator}')
+            self._operator, self._token = name, secrets.token_hex(_TOKEN_BYTES)
+            self._until_ns = now_ns + nanoseconds(self.valid_s)
+            self._forget_beats()
+            return self._token
+
+    def beat(self, beat: Beat, now_ns: int) -> str | None:
+        """Take a heartbeat; return why it does not count, None if it does."""
+        with self._lock:
+            if not self._is_token(beat.token):
+                return 'expected a heartbeat with the token of the operator, got another one'
+            if self._source is not None and beat.source != self._source:
+                self._doubt = 'expected one process with this token, got heartbeats of two'
+                return self._doubt
+            if self._sequence is not None and beat.sequence <= self._sequence:
+                return 'expected a heartbeat after the last one, got one that repeats or goes back'
+            refusal = self._heartbeat.refusal(beat.stamp_ns, now_ns)
+            if refusal is not None:
+                return refusal
+            self._source, self._sequence = beat.source, beat.sequence
+            # whoever has armed and lets go arms again, also if it was for one heartbeat only
+            held = self._enabled or not self._confirmed
+            self._seen_ns, self._enabled = now_ns, beat.enable and held
+            return None
+
+    def confirm(self, operator: str, token: str, now_ns: int) -> None:
+        """Note that this operator has armed; `take_back` undoes it.
+
+        Raises
+        ------
+        Refused
+            If the token is not the one that was given, or too old, or the heartbeat or the
+            enable is missing.
+        """
+        with self._lock:
+            self._require_token(operator, token)
+            if not self._confirmed and now_ns > self._until_ns:
+                raise Refused(
+                    AUTHORITY,
+                    f'expected the confirmation within {self.valid_s:g} s of the request, '
+                    'got it later',
+                )
+            problem = self.problem(now_ns)
+            if problem is not None:
+                raise Refused(AUTHORITY, problem)
+            self._confirmed = True
+
+    def take_back(self) -> None:
+        """Undo a confirmation that did not arm; the token can be confirmed again in its time."""
+        self._confirmed = False
+
+    def require(self, operator: str, token: str) -> None:
+        """Raise Refused unless this is the operator who has armed."""
+        with self._lock:
+            self._require_token(operator, token)
+            if not self._confirmed:
+                raise Refused(AUTHORITY, f'expected {operator} to have armed, got no confirmation')
+
+    def problem(self, now_ns: int) -> str | None:
+        """Return why the operator does not keep the driver armed, None if they do."""
+        with self._lock:
+            if self._doubt:
+                return self._doubt
+            if self._seen_ns is None:
+                return f'expected a heartbeat of {self._operator or "an operator"}, got none yet'
+            if now_ns - self._seen_ns > nanoseconds(self._timeout_s):
+                age_s = (now_ns - self._seen_ns) / 1e9
+                return (
+                    f'expected a heartbeat of {self._operator} within {self._timeout_s:g} s, '
+                    f'got none for {age_s:.3g} s'
+                )
+            if not self._enabled:
+                return f'expected {self._operator} to hold the enable, got it released'
+            return None
+
+    def released_enable(self, now_ns: int) -> bool:
+        """Return whether nothing is wrong except that the operator has released the enable."""
+        with self._lock:
+            enabled, self._enabled = self._enabled, True
+            alive = self.problem(now_ns) is None
+            self._enabled = enabled
+            return alive and not enabled
+
+    def release(self) -> None:
+        """Release the operator: the token is no longer accepted."""
+        with self._lock:
+            self._operator = self._token = ''
+            self._confirmed = False
+            self._forget_beats()
+
+    def _forget_beats(self) -> None:
+        self._generation += 1
+        self._heartbeat = Heartbeat(self._timeout_s)
+        self._source = self._sequence = self._seen_ns = None
+        self._enabled = False
+        self._doubt = ''
+
+    def _require_token(self, operator: str, token: str) -> None:
+        if not self._is_token(token) or operator.strip(' ') != self._operator:
+            held = f'that of {self._operator}' if self._operator else 'one that was asked for'
+            raise Refused(AUTHORITY, f'expected operator and token: {held}, got another one')
+
+    def _is_token(self, token: str) -> bool:
+        # an unpaired surrogate cannot be encoded, and is in no token
+        given = token.encode('utf-8', 'replace')
+        return bool(self._token) and hmac.compare_digest(given, self._token.encode())
+
+
+_BOOT = Path('/proc/sys/kernel/random/boot_id')
+_PROCESSES = Path('/proc/self/ns/pid')
+
+
+def host_identity() -> str:
+    """Return what is the same for two processes that can name each other by process id."""
+    try:
+        return f'{_BOOT.read_text().strip()} {_PROCESSES.readlink()}'
+    except OSError:
+        return ''
+
+
+class ProcessLife:
+    """Watches one process; use `close` in the end.
+
+    Parameters
+    ----------
+    host : str
+        What `host_identity` is there.
+    process : int
+        Its id there.
+    """
+
+    def __init__(self, host: str, process: int) -> None:
+        self.descriptor = -1
+        self.known = False
+        if process > 0 and host and host == host_identity():
+            self.known = True
+            # a process that is gone already stays at -1
+            with contextlib.suppress(OSError):
+                self.descriptor = os.pidfd_open(process)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the process is known to have ended."""
+        # in the reverse of the order of `close`, which another thread may call
+        descriptor, known = self.descriptor, self.known
+        if not known:
+            return False
+        if descriptor < 0:
+            return True
+        poll = select.poll()
+        poll.register(descriptor, select.POLLIN)
+        return bool(poll.poll(0))
+
+    def close(self) -> None:
+        """Stop watching; afterwards no end is seen."""
+        self.known = False
+        descriptor, self.descriptor = self.descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)

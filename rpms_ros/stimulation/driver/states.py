@@ -1,0 +1,251 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The state machine of a driver: which command is legal in which state, and where it leads.
+
+A stop is latched beside the state, because it has to work in every one of them: it takes the
+state to where no pulse is possible and keeps it from being armed until it is reset.
+
+One run of a schedule: which pulse is next, and what was delivered.
+
+Settings of a driver that belong to neither a schedule nor a device.
+"""
+
+import enum
+from dataclasses import dataclass
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.schedule.fields import Bound, bounded, check_bounds
+from rpms_ros.stimulation.schedule.schedule import Schedule
+
+
+class State(enum.Enum):
+    """Where a driver is; values as in rpms_msgs/DriverStatus."""
+
+    UNCONFIGURED = 0
+    DISARMED = 1
+    ARMED = 2
+    RUNNING = 3
+    FAULT = 5
+
+
+class Command(enum.Enum):
+    """What may be asked of a driver, or happen to it."""
+
+    CONFIGURE = 'configure'
+    ARM = 'arm'
+    START = 'start'
+    FINISH = 'finish'
+    DISARM = 'disarm'
+    CLEANUP = 'cleanup'
+    FAIL = 'fail'
+    STOP = 'stop'
+
+
+TRANSITIONS: dict[tuple[State, Command], State] = {
+    (State.UNCONFIGURED, Command.CONFIGURE): State.DISARMED,
+    (State.DISARMED, Command.ARM): State.ARMED,
+    (State.ARMED, Command.START): State.RUNNING,
+    (State.RUNNING, Command.FINISH): State.DISARMED,
+    # what makes pulses impossible is legal everywhere; no device is open when unconfigured, so
+    # there is no fault to clean up
+    (State.UNCONFIGURED, Command.DISARM): State.UNCONFIGURED,
+    (State.DISARMED, Command.DISARM): State.DISARMED,
+    (State.ARMED, Command.DISARM): State.DISARMED,
+    (State.RUNNING, Command.DISARM): State.DISARMED,
+    (State.FAULT, Command.DISARM): State.FAULT,
+    (State.UNCONFIGURED, Command.STOP): State.UNCONFIGURED,
+    (State.DISARMED, Command.STOP): State.DISARMED,
+    (State.ARMED, Command.STOP): State.DISARMED,
+    (State.RUNNING, Command.STOP): State.DISARMED,
+    (State.FAULT, Command.STOP): State.FAULT,
+    (State.UNCONFIGURED, Command.FAIL): State.UNCONFIGURED,
+    (State.DISARMED, Command.FAIL): State.FAULT,
+    (State.ARMED, Command.FAIL): State.FAULT,
+    (State.RUNNING, Command.FAIL): State.FAULT,
+    (State.FAULT, Command.FAIL): State.FAULT,
+    (State.UNCONFIGURED, Command.CLEANUP): State.UNCONFIGURED,
+    (State.DISARMED, Command.CLEANUP): State.UNCONFIGURED,
+    (State.ARMED, Command.CLEANUP): State.UNCONFIGURED,
+    (State.RUNNING, Command.CLEANUP): State.UNCONFIGURED,
+    (State.FAULT, Command.CLEANUP): State.UNCONFIGURED,
+}
+"""Every legal transition; any other pair is refused and changes nothing."""
+
+
+def after(state: State, command: Command) -> State:
+    """Return the state that ``command`` leads to from ``state``.
+
+    Raises
+    ------
+    StimulationError
+        If the command is not legal there.
+    """
+    found = TRANSITIONS.get((state, command))
+    if found is None:
+        legal = sorted(source.name for source, what in TRANSITIONS if what is command)
+        raise StimulationError(
+            f'{command.value}: expected state {" or ".join(legal)}, got {state.name}'
+        )
+    return found
+
+
+CAUSES = ('completed', 'incomplete', 'cancelled', 'limit', 'disarmed', 'stopped', 'fault')
+
+
+@dataclass
+class Run:
+    """Progress of a schedule.
+
+    Attributes
+    ----------
+    schedule : Schedule
+        What is run.
+    start_ns : int
+        Its beginning on the driver's monotonic clock [ns].
+    intensities : list of float
+        Of its pulses, as the device can be set to them (share).
+    cursor : int
+        Index of the next pulse.
+    delivered, dropped : int
+        Pulses that the device says it gave, and that were not sent because they were late.
+    energy_j : float
+        Energy of the pulses that were sent [J].
+    ended : str
+        Why it is over; empty while it runs.
+    cause : str
+        The same in one word of `CAUSES`; empty while it runs.
+    announced : bool
+        Whether its first pulse may come: whoever has to know of it was told.
+    """
+
+    schedule: Schedule
+    start_ns: int
+    intensities: list[float]
+    cursor: int = 0
+    delivered: int = 0
+    dropped: int = 0
+    energy_j: float = 0.0
+    ended: str = ''
+    cause: str = ''
+    announced: bool = False
+
+    def __post_init__(self) -> None:
+        # plain lists: an element of an array costs ten times as much, once a pulse
+        plan = self.schedule.plan
+        self._onset = plan.onset_ns.tolist()
+        self._segment = plan.segment.tolist()
+
+    @property
+    def count(self) -> int:
+        """Number of pulses of the schedule."""
+        return len(self._onset)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether no pulse is left."""
+        return self.cursor >= self.count
+
+    @property
+    def end_ns(self) -> int:
+        """When the schedule ends [ns]."""
+        return self.start_ns + self.schedule.plan.duration_ns
+
+    @property
+    def due_ns(self) -> int:
+        """When the next pulse is due, or the end if there is none [ns]."""
+        return self.end_ns if self.exhausted else self.onset_ns(self.cursor)
+
+    @property
+    def intensity(self) -> float:
+        """Intensity of the next pulse (share)."""
+        return self.intensities[self.cursor]
+
+    def onset_ns(self, index: int) -> int:
+        """Return when a pulse of the schedule is due [ns]."""
+        return self.start_ns + int(self._onset[index])
+
+    def end(self, reason: str, cause: str) -> None:
+        """Note why it is over; the first reason counts."""
+        if not self.ended:
+            self.ended, self.cause = reason, cause
+
+    @property
+    def segment(self) -> int:
+        """Index of the segment of the next pulse; of the last one when none is left."""
+        if self.exhausted:
+            return len(self.schedule.segments) - 1
+        return int(self._segment[self.cursor])
+
+    def time_left_s(self, now_ns: int) -> float:
+        """Return the time to the end of the schedule [s]."""
+        return max(0.0, (self.end_ns - now_ns) / 1e9)
+
+    @property
+    def completed(self) -> bool:
+        """Whether every pulse of the schedule was delivered."""
+        return self.exhausted and self.delivered == self.count
+
+
+_SECONDS = Bound(0.0, 10.0, 's', above=True)
+
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """How a driver watches over itself.
+
+    Attributes
+    ----------
+    lead_s : float
+        From the acceptance of a schedule to its beginning [s].
+    lateness_limit_s : float
+        A pulse later than this is dropped, not sent [s].
+    response_limit_s : float
+        Longest time from a command to the pulse; more is a fault [s].  Without real-time priority
+        the operating system alone may hold a thread up for tens of milliseconds.
+    stuck_limit_s : float
+        Longest time that a command may hang before the device is silenced [s].
+    open_limit_s : float
+        The same for opening and closing the device [s].
+    intensity_tolerance : float
+        Largest difference between commanded and delivered intensity (share); more is a fault.
+    executor_timeout_s : float
+        Longest silence of the executor that serves stops and cancels [s]; after 0.4 of it pulses
+        are held back.
+    supervisor_timeout_s : float
+        Longest silence of the thread that watches over the others [s].
+    force_limit_n : float
+        Largest force, or torque [N, or `force_unit`]; 0 watches none.
+    force_timeout_s : float
+        Longest silence of the force sensor when a force limit is set [s].
+    force_unit : str
+        In which the sensor measures, for messages.
+    keep_alive_s : float
+        Time between two signs of life to an armed device [s].
+    temperature_limit : float
+        Coil temperature at which it is stopped [Celsius].
+    prepare_s : float
+        How long before its trigger the intensity of a pulse is set, at least; in a longer pause
+        the intensity is zero [s].
+    reserve_s : float
+        How far ahead pulses are put into the dose ledger [s].
+    """
+
+    lead_s: float = bounded(_SECONDS, 0.05)
+    lateness_limit_s: float = bounded(Bound(0.0, 0.1, 's', above=True), 10e-3)
+    response_limit_s: float = bounded(_SECONDS, 0.1)
+    stuck_limit_s: float = bounded(_SECONDS, 0.2)
+    open_limit_s: float = bounded(_SECONDS, 5.0)
+    # the device is told a number that it can be set to: what is left is rounding
+    intensity_tolerance: float = bounded(Bound(0.0, 1.0), 0.005)
+    executor_timeout_s: float = bounded(_SECONDS, 0.5)
+    supervisor_timeout_s: float = bounded(_SECONDS, 0.5)
+    force_limit_n: float = bounded(Bound(0.0, 1e5, 'N'), 0.0)
+    force_timeout_s: float = bounded(_SECONDS, 0.2)
+    force_unit: str = 'N'
+    keep_alive_s: float = bounded(_SECONDS, 0.4)
+    temperature_limit: float = bounded(Bound(-20.0, 100.0, 'Celsius'), 40.0)
+    prepare_s: float = bounded(_SECONDS, 0.1)
+    reserve_s: float = bounded(_SECONDS, 1.0)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)

@@ -1,0 +1,142 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Device specifications: the limits of a kind of device as a data file, with their sources."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.stimulation.limits.coil_temperature import CoilThermal
+from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.schedule.description import from_file
+from rpms_ros.stimulation.schedule.fields import (
+    Bound,
+    DescriptionError,
+    as_mapping,
+    bounded_names,
+    read_bounded,
+    read_flag,
+    read_text,
+    refuse_unknown,
+)
+
+_FOLDER = Path(__file__).with_name('device_specifications')
+LONGEST_NAME = 64
+LONGEST_TEXT = 500
+# What has no limit at its bound in `Limits` has one here.
+_OF_REAL_DEVICES = {
+    'pulse_energy_j': Bound(0.0, 10_000.0, 'J', above=True),
+    'maximum_rate_hz': Bound(0.0, 100.0, 'Hz', above=True),
+    'maximum_intensity_rise': Bound(0.0, 0.5),
+}
+_KEYS = ['name', 'description', 'serial_number', 'simulated_only', 'limits', 'thermal', 'sources']
+
+
+@dataclass(frozen=True)
+class DeviceSpecification:
+    """What a kind of device can do.
+
+    Attributes
+    ----------
+    name : str
+        As in ``--device``.
+    description : str
+        What it is, in a sentence.
+    limits : Limits
+        What no pulse may go beyond.
+    thermal : CoilThermal or None
+        Thermal figures of its coil, if there are any.
+    simulated_only : bool
+        Whether it must not be used with a device that can hurt somebody.
+    sources : mapping of str to str
+        Where each figure comes from.
+    serial_number : str
+        Of the one device that is driven, by which its dose ledger is known; empty for a kind.
+    """
+
+    name: str
+    description: str
+    limits: Limits
+    thermal: CoilThermal | None
+    simulated_only: bool
+    sources: Mapping[str, str]
+    serial_number: str = ''
+
+
+def profile_names() -> list[str]:
+    """Return the names of the device specifications that come with the package."""
+    return sorted(path.stem for path in _FOLDER.glob('*.yaml'))
+
+
+def load_device_specification(name: str) -> DeviceSpecification:
+    """Return a device specification by its name, or from a YAML file of one's own.
+
+    Raises
+    ------
+    StimulationError
+        If there is none of that name, or the file holds a fault; names the place.
+    """
+    path = _FOLDER / f'{name}.yaml' if name in profile_names() else Path(name).expanduser()
+    if path.suffix != '.yaml' or not path.is_file():
+        known = ', '.join(profile_names())
+        raise StimulationError(f'expected a device of {known} or a YAML file, got {name!r}')
+    return from_file(path, 'device specification', _read)
+
+
+def _read(content: object) -> DeviceSpecification:
+    document = as_mapping(content, '')
+    refuse_unknown(document, _KEYS, '')
+    simulated_only = read_flag(document, 'simulated_only', '', default=False)
+    limits = as_mapping(document.get('limits'), 'limits')
+    refuse_unknown(limits, bounded_names(Limits), 'limits')
+    thermal = document.get('thermal')
+    figures = [*limits, *(as_mapping(thermal, 'thermal') if thermal is not None else [])]
+    sources = _sources(document, figures)
+    if not simulated_only:
+        _refuse_gaps(limits, thermal)
+    try:
+        bounds = Limits(**read_bounded(Limits, limits, 'limits'))
+    except DescriptionError:
+        raise
+    except StimulationError as fault:
+        raise DescriptionError('limits', str(fault)) from fault
+    return DeviceSpecification(
+        name=read_text(document, 'name', '', LONGEST_NAME),
+        description=read_text(document, 'description', '', LONGEST_TEXT),
+        limits=bounds,
+        thermal=_thermal(thermal),
+        simulated_only=simulated_only,
+        sources=sources,
+        serial_number=read_text(document, 'serial_number', '', LONGEST_NAME)
+        if 'serial_number' in document
+        else '',
+    )
+
+
+def _sources(document: Mapping[str, object], figures: list[str]) -> dict[str, str]:
+    """Return the source of each figure; every figure has to have one."""
+    sources = as_mapping(document.get('sources'), 'sources')
+    refuse_unknown(sources, figures, 'sources')
+    return {figure: read_text(sources, figure, 'sources', LONGEST_TEXT) for figure in figures}
+
+
+def _refuse_gaps(limits: Mapping[str, object], thermal: object) -> None:
+    """Refuse the specification of a real device that leaves a limit out: nothing is assumed."""
+    for name in bounded_names(Limits):
+        if limits.get(name) is None:
+            raise DescriptionError(
+                f'limits.{name}', 'expected every limit of a real device, got nothing'
+            )
+    if thermal is None:
+        raise DescriptionError('thermal', 'expected thermal figures of a real device, got nothing')
+    for name, bound in _OF_REAL_DEVICES.items():
+        bound.read(limits[name], f'limits.{name}')
+
+
+def _thermal(content: object) -> CoilThermal | None:
+    if content is None:
+        return None
+    mapping = as_mapping(content, 'thermal')
+    refuse_unknown(mapping, bounded_names(CoilThermal), 'thermal')
+    return CoilThermal(**read_bounded(CoilThermal, mapping, 'thermal'))

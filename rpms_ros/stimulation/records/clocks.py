@@ -1,0 +1,168 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Clocks of this machine for what has to outlive a process: monotonic, since boot, and wall time.
+
+Only the time since boot survives a restart of the process without being set by anybody, and only
+the wall clock survives a restart of the machine; ``boot_id`` tells the two apart.
+
+One driver for one device: a lock on this machine that ends with the process that holds it.
+"""
+
+import contextlib
+import fcntl
+import os
+import re
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from rpms_ros.errors import StimulationError
+
+# Linux alone has it; elsewhere a sleep is not seen.
+_BOOT_CLOCK = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)
+_BOOT_ID = Path('/proc/sys/kernel/random/boot_id')
+# Before this software existed [ns since 1970]: a wall clock that says so has not been set.
+EARLIEST_WALL_NS = 1_735_689_600 * 1_000_000_000
+
+
+@cache
+def read_boot_id() -> str:
+    """Return the identifier of this boot of the machine, which no process outlives.
+
+    Raises
+    ------
+    StimulationError
+        If the operating system does not tell.
+    """
+    try:
+        return _BOOT_ID.read_text(encoding='ascii').strip()
+    except (OSError, UnicodeDecodeError) as fault:
+        raise StimulationError(f'expected a boot identifier in {_BOOT_ID}, got {fault}') from fault
+
+
+def _since_boot_ns() -> int:
+    return time.clock_gettime_ns(_BOOT_CLOCK)
+
+
+def slept_ns() -> int:
+    """Return for how long the machine has slept since its start [ns], at most.
+
+    A thread that waits between the two readings makes it smaller, never larger.
+    """
+    boot_ns = _since_boot_ns()
+    return boot_ns - time.monotonic_ns()
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Three clocks [ns] and the boot that they belong to.
+
+    Attributes
+    ----------
+    monotonic_ns : callable
+        Never set, stands still while the machine sleeps; the clock of pulses.
+    boot_ns : callable
+        Since the machine was started, sleep included.
+    wall_ns : callable
+        Since 1970, in UTC; may be set at any time.
+    boot_id : callable
+        Another text after every start of the machine.
+    """
+
+    monotonic_ns: Callable[[], int] = time.monotonic_ns
+    boot_ns: Callable[[], int] = _since_boot_ns
+    wall_ns: Callable[[], int] = time.time_ns
+    boot_id: Callable[[], str] = read_boot_id
+
+    def age_ns(self, boot_id: str, boot_ns: int, wall_ns: int) -> int:
+        """Return how long ago something was, at least [ns].
+
+        Parameters
+        ----------
+        boot_id : str
+            Boot in which it happened.
+        boot_ns : int
+            When, since that boot [ns].
+        wall_ns : int
+            When, on the wall clock [ns].
+
+        Returns
+        -------
+        int
+            Within one boot the time since boot decides, whatever was done to the wall clock.
+            Across boots it is at least the time since this boot; the wall clock may add to that
+            only where it had been set both times.
+        """
+        if boot_id == self.boot_id():
+            return max(0, self.boot_ns() - boot_ns)
+        certain = self.boot_ns()
+        now = self.wall_ns()
+        if min(now, wall_ns) < EARLIEST_WALL_NS:
+            return certain
+        return max(certain, now - wall_ns)
+
+
+_SHARED = Path('/run/lock')
+
+
+def _folder() -> Path:
+    return _SHARED if os.access(_SHARED, os.W_OK) else Path(tempfile.gettempdir())
+
+
+class DeviceLock:
+    """Keeps every other driver on this machine from the device.
+
+    Parameters
+    ----------
+    device : str
+        What is driven: the path of its port, links followed, or another name.
+    folder : Path, optional
+        Where locks are; the machine's own folder for them if not given.
+    """
+
+    def __init__(self, device: str, folder: Path | None = None) -> None:
+        port = os.path.realpath(device) if device.startswith('/') else device
+        name = re.sub(r'[^A-Za-z0-9]+', '_', port).strip('_')
+        self.path = (folder or _folder()) / f'rpms_ros_{name}.lock'
+        self._device = device
+        self._descriptor: int | None = None
+
+    def take(self) -> None:
+        """Take the device.
+
+        Raises
+        ------
+        StimulationError
+            If another driver has it, or the lock cannot be made.
+        """
+        if self._descriptor is not None:
+            return
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+        try:
+            descriptor = os.open(self.path, flags, 0o666)
+        except OSError as error:
+            raise StimulationError(
+                f'expected a lock for device {self._device}, got {error}'
+            ) from error
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            holder = os.pread(descriptor, 64, 0).decode('ascii', 'replace').strip()
+            os.close(descriptor)
+            raise StimulationError(
+                f'expected device {self._device} free, got another driver on it: '
+                f'process {holder or "unknown"}'
+            ) from error
+        with contextlib.suppress(OSError):
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+        self._descriptor = descriptor
+
+    def release(self) -> None:
+        """Let go of the device."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None

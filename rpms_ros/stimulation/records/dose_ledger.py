@@ -1,0 +1,524 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Dose ledger: what a device gave and what a patient got, on the disk before a pulse is fired.
+
+Pulses are reserved ahead, some at a time.  After a crash everything reserved and not given back
+counts as delivered.  There is one ledger a device (its coil, its rest) and one a patient (the
+dose, whichever device gave it); each reservation stands in both.
+
+What the ledgers of a device and of a patient say about earlier processes.
+"""
+
+import json
+import math
+import re
+import secrets
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+from urllib.parse import quote
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import nanoseconds
+from rpms_ros.stimulation.limits.dose import (
+    BookedPulse,
+    DoseAccount,
+    DoseLimits,
+    DoseTotals,
+    LedgerError,
+    PlannedPulse,
+)
+from rpms_ros.stimulation.records.append_only import BEGIN, ChainedFile, Record, wall_ns_of
+from rpms_ros.stimulation.records.clocks import Clocks
+
+RESERVE, SETTLE = 'reserve', 'settle'
+LARGEST_ENERGY_J = 1e6
+_BATCH = re.compile(rb'"batch":"([0-9a-f-]+)"')
+_PULSE = re.compile(rb'\[-?\d+,([0-9.eE+-]+),([0-9.eE+-]+)\]')
+
+
+class Past(NamedTuple):
+    """A pulse of an earlier process.
+
+    Attributes
+    ----------
+    age_ns : int
+        How long ago, at least [ns].
+    intensity : float
+        Share of the maximum.
+    energy_j : float
+        Energy [J].
+    """
+
+    age_ns: int
+    intensity: float
+    energy_j: float
+
+
+@dataclass
+class Batch:
+    """Pulses that were reserved together.
+
+    Attributes
+    ----------
+    content : mapping
+        The record.
+    pulses : dict of int to Past
+        Those that count, by their index within the batch.
+    """
+
+    content: Mapping[str, Any]
+    pulses: dict[int, Past]
+
+
+@dataclass
+class LedgerReader:
+    """Takes the records of one ledger in.
+
+    Attributes
+    ----------
+    owner, name : str
+        Whose it is: ``device`` or ``patient``, and what it is called.
+    partner : str
+        The patient, or the device, that is going to be in use together with it.
+    clocks : Clocks
+        Of this machine.
+    horizon_ns : int
+        Pulses older than this are left out [ns].
+    batches : dict of str to Batch
+        Reservations with pulses that still count, by their identifier, oldest first.
+    shared : list of str
+        Identifiers of all reservations together with the partner, oldest first.
+    partners : Counter of str
+        How many reservations there are together with whom.
+    """
+
+    owner: str
+    name: str
+    partner: str
+    clocks: Clocks
+    horizon_ns: int
+    batches: dict[str, Batch] = field(default_factory=dict)
+    shared: list[str] = field(default_factory=list)
+    partners: Counter[str] = field(default_factory=Counter)
+
+    def take(self, record: Record) -> None:
+        """Take one record in.
+
+        Raises
+        ------
+        LedgerError
+            If the ledger is somebody else's or says something that no ledger says.
+        """
+        content = record.content
+        try:
+            if content['kind'] == BEGIN:
+                self._check_owner(content)
+            elif content['kind'] == RESERVE:
+                self._reserve(content)
+            elif content['kind'] == SETTLE:
+                for key, index in content['unfired']:
+                    if key in self.batches:
+                        self.batches[key].pulses.pop(index, None)
+        except (KeyError, TypeError, ValueError) as fault:
+            raise LedgerError(
+                f'line {record.line}: expected a record of a ledger, got {fault!r}'
+            ) from fault
+
+    def _check_owner(self, content: Mapping[str, Any]) -> None:
+        if (content['owner'], content['name']) != (self.owner, self.name):
+            raise LedgerError(
+                f'expected the ledger of {self.owner} {self.name!r}, '
+                f'got that of {content["owner"]} {content["name"]!r}'
+            )
+
+    def _reserve(self, content: Mapping[str, Any]) -> None:
+        key = content['batch']
+        pulses = self._pulses(content)
+        if pulses:
+            self.batches[key] = Batch(content, pulses)
+        other = content['patient' if self.owner == 'device' else 'device']
+        self.partners[other] += 1
+        if other == self.partner:
+            self.shared.append(key)
+
+    def _pulses(self, content: Mapping[str, Any]) -> dict[int, Past]:
+        """Return the pulses of a record that may still count, by their index."""
+        rows, boot_id, written_ns = content['pulses'], content['boot_id'], content['boot_ns']
+        wall_ns = wall_ns_of(content['time']) - written_ns
+        latest = max((time_ns for time_ns, _, _ in rows), default=0)
+        if self.clocks.age_ns(boot_id, latest, wall_ns + latest) >= self.horizon_ns:
+            return {}
+        found = {}
+        for index, (time_ns, intensity, energy_j) in enumerate(rows):
+            age = self.clocks.age_ns(boot_id, time_ns, wall_ns + time_ns)
+            if age < self.horizon_ns:
+                found[index] = Past(age, float(intensity), float(energy_j))
+        return found
+
+
+def agreed(device: LedgerReader, patient: LedgerReader) -> Batch | None:
+    """Return the reservation that the patient's ledger lacks, if any.
+
+    A reservation is written into the device's ledger first, so a process that was killed in
+    between leaves the patient's one short.
+
+    Raises
+    ------
+    LedgerError
+        If one of them has lost records that the other has.
+    """
+    given, got = device.shared, patient.shared
+    if given == got:
+        return None
+    if given[:-1] == got:
+        old = {'batch': given[-1], 'device': device.name, 'patient': patient.name, 'pulses': []}
+        return device.batches.get(given[-1], Batch(old, {}))
+    short = device if len(given) <= len(got) else patient
+    raise LedgerError(
+        f'expected in the ledger of {short.owner} {short.name!r} the {max(len(given), len(got))} '
+        f'reservations that the other ledger has, got {min(len(given), len(got))}: records are '
+        'missing'
+    )
+
+
+def require_all(reader: LedgerReader, others: Iterable[Path]) -> None:
+    """Hold a ledger against those of everybody else, so that its loss shows to the next partner.
+
+    Raises
+    ------
+    LedgerError
+        If it lacks reservations that one of the others has.
+    """
+    name, text = re.escape(json.dumps(reader.name).encode()), rb'("(?:[^"\\]|\\.)*")'
+    parties = (name, text) if reader.owner == 'device' else (text, name)
+    # whole lines alone: what a kill has cut off is written once more behind it
+    pair = re.compile(rb'"device":%s,"patient":%s,[^\n]*"hash":"[0-9a-f]{64}"}\n' % parties)
+    # of the last reservation a killed process may have left the patient's ledger without
+    spare = 1 if reader.owner == 'patient' else 0
+    for path in others:
+        try:
+            found = Counter(pair.findall(path.read_bytes()))
+        except OSError as fault:
+            raise LedgerError(f'expected a readable ledger, got {path}: {fault}') from fault
+        for partner, count in found.items():
+            got = reader.partners[json.loads(partner)]
+            if got < count - spare:
+                raise LedgerError(
+                    f'expected in the ledger of {reader.owner} {reader.name!r} the {count} '
+                    f'reservations that {path.name} has, got {got}: records are missing'
+                )
+
+
+def readable(torn: bytes, known: LedgerReader) -> list[Past]:
+    """Return the pulses of a record that was cut off, as far as it can be read, as of now.
+
+    Raises
+    ------
+    LedgerError
+        If there is something in it that no pulse has.
+    """
+    batch = _BATCH.search(torn)
+    if batch is not None and batch[1].decode('ascii') in known.batches:
+        return []
+    found = []
+    for row in _PULSE.findall(torn):
+        try:
+            past = Past(0, *(float(figure) for figure in row))
+        except ValueError:
+            past = Past(0, math.nan, math.nan)
+        if not (0.0 <= past.intensity <= 1.0 and 0.0 <= past.energy_j <= LARGEST_ENERGY_J):
+            raise LedgerError(f'expected pulses in the record that was cut off, got {row}')
+        found.append(past)
+    return found
+
+
+PURPOSE = 'dose ledger'
+SHORTEST_HISTORY_H = 24.0
+LONGEST_NAME = 64
+# of a reservation that has to be written once more: when it was made stays what it was
+_COPIED = ('batch', 'device', 'patient', 'pulses', 'time', 'boot_id', 'boot_ns')
+
+
+class MemoryLedger:
+    """A dose ledger for a simulated device: nothing outlives the process.
+
+    Parameters
+    ----------
+    dose : DoseLimits, optional
+        What the patient may get; no bound without.
+    clock : callable
+        Monotonic time [ns].
+    """
+
+    def __init__(
+        self, dose: DoseLimits | None = None, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.account = DoseAccount(dose, clock)
+
+    def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
+        """Return no pulses: a ledger in memory has no earlier processes."""
+        del now_monotonic_ns
+        return ()
+
+    def reserve(self, pulses: Sequence[PlannedPulse]) -> range:
+        """Count pulses that are going to be fired; return a number for each.
+
+        Raises
+        ------
+        LedgerError
+            If they cannot be counted; DoseExceeded if they are more than the patient may get.
+        """
+        self.account.check(pulses)
+        return self.account.add(pulses)
+
+    def take(self, number: int) -> None:
+        """Note that a reserved pulse is triggered now; each can be taken once.
+
+        Waits for no file.
+
+        Raises
+        ------
+        LedgerError
+            If the pulse is not reserved, was taken or was given back.
+        """
+        self.account.take(number)
+
+    def settle(self, numbers: Iterable[int] | None = None) -> None:
+        """Give reserved pulses back that were not taken, so certainly never triggered.
+
+        Parameters
+        ----------
+        numbers : iterable of int, optional
+            Which ones; all by default.
+
+        Raises
+        ------
+        LedgerError
+            If one of them is not reserved or was taken.
+        """
+        self.account.give_back(numbers)
+
+    def count(self, pulses: Sequence[PlannedPulse]) -> None:
+        """Count pulses that were given, whatever the patient may get.
+
+        Raises
+        ------
+        LedgerError
+            If they cannot be written.
+        """
+        self.account.add(pulses, reserved=False)
+
+    def totals(self) -> DoseTotals:
+        """Return what the patient got within the window of the dose, reserved pulses included."""
+        return self.account.totals
+
+    def close(self) -> None:
+        """Give back what was not taken."""
+        self.settle()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class DoseLedger(MemoryLedger):
+    """A dose ledger in two files of a folder, locked as long as it is open.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the ledgers are kept; made if it is not there.
+    device, patient : str
+        Names of the device and (a pseudonym) of the patient, printable ASCII.
+    dose : DoseLimits, optional
+        What the patient may get; no bound without.
+    clocks : Clocks
+        Of this machine.
+
+    Raises
+    ------
+    LedgerError
+        If the device's or the patient's ledger is open elsewhere, damaged, or cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        device: str,
+        patient: str,
+        dose: DoseLimits | None = None,
+        clocks: Clocks | None = None,
+    ) -> None:
+        self._clocks = clocks if clocks is not None else Clocks()
+        super().__init__(dose, self._clocks.monotonic_ns)
+        hours = max(SHORTEST_HISTORY_H, dose.window_h if dose is not None else 0.0)
+        horizon = nanoseconds(hours * 3600.0)
+        self.device, self.patient = device, patient
+        self._session = secrets.token_hex(4)
+        self._batches = 0
+        self._places: dict[int, tuple[str, int]] = {}
+        self._lock = threading.Lock()
+        self._files: list[ChainedFile] = []
+        self._broken: str | None = None
+        self._opened_ns = self._clocks.boot_ns()
+        readers = [
+            LedgerReader('device', device, patient, self._clocks, horizon),
+            LedgerReader('patient', patient, device, self._clocks, horizon),
+        ]
+        try:
+            for reader in readers:
+                self._files.append(_opened(folder, reader))
+            for reader, other in (readers, readers[::-1]):
+                require_all(reader, sorted(folder.glob(f'{other.owner}-*.ledger')))
+            self._past = self._agree(*readers)
+        except StimulationError as fault:
+            self.close()
+            raise LedgerError(str(fault)) from fault
+        past = self.history(self._clocks.monotonic_ns())
+        self.account.add([pulse for pulse in past if pulse.on_patient], reserved=False)
+
+    def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
+        """Return the pulses of earlier processes that may still count, oldest first.
+
+        Parameters
+        ----------
+        now_monotonic_ns : int
+            Now, on the clock that the answer is wanted on [ns].
+
+        Returns
+        -------
+        tuple of BookedPulse
+            Of the last 24 h, or of the window of the dose if that is longer, from this device or
+            of this patient.
+        """
+        since = self._clocks.boot_ns() - self._opened_ns
+        return tuple(
+            pulse._replace(time_ns=now_monotonic_ns + pulse.time_ns - since)
+            for pulse in self._past
+        )
+
+    def reserve(self, pulses: Sequence[PlannedPulse]) -> range:
+        """Put pulses that are going to be fired on the disk; return a number for each.
+
+        Raises
+        ------
+        LedgerError
+            If they cannot be written; DoseExceeded if they are more than the patient may get.
+            None of them may be fired then.
+        """
+        with self._lock:
+            self.account.check(pulses)
+            if not pulses:
+                return range(0)
+            batch = self._write(pulses)
+            numbers = self.account.add(pulses)
+            self._places.update((number, (batch, i)) for i, number in enumerate(numbers))
+            return numbers
+
+    def count(self, pulses: Sequence[PlannedPulse]) -> None:
+        """Put pulses that were given on the disk, whatever the patient may get."""
+        with self._lock:
+            self.account.add(pulses, reserved=False)
+            self._write(pulses)
+
+    def take(self, number: int) -> None:
+        """Note that a reserved pulse is triggered now; each can be taken once."""
+        self.account.take(number)
+        self._places.pop(number, None)
+
+    def settle(self, numbers: Iterable[int] | None = None) -> None:
+        """Give reserved pulses back that were not taken, so certainly never triggered.
+
+        Raises
+        ------
+        LedgerError
+            If one of them is not reserved or was taken, or the files cannot be written.
+        """
+        with self._lock:
+            given = self.account.give_back(numbers)
+            places = [self._places.pop(number) for number in given]
+            if places:
+                self._append([{'kind': SETTLE, 'unfired': places}], sync=False)
+
+    def close(self) -> None:
+        """Give back what was not taken and close the files; may be called again."""
+        # what cannot be given back any more counts as delivered
+        with suppress(LedgerError):
+            self.settle()
+        self._broken = self._broken or 'a closed ledger'
+        for file in self._files:
+            file.close()
+
+    def _write(self, pulses: Sequence[PlannedPulse]) -> str:
+        ahead = self._clocks.boot_ns() - self._clocks.monotonic_ns()
+        batch = f'{self._session}-{self._batches}'
+        self._batches += 1
+        rows = [
+            [int(pulse.time_ns) + ahead, float(pulse.intensity), float(pulse.energy_j)]
+            for pulse in pulses
+        ]
+        parties = {'device': self.device, 'patient': self.patient}
+        self._append([{'kind': RESERVE, 'batch': batch, **parties, 'pulses': rows}])
+        return batch
+
+    def _append(self, contents: Sequence[dict[str, Any]], sync: bool = True) -> None:
+        if self._broken is not None:
+            raise LedgerError(f'expected a working ledger, got {self._broken}')
+        try:
+            for file in self._files:
+                file.append(contents, sync)
+        except StimulationError as fault:
+            # the two must never differ by more than one reservation
+            self._broken = str(fault)
+            raise LedgerError(str(fault)) from fault
+
+    def _agree(self, device: LedgerReader, patient: LedgerReader) -> tuple[BookedPulse, ...]:
+        """Return the past of both ledgers, with what a crash left out added."""
+        lost = agreed(device, patient)
+        if lost is not None:
+            content = {name: lost.content[name] for name in _COPIED if name in lost.content}
+            self._files[1].append([{'kind': RESERVE, **content}])
+        cut = [*readable(self._files[0].torn, device), *readable(self._files[1].torn, device)]
+        if cut:
+            now = self._clocks.monotonic_ns()
+            self._write([PlannedPulse(now, past.intensity, past.energy_j) for past in cut])
+        return _past(device, patient, cut)
+
+
+def _opened(folder: Path, reader: LedgerReader) -> ChainedFile:
+    name = reader.name
+    if not (name.isascii() and name.isprintable() and name.strip() and len(name) <= LONGEST_NAME):
+        raise LedgerError(
+            f'expected a name of 1 to {LONGEST_NAME} printable characters for the '
+            f'{reader.owner}, got {name[:LONGEST_NAME]!r}'
+        )
+    # in lower case: a patient must not have two ledgers by a slip of the typist
+    path = folder / f'{reader.owner}-{quote(name.casefold(), safe="")}.ledger'
+    owner = {'owner': reader.owner, 'name': name}
+    return ChainedFile(path, PURPOSE, clocks=reader.clocks, read=reader.take, begin=owner)
+
+
+def _past(
+    device: LedgerReader, patient: LedgerReader, cut: Sequence[Past]
+) -> tuple[BookedPulse, ...]:
+    """Return all pulses, oldest first, with their (negative) age in place of a time."""
+    found = [BookedPulse(-past.age_ns, past.intensity, past.energy_j) for past in cut]
+    for reader in (device, patient):
+        for batch in reader.batches.values():
+            on_device = batch.content['device'] == device.name
+            if reader is patient and on_device:
+                continue
+            on_patient = batch.content['patient'] == patient.name
+            found.extend(
+                BookedPulse(-past.age_ns, past.intensity, past.energy_j, on_device, on_patient)
+                for past in batch.pulses.values()
+            )
+    return tuple(sorted(found, key=lambda pulse: pulse.time_ns))

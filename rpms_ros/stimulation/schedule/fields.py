@@ -1,0 +1,203 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Fields of a description: bounds and units beside each value, read from YAML and checked once.
+
+A segment of a schedule, a limit or a device specification is a frozen dataclass whose fields carry
+their bounds.  The same bounds refuse a value given in Python and one read from a file; a file's
+fault is named by its place, as in ``segments[2].rate_hz``.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.strict_yaml import join, shown
+
+
+class DescriptionError(StimulationError):
+    """A description holds a fault; ``place`` says where.
+
+    Attributes
+    ----------
+    place : str
+        Path of the fault in the document, e.g. ``segments[2].rate_hz``; empty for the whole.
+    """
+
+    def __init__(self, place: str, fault: str) -> None:
+        super().__init__(f'{place}: {fault}' if place else fault)
+        self.place = place
+        self.fault = fault
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What a value must be.
+
+    Attributes
+    ----------
+    low, high : float
+        Inclusive bounds, in ``unit``.
+    unit : str
+        Unit, empty for a count or a share.
+    above : bool
+        Whether ``low`` itself is refused.
+    whole : bool
+        Whether only whole numbers are accepted.
+    several : bool
+        Whether the value is a list of such numbers, not empty.
+    optional : bool
+        Whether the value may be missing (``None``).
+    """
+
+    low: float
+    high: float
+    unit: str = ''
+    above: bool = False
+    whole: bool = False
+    several: bool = False
+    optional: bool = False
+
+    def __str__(self) -> str:
+        kind = 'a whole number' if self.whole else 'a number'
+        bracket = '(' if self.above else '['
+        unit = f' {self.unit}' if self.unit else ''
+        return f'{kind} in {bracket}{self.low:g}, {self.high:g}]{unit}'
+
+    def read(self, value: object, place: str) -> Any:
+        """Return ``value`` as the field holds it, or raise DescriptionError."""
+        if value is None and self.optional:
+            return None
+        if not self.several:
+            return self._number(value, place)
+        if not isinstance(value, list | tuple) or not value:
+            raise DescriptionError(place, f'expected a list, each {self}, got {shown(value)}')
+        return tuple(self._number(item, f'{place}[{i}]') for i, item in enumerate(value))
+
+    def _number(self, value: object, place: str) -> float | int:
+        number = _finite(value)
+        inside = number is not None and self.low <= number <= self.high
+        if number is None or not inside or (self.above and number == self.low):
+            raise DescriptionError(place, f'expected {self}, got {shown(value)}')
+        if not self.whole:
+            return number
+        if number != int(number):
+            raise DescriptionError(place, f'expected {self}, got {shown(value)}')
+        return int(number)
+
+
+def _finite(value: object) -> float | None:
+    """Return a finite number or None; a text is not a number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def bounded(bound: Bound, default: Any = MISSING) -> Any:
+    """Return a dataclass field that carries its bound."""
+    return field(default=default, metadata={'bound': bound})
+
+
+def share(default: Any = MISSING) -> Any:
+    """Return a field for a share of the maximum intensity, 0..1."""
+    return bounded(Bound(0.0, 1.0), default)
+
+
+def check_bounds(instance: Any) -> None:
+    """Hold every bounded field of a dataclass against its bound, in ``__post_init__``.
+
+    Raises
+    ------
+    DescriptionError
+        If a value is not what its bound asks for.
+    """
+    for entry in fields(instance):
+        bound = entry.metadata.get('bound')
+        if bound is not None:
+            value = bound.read(getattr(instance, entry.name), entry.name)
+            object.__setattr__(instance, entry.name, value)
+
+
+def as_mapping(content: object, place: str) -> Mapping[str, object]:
+    """Return ``content`` if it is a mapping with text keys."""
+    if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
+        raise DescriptionError(
+            place, f'expected a mapping of names to values, got {shown(content)}'
+        )
+    return content
+
+
+def refuse_unknown(content: Mapping[str, object], known: list[str], place: str) -> None:
+    """Refuse unknown keys: a misspelt limit must not count as one that was left out."""
+    for key in content:
+        if key not in known:
+            raise DescriptionError(
+                join(place, key), f'expected one of {", ".join(sorted(known))}, got {shown(key)}'
+            )
+
+
+def read_text(content: Mapping[str, object], key: str, place: str, longest: int) -> str:
+    """Return a text of 1 to ``longest`` printable characters, on one line.
+
+    Raises
+    ------
+    DescriptionError
+        If it is missing, no text, empty, too long, or not printable.
+    """
+    value = content.get(key)
+    text = ' '.join(value.split()) if isinstance(value, str) else ''
+    if not text.isprintable() or not 0 < len(text) <= longest:
+        raise DescriptionError(
+            join(place, key),
+            f'expected a text of 1 to {longest} printable characters, '
+            f'got {shown(value) if value is not None else "nothing"}',
+        )
+    return text
+
+
+def read_flag(content: Mapping[str, object], key: str, place: str, default: bool) -> bool:
+    """Return a flag; only ``true`` and ``false`` are ones.
+
+    Raises
+    ------
+    DescriptionError
+        If it is something else.
+    """
+    value = content.get(key, default)
+    if not isinstance(value, bool):
+        raise DescriptionError(join(place, key), f'expected true or false, got {shown(value)}')
+    return value
+
+
+def read_bounded(kind: type, content: Mapping[str, object], place: str) -> dict[str, Any]:
+    """Return the keyword arguments of dataclass ``kind`` that ``content`` holds, each checked.
+
+    Raises
+    ------
+    DescriptionError
+        If a required one is missing or one is out of its bound.
+    """
+    values: dict[str, Any] = {}
+    for entry in fields(kind):
+        bound = entry.metadata.get('bound')
+        if bound is None:
+            continue
+        if entry.name in content:
+            values[entry.name] = bound.read(content[entry.name], join(place, entry.name))
+        elif _required(entry):
+            raise DescriptionError(join(place, entry.name), f'expected {bound}, got nothing')
+    return values
+
+
+def bounded_names(kind: type) -> list[str]:
+    """Return the names of the bounded fields of a dataclass."""
+    return [entry.name for entry in fields(kind) if 'bound' in entry.metadata]
+
+
+def _required(entry: 'Field[Any]') -> bool:
+    return entry.default is MISSING and entry.default_factory is MISSING

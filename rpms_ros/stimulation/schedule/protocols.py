@@ -1,0 +1,172 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The excitations of the paper and the everyday ones, ready made.
+
+Schedules of the paper's experiments on the muscle itself (Sec. 2).
+
+Twitches at intensities (Tables 1 and 2, Fig. 5), trains at rates (Figs. 6 to 8), and the staircase
+of intensities at several rates that the recruitment field is made of (Figs. 9 and 10).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.printable import check_seed
+from rpms_ros.stimulation.schedule.schedule import Pause, Repeat, Schedule, Segment
+from rpms_ros.stimulation.schedule.segments import (
+    Constant,
+    PulseBurst,
+    Single,
+    Sinusoid,
+    Staircase,
+    UniformRandom,
+)
+
+PAPER_RATE_HZ = 20.0
+PAPER_DURATION_S = 90.0
+PAPER_PERIOD_S = 9.0
+
+
+def paper_random(
+    duration_s: float = PAPER_DURATION_S, rate_hz: float = PAPER_RATE_HZ, seed: int = 1
+) -> Schedule:
+    """Return uniform random intensities from 0 to 100 % (Eq. 29, Sec. 3.3.1)."""
+    segment = UniformRandom(rate_hz=rate_hz, duration_s=duration_s)
+    return Schedule((segment,), name=UniformRandom.kind, seed=seed)
+
+
+def paper_sinusoid(
+    duration_s: float = PAPER_DURATION_S,
+    rate_hz: float = PAPER_RATE_HZ,
+    period_s: float = PAPER_PERIOD_S,
+) -> Schedule:
+    """Return a sinusoidal change of intensity from 0 to 100 %, period 9 s (Sec. 3.3.1)."""
+    segment = Sinusoid(rate_hz=rate_hz, duration_s=duration_s, period_s=period_s)
+    return Schedule((segment,), name=Sinusoid.kind)
+
+
+def staircase(
+    levels: Sequence[float] = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0),
+    step_s: float = 3.0,
+    rate_hz: float = PAPER_RATE_HZ,
+) -> Schedule:
+    """Return levels of ``step_s`` seconds each, one after another."""
+    segment = Staircase(
+        rate_hz=rate_hz, duration_s=step_s * max(1, len(levels)), levels=tuple(levels)
+    )
+    return Schedule((segment,), name=Staircase.kind)
+
+
+def constant(
+    intensity: float = 1.0, duration_s: float = 10.0, rate_hz: float = PAPER_RATE_HZ
+) -> Schedule:
+    """Return pulses of one intensity."""
+    segment = Constant(rate_hz=rate_hz, duration_s=duration_s, intensity=intensity)
+    return Schedule((segment,), name=Constant.kind)
+
+
+TWITCH_INTENSITIES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+TRAIN_RATES_HZ = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
+FIELD_RATES_HZ = (15.0, 19.0, 23.0, 27.0, 31.0, 35.0)
+# 21 intensities at 6 rates: 126 levels, 882 data sets of 7 subjects (Sec. 2.2).
+FIELD_LEVELS = tuple(round(float(level), 3) for level in np.linspace(0.0, 1.0, 21))
+REST = Pause(1.0)
+
+
+def twitches(
+    intensities: tuple[float, ...] = TWITCH_INTENSITIES,
+    repetitions: int = 10,
+    interval_s: float = 1.0,
+    seed: int = 0,
+) -> Schedule:
+    """Return single pulses at several intensities, in an order that does not follow fatigue.
+
+    Parameters
+    ----------
+    intensities : tuple of float
+        Shares of the maximum.
+    repetitions : int
+        Pulses at each intensity.
+    interval_s : float
+        Time from one pulse to the next [s]; a twitch takes half a second to die away.
+    seed : int
+        Of the order.
+
+    Raises
+    ------
+    StimulationError
+        If there is nothing to give, the seed is none, or twitches would run into each other.
+    """
+    if not intensities or repetitions < 1:
+        raise StimulationError(
+            f'expected intensities and repetitions, got {len(intensities)} and {repetitions}'
+        )
+    if interval_s < 0.5:
+        raise StimulationError(f'expected an interval of at least 0.5 s, got {interval_s}')
+    check_seed(seed, StimulationError)
+    order = np.random.default_rng(seed).permutation(np.repeat(intensities, repetitions))
+    pulses: list[Segment] = [Single(float(level), interval_s) for level in order]
+    return Schedule((REST, *pulses), name='twitches', seed=seed)
+
+
+def trains(
+    rates_hz: tuple[float, ...] = TRAIN_RATES_HZ,
+    duration_s: float = 1.5,
+    rest_s: float = 3.0,
+    intensity: float = 1.0,
+) -> Schedule:
+    """Return trains at several rates, single pulses and doublets before them as a reference.
+
+    Parameters
+    ----------
+    rates_hz : tuple of float
+        Repetition rates [Hz].
+    duration_s : float
+        Length of each train [s].
+    rest_s : float
+        Silence after each [s].
+    intensity : float
+        Share of the maximum.
+    """
+    single = Repeat((Single(intensity, rest_s),), 3)
+    bursts = tuple(PulseBurst(intensity, count, 0.02, rest_s) for count in (2, 4))
+    given: list[Segment] = []
+    for rate in rates_hz:
+        given += [Constant(rate, duration_s, intensity=intensity), Pause(rest_s)]
+    return Schedule((REST, single, *bursts, *given), name='trains')
+
+
+def recruitment(
+    rates_hz: tuple[float, ...] = FIELD_RATES_HZ,
+    levels: tuple[float, ...] = FIELD_LEVELS,
+    step_s: float = 1.2,
+    rest_s: float = 3.0,
+) -> Schedule:
+    """Return a staircase of intensities at each of several rates.
+
+    Parameters
+    ----------
+    rates_hz : tuple of float
+        Repetition rates [Hz].
+    levels : tuple of float
+        Shares of the maximum, in their order.
+    step_s : float
+        Length of each level [s]: half a second to settle, the rest to measure.
+    rest_s : float
+        Silence after each staircase [s].
+    """
+    given: list[Segment] = []
+    for rate in rates_hz:
+        stairs = Staircase(rate, step_s * max(1, len(levels)), levels=levels)
+        given += [stairs, Pause(rest_s)]
+    return Schedule((REST, *given), name='recruitment')
+
+
+def muscle(seed: int = 0) -> Schedule:
+    """Return twitches, trains and staircases, one after another: the whole of Sec. 2."""
+    parts = (twitches(seed=seed), trains(), recruitment())
+    return Schedule(
+        tuple(segment for part in parts for segment in part.segments), name='muscle', seed=seed
+    )

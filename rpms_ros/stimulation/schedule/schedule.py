@@ -1,0 +1,316 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Schedules: segments in a row, repeated or not, and the pulses that they stand for.
+
+A schedule is known in full before its first pulse: counts, duration and intensities follow from
+its description and its seed, so a device's limits can be held against all of it.
+
+A segment of a schedule: what every kind of excitation has, and silence.
+
+A segment puts its first pulse at its own start and none at or after its end.  Times are integer
+nanoseconds from the start of the segment; intensities are shares of the stimulator's maximum.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import (
+    MAGNETIC_PULSE_WIDTH,
+    NANOSECONDS_PER_SECOND,
+    FloatArray,
+    IntArray,
+    PulseTrain,
+    nanoseconds,
+)
+from rpms_ros.stimulation.schedule.fields import Bound, DescriptionError, bounded, check_bounds
+from rpms_ros.strict_yaml import shown
+
+# One pulse in 1000 s; bounded below so that no onset leaves the range of an integer.
+LOWEST_RATE_HZ = 1e-3
+HIGHEST_RATE_HZ = 1000.0
+SHORTEST_S = 1e-6
+LONGEST_S = 86_400.0
+DURATION = Bound(SHORTEST_S, LONGEST_S, 's')
+
+
+@dataclass(frozen=True)
+class Segment(ABC):
+    """A piece of a schedule; every kind is a subclass."""
+
+    kind: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    @property
+    @abstractmethod
+    def length_s(self) -> float:
+        """Time from its start to the start of the next segment [s]."""
+
+    @property
+    @abstractmethod
+    def pulse_count(self) -> int:
+        """Number of pulses, known before any is computed."""
+
+    @abstractmethod
+    def onsets_ns(self) -> IntArray:
+        """Return the onsets [ns] from the start of the segment, shape (pulses,)."""
+
+    @abstractmethod
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return the intensities (share 0..1) of pulses at ``onset_s`` [s], shape (pulses,)."""
+
+
+@dataclass(frozen=True)
+class Pause(Segment):
+    """Silence."""
+
+    kind: ClassVar[str] = 'pause'
+    duration_s: float = bounded(DURATION)
+
+    @property
+    def length_s(self) -> float:
+        """Time without a pulse [s]."""
+        return self.duration_s
+
+    @property
+    def pulse_count(self) -> int:
+        """None."""
+        return 0
+
+    def onsets_ns(self) -> IntArray:
+        """Return an empty array."""
+        return np.empty(0, dtype=np.int64)
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return an empty array."""
+        del random
+        return np.zeros_like(onset_s)
+
+
+MOST_PULSES = 500_000
+LONGEST_NAME = 64
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """Segments that are given several times in a row.
+
+    Attributes
+    ----------
+    times : int
+        How often.
+    segments : tuple of Segment or Repeat
+        What is repeated; random segments without a seed of their own differ each time.
+    """
+
+    segments: tuple['Segment | Repeat', ...]
+    times: int = bounded(Bound(1, 100_000, whole=True), 2)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if not self.segments:
+            raise StimulationError('expected at least one segment to repeat, got none')
+
+    @cached_property
+    def pulse_count(self) -> int:
+        """Number of pulses of all repetitions."""
+        return self.times * sum(segment.pulse_count for segment in self.segments)
+
+    @cached_property
+    def length_s(self) -> float:
+        """Duration of all repetitions [s]."""
+        return self.times * sum(segment.length_s for segment in self.segments)
+
+    @cached_property
+    def pieces(self) -> int:
+        """Number of segments that it unrolls to."""
+        inner = (item.pieces if isinstance(item, Repeat) else 1 for item in self.segments)
+        return self.times * sum(inner)
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What a schedule adds up to, before anything fires.
+
+    Attributes
+    ----------
+    pulses : int
+        Number of pulses.
+    duration : float
+        Length [s].
+    highest_rate_hz : float
+        Largest rate between two neighbouring pulses [Hz]; 0 with fewer than two.
+    highest_intensity : float
+        Largest share of the maximum.
+    """
+
+    pulses: int
+    duration: float
+    highest_rate_hz: float
+    highest_intensity: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A schedule worked out, pulse by pulse.
+
+    Attributes
+    ----------
+    onset_ns : ndarray of int64, shape (pulses,)
+        Onsets from the start of the schedule [ns].
+    intensity : ndarray of float64, shape (pulses,)
+        Shares of the maximum, 0..1.
+    segment : ndarray of int64, shape (pulses,)
+        Index of the outermost segment that each pulse belongs to.
+    duration_ns : int
+        Length of the schedule [ns].
+    """
+
+    onset_ns: IntArray
+    intensity: FloatArray
+    segment: IntArray
+    duration_ns: int
+
+    def __len__(self) -> int:
+        return len(self.onset_ns)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Segments in a row.
+
+    Attributes
+    ----------
+    segments : tuple of Segment or Repeat
+        In the order in which they are given.
+    name : str
+        What people call it.
+    seed : int
+        Of every random segment that has none of its own.
+    width_s : float
+        Duration of every pulse [s].
+    """
+
+    segments: tuple[Segment | Repeat, ...]
+    name: str = 'schedule'
+    seed: int = bounded(Bound(0, 2**53, whole=True), 0)
+    width_s: float = bounded(Bound(1e-6, 0.01, 's'), MAGNETIC_PULSE_WIDTH)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if not self.name.isprintable() or not 0 < len(self.name) <= LONGEST_NAME:
+            raise DescriptionError(
+                'name',
+                f'expected a text of 1 to {LONGEST_NAME} printable characters, '
+                f'got {shown(self.name)}',
+            )
+        if not self.segments:
+            raise StimulationError('expected at least one segment, got none')
+        pieces = Repeat(self.segments, 1)
+        for what, value, most in (
+            ('pulses', pieces.pulse_count, MOST_PULSES),
+            ('segments after unrolling', pieces.pieces, MOST_PULSES),
+            ('seconds', pieces.length_s, LONGEST_S),
+        ):
+            if value > most:
+                raise StimulationError(f'expected at most {most:g} {what}, got {value:g}')
+
+    @property
+    def pulse_count(self) -> int:
+        """Number of pulses, without working them out."""
+        return sum(segment.pulse_count for segment in self.segments)
+
+    @property
+    def length_s(self) -> float:
+        """Length of the schedule [s]."""
+        return sum(segment.length_s for segment in self.segments)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """All pulses; the same for the same description and seed."""
+        return _worked_out(self)
+
+    @cached_property
+    def totals(self) -> Totals:
+        """What the pulses add up to."""
+        plan = self.plan
+        gaps = np.diff(plan.onset_ns)
+        some = len(plan) > 0
+        return Totals(
+            pulses=len(plan),
+            duration=plan.duration_ns / NANOSECONDS_PER_SECOND,
+            highest_rate_hz=NANOSECONDS_PER_SECOND / float(gaps.min()) if len(gaps) else 0.0,
+            highest_intensity=float(plan.intensity.max()) if some else 0.0,
+        )
+
+    def pulses(self, start_ns: int = 0) -> PulseTrain:
+        """Return the pulses of the schedule when it starts at ``start_ns`` [ns]."""
+        plan = self.plan
+        return PulseTrain(
+            onset_ns=plan.onset_ns + start_ns,
+            intensity=plan.intensity.copy(),
+            sequence=np.arange(len(plan), dtype=np.int64),
+            width=np.full(len(plan), self.width_s),
+        )
+
+
+class _Tape:
+    """Collects segments one after another."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = np.random.default_rng(seed)
+        self.onsets: list[IntArray] = [np.empty(0, dtype=np.int64)]
+        self.intensities: list[FloatArray] = [np.empty(0)]
+        self.owners: list[IntArray] = [np.empty(0, dtype=np.int64)]
+        self.end_ns = 0
+
+    def add(self, item: Segment | Repeat, owner: int) -> None:
+        """Append one segment, or all repetitions of several."""
+        if isinstance(item, Repeat):
+            for _ in range(item.times):
+                for inner in item.segments:
+                    self.add(inner, owner)
+            return
+        onset = item.onsets_ns()
+        onset_s = onset / NANOSECONDS_PER_SECOND
+        self.onsets.append(onset + self.end_ns)
+        self.intensities.append(np.clip(item.intensities(onset_s, self.random), 0.0, 1.0))
+        self.owners.append(np.full(len(onset), owner, dtype=np.int64))
+        self.end_ns += nanoseconds(item.length_s)
+
+
+def _worked_out(schedule: Schedule) -> Plan:
+    tape = _Tape(schedule.seed)
+    for owner, item in enumerate(schedule.segments):
+        tape.add(item, owner)
+    plan = Plan(
+        np.concatenate(tape.onsets),
+        np.concatenate(tape.intensities),
+        np.concatenate(tape.owners),
+        tape.end_ns,
+    )
+    _refuse_disorder(plan)
+    return plan
+
+
+def _refuse_disorder(plan: Plan) -> None:
+    """Raise StimulationError unless onsets rise and lie within their segments.
+
+    Bounds of the fields leave no way to this; what is fired does not rest on that alone.
+    """
+    if not len(plan):
+        return
+    ascending = bool(np.all(np.diff(plan.onset_ns) >= 0))
+    if not ascending or plan.onset_ns[0] < 0 or plan.onset_ns[-1] > plan.duration_ns:
+        raise StimulationError(
+            f'expected onsets that ascend from 0 to {plan.duration_ns} ns, got '
+            f'{plan.onset_ns.min()} to {plan.onset_ns.max()} ns'
+        )
+    if not np.all(np.isfinite(plan.intensity)):
+        raise StimulationError('expected finite intensities, got some that are not')

@@ -1,0 +1,351 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Segments of repetitive pulses: one rate, constant or changing, and an intensity over time.
+
+Segments of few pulses: single, doublet, N-let.
+
+Pseudo-random multilevel sequence: few levels in an order whose spectrum is flat.
+
+A shift register of ``order`` cells over the integers modulo a prime q, fed back by a primitive
+polynomial, runs through all q**order - 1 states but zero before it repeats, so every level comes
+as often as the others (zero once less) and the sequence is uncorrelated with its own shifts.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+
+from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
+from rpms_ros.stimulation.schedule.fields import Bound, bounded, share
+from rpms_ros.stimulation.schedule.schedule import (
+    DURATION,
+    HIGHEST_RATE_HZ,
+    LONGEST_S,
+    LOWEST_RATE_HZ,
+    Segment,
+)
+
+RATE = Bound(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, 'Hz')
+SEED = Bound(0, 2**53, whole=True, optional=True)
+
+# Rate times duration is rarely a whole number in floating point; a millionth of a period decides
+# whether the pulse at the very end belongs to the segment (it does not).
+_PERIOD_SLACK = 1e-6
+
+
+def refuse_swapped(low: float, high: float) -> None:
+    """Raise StimulationError unless ``low`` <= ``high``."""
+    if low > high:
+        raise StimulationError(f'expected low <= high, got {low:g} and {high:g}')
+
+
+@dataclass(frozen=True)
+class Repetitive(Segment):
+    """Pulses at a repetition rate that is constant or changes linearly in time.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Repetition rate at the start [Hz].
+    duration_s : float
+        Length of the segment [s].
+    final_rate_hz : float, optional
+        Repetition rate at the end [Hz]; as ``rate_hz`` if it is missing.
+    """
+
+    rate_hz: float = bounded(RATE)
+    duration_s: float = bounded(DURATION)
+    final_rate_hz: float | None = bounded(
+        Bound(LOWEST_RATE_HZ, HIGHEST_RATE_HZ, 'Hz', optional=True), None
+    )
+
+    @property
+    def length_s(self) -> float:
+        """Length of the segment [s]."""
+        return self.duration_s
+
+    @property
+    def pulse_count(self) -> int:
+        """Number of periods that begin within the segment: mean rate times duration, upwards."""
+        final = self.rate_hz if self.final_rate_hz is None else self.final_rate_hz
+        periods = 0.5 * (self.rate_hz + final) * self.duration_s
+        return max(1, math.ceil(periods - _PERIOD_SLACK))
+
+    def onsets_ns(self) -> IntArray:
+        """Return the times at which the phase f t + (f_end - f) t^2 / (2 T) is whole [ns]."""
+        phase = np.arange(self.pulse_count, dtype=np.float64)
+        if self.final_rate_hz is None:
+            return np.rint(phase * (NANOSECONDS_PER_SECOND / self.rate_hz)).astype(np.int64)
+        slope = (self.final_rate_hz - self.rate_hz) / self.duration_s
+        # the root of the quadratic in the form that does not cancel when the slope is small
+        root = np.sqrt(np.maximum(self.rate_hz**2 + 2.0 * slope * phase, 0.0))
+        onset_s = 2.0 * phase / (self.rate_hz + root)
+        return np.rint(onset_s * NANOSECONDS_PER_SECOND).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Constant(Repetitive):
+    """One intensity."""
+
+    kind: ClassVar[str] = 'constant'
+    intensity: float = share(1.0)
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return the same intensity for every pulse."""
+        del random
+        return np.full_like(onset_s, self.intensity)
+
+
+@dataclass(frozen=True)
+class Ramp(Repetitive):
+    """Intensity that changes linearly from ``start`` to ``end``."""
+
+    kind: ClassVar[str] = 'ramp'
+    start: float = share(0.0)
+    end: float = share(1.0)
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return the straight line through (0, start) and (duration, end)."""
+        del random
+        return self.start + (self.end - self.start) * (onset_s / self.duration_s)
+
+
+@dataclass(frozen=True)
+class Staircase(Repetitive):
+    """Levels of equal length, one after another."""
+
+    kind: ClassVar[str] = 'staircase'
+    levels: tuple[float, ...] = bounded(
+        Bound(0.0, 1.0, several=True), (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+    )
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return the level of the step that each onset falls into."""
+        del random
+        # a pulse due exactly at an edge belongs to the step that begins there, rounding or not
+        step = np.floor(onset_s / self.duration_s * len(self.levels) + _PERIOD_SLACK)
+        last = len(self.levels) - 1
+        return np.asarray(self.levels)[np.minimum(step.astype(np.int64), last)]
+
+
+@dataclass(frozen=True)
+class Sinusoid(Repetitive):
+    """Intensity between ``low`` and ``high``, starting at ``low`` (Sec. 3.3.1: period 9 s)."""
+
+    kind: ClassVar[str] = 'sinusoid'
+    low: float = share(0.0)
+    high: float = share(1.0)
+    period_s: float = bounded(DURATION, 9.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_swapped(self.low, self.high)
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return low + (high - low) (1 - cos(2 pi t / period)) / 2."""
+        del random
+        rise = 0.5 - 0.5 * np.cos(2.0 * math.pi / self.period_s * onset_s)
+        return self.low + (self.high - self.low) * np.clip(rise, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class UniformRandom(Repetitive):
+    """Independent intensities, uniform between ``low`` and ``high`` (Eq. 29)."""
+
+    kind: ClassVar[str] = 'uniform_random'
+    low: float = share(0.0)
+    high: float = share(1.0)
+    seed: int | None = bounded(SEED, None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_swapped(self.low, self.high)
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return draws from ``random``, or from the segment's own seed if it has one."""
+        own = random if self.seed is None else np.random.default_rng(self.seed)
+        return own.uniform(self.low, self.high, len(onset_s))
+
+
+@dataclass(frozen=True)
+class PulseBurst(Segment):
+    """``count`` pulses ``interval_s`` apart (an N-let), then silence to the end of the segment."""
+
+    kind: ClassVar[str] = 'n_let'
+    intensity: float = share(1.0)
+    count: int = bounded(Bound(1, 1000, whole=True), 3)
+    interval_s: float = bounded(Bound(1.0 / HIGHEST_RATE_HZ, LONGEST_S, 's'), 0.01)
+    duration_s: float = bounded(DURATION, 1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.pulse_count - 1) * self.interval_s >= self.duration_s:
+            raise StimulationError(
+                f'expected a duration above {(self.pulse_count - 1) * self.interval_s:g} s, the '
+                f'length of {self.pulse_count} pulses, got {self.duration_s:g}'
+            )
+
+    @property
+    def length_s(self) -> float:
+        """Length of the segment with the silence after the pulses [s]."""
+        return self.duration_s
+
+    @property
+    def pulse_count(self) -> int:
+        """Number of pulses."""
+        return self.count
+
+    def onsets_ns(self) -> IntArray:
+        """Return multiples of the interval [ns], shape (count,)."""
+        number = np.arange(self.pulse_count, dtype=np.float64)
+        return np.rint(number * (self.interval_s * NANOSECONDS_PER_SECOND)).astype(np.int64)
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return the same intensity for every pulse."""
+        del random
+        return np.full_like(onset_s, self.intensity)
+
+
+@dataclass(frozen=True)
+class Single(Segment):
+    """One pulse, then silence to the end of the segment."""
+
+    kind: ClassVar[str] = 'single'
+    intensity: float = share(1.0)
+    duration_s: float = bounded(DURATION, 1.0)
+
+    @property
+    def length_s(self) -> float:
+        """Length of the segment with the silence after the pulse [s]."""
+        return self.duration_s
+
+    @property
+    def pulse_count(self) -> int:
+        """One."""
+        return 1
+
+    def onsets_ns(self) -> IntArray:
+        """Return the start of the segment."""
+        return np.zeros(1, dtype=np.int64)
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return the intensity."""
+        del random
+        return np.full_like(onset_s, self.intensity)
+
+
+@dataclass(frozen=True)
+class Doublet(PulseBurst):
+    """Two pulses."""
+
+    kind: ClassVar[str] = 'doublet'
+    count: int = bounded(Bound(2, 2, whole=True), 2)
+
+
+PRIMES = (2, 3, 5, 7)
+
+
+# Coefficients of a primitive polynomial for each number of levels and of cells: to look for them
+# takes seconds.
+FEEDBACK: dict[tuple[int, int], tuple[int, ...]] = {
+    (2, 1): (1,),
+    (2, 2): (1, 1),
+    (2, 3): (1, 0, 1),
+    (2, 4): (1, 0, 0, 1),
+    (3, 1): (2,),
+    (3, 2): (1, 1),
+    (3, 3): (2, 0, 1),
+    (3, 4): (1, 0, 0, 1),
+    (5, 1): (2,),
+    (5, 2): (2, 2),
+    (5, 3): (2, 0, 1),
+    (5, 4): (2, 0, 2, 1),
+    (7, 1): (3,),
+    (7, 2): (2, 2),
+    (7, 3): (3, 0, 1),
+    (7, 4): (2, 0, 1, 1),
+}
+
+
+@lru_cache(maxsize=32)
+def maximal_sequence(symbols: int, order: int) -> tuple[int, ...]:
+    """Return one period of a maximal-length sequence.
+
+    Parameters
+    ----------
+    symbols : int
+        Number of levels q, a prime.
+    order : int
+        Cells of the shift register.
+
+    Returns
+    -------
+    tuple of int, length symbols**order - 1
+        Symbols 0 .. q-1.
+    """
+    feedback = FEEDBACK.get((symbols, order))
+    if feedback is None:
+        raise StimulationError(
+            f'expected 2, 3, 5 or 7 levels and 1 to 4 cells, got {symbols} and {order}'
+        )
+    return _run(feedback, symbols, symbols**order - 1)
+
+
+def _run(feedback: tuple[int, ...], symbols: int, longest: int) -> tuple[int, ...]:
+    """Return the symbols until the register's first state comes back, at most ``longest``."""
+    start = (0,) * (len(feedback) - 1) + (1,)
+    state = start
+    sequence = []
+    for _ in range(longest):
+        sequence.append(state[0])
+        new = sum(c * s for c, s in zip(feedback, state, strict=True)) % symbols
+        state = (*state[1:], new)
+        if state == start:
+            return tuple(sequence)
+    return ()
+
+
+@dataclass(frozen=True)
+class MultilevelPRBS(Repetitive):
+    """A maximal-length sequence of ``level_count`` levels from ``low`` to ``high``.
+
+    Attributes
+    ----------
+    level_count : int
+        Number of levels: 2, 3, 5 or 7.
+    order : int
+        Cells of the shift register; the sequence repeats after level_count**order - 1 levels.
+    hold_pulses : int
+        Pulses given at a level before the next.
+    seed : int, optional
+        Where in its period the sequence begins; drawn from the schedule's seed if it is missing.
+    """
+
+    kind: ClassVar[str] = 'multilevel_prbs'
+    low: float = share(0.0)
+    high: float = share(1.0)
+    level_count: int = bounded(Bound(2, 7, whole=True), 5)
+    order: int = bounded(Bound(1, 4, whole=True), 3)
+    hold_pulses: int = bounded(Bound(1, 100_000, whole=True), 1)
+    seed: int | None = bounded(SEED, None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_swapped(self.low, self.high)
+        if self.level_count not in PRIMES:
+            raise StimulationError(
+                f'expected a level_count of 2, 3, 5 or 7, got {self.level_count}'
+            )
+
+    def intensities(self, onset_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Return the levels, each held, from a place in the period that the seed chooses."""
+        own = random if self.seed is None else np.random.default_rng(self.seed)
+        period = np.asarray(maximal_sequence(self.level_count, self.order), dtype=np.float64)
+        start = int(own.integers(len(period)))
+        step = start + np.arange(len(onset_s)) // self.hold_pulses
+        symbol = period[step % len(period)]
+        return self.low + (self.high - self.low) * (symbol / (self.level_count - 1))
