@@ -1,15 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Text from anybody, on one line of a terminal or in a cell of a table; numbers in words.
-
-Seeds of random numbers.
-"""
+"""Text from anybody, on one line of a terminal or in a cell of a table; numbers in words."""
 
 import math
-
-import numpy as np
-
-from rpms_ros.errors import RpmsError
 
 _FORMULA_STARTS = ('=', '+', '-', '@', '\t', '\r')
 _MOST_DECIMALS = 3
@@ -60,13 +53,3 @@ def percent_explained(share: float) -> str:
     if missing < 10.0**-_MOST_DECIMALS:
         return 'more than 99.' + _MOST_DECIMALS * '9'
     return f'{100.0 * share:.{max(1, math.ceil(-math.log10(missing)))}f}'
-
-
-LARGEST_SEED = 2**53
-"""Largest seed: JSON and YAML readers that use doubles hold it exactly."""
-
-
-def check_seed(seed: object, error: type[RpmsError]) -> None:
-    """Raise `error` unless `seed` is one: what NumPy says names neither it nor the range."""
-    if not isinstance(seed, int | np.integer) or not 0 <= seed <= LARGEST_SEED:
-        raise error(f'expected a seed, a whole number from 0 to 2^53, got {seed!r}')

@@ -21,11 +21,11 @@ from rpms_ros.muscle import SUBJECTS, Subject, random_subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import Surroundings, Truth, simulate_session
 from rpms_ros.muscle.time_varying import muscle_of
-from rpms_ros.printable import check_seed
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray
 from rpms_ros.recording.rosbag.definitions import known_types
 from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.known_muscle import of_truths
+from rpms_ros.seeds import check_seed
 from rpms_ros.stimulation import (
     Schedule,
     constant,

@@ -45,8 +45,8 @@ from rpms_ros.identification.recursion.paper import RecursiveEstimator
 from rpms_ros.identification.recursion.people import PEOPLE, ExactRecursion
 from rpms_ros.identification.session import identify
 from rpms_ros.identification.stream.stream_input import StreamSettings
-from rpms_ros.printable import check_seed
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
+from rpms_ros.seeds import check_seed
 
 GROUP = 'rpms_ros.estimators'
 _PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line', 'update')

@@ -37,8 +37,8 @@ from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.common.logger import logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import complete_or_gone, run
-from rpms_ros.printable import LARGEST_SEED
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse, nanoseconds
+from rpms_ros.seeds import LARGEST_SEED
 
 # Largest difference of two steps that is no jump.
 _LARGEST_STEP_NS = NANOSECONDS_PER_SECOND

@@ -1,9 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""No file holds more than one idea's worth of lines; tools/sizes counts."""
+"""The package does not grow: tools/sizes counts, and holds it against a ceiling."""
 
 from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -34,7 +33,9 @@ def sizes(tool: Callable[[str], ModuleType]) -> ModuleType:
     return tool('sizes')
 
 
-def test_no_file_is_too_long(sizes: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_package_is_below_its_ceiling(
+    sizes: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert sizes.main(['--check']) == 0, capsys.readouterr().out
 
 
@@ -50,22 +51,12 @@ def test_lines_are_told_apart(sizes: ModuleType) -> None:
     }
 
 
-@pytest.mark.parametrize(('folder', 'limit'), [('rpms_ros', 600), ('test', 900)])
-def test_a_file_that_is_too_long_is_named(
-    sizes: ModuleType, tmp_path: Path, folder: str, limit: int
-) -> None:
-    path = tmp_path / folder / 'long.py'
-    path.parent.mkdir()
-    path.write_text('pass\n' * (limit + 2))
-    assert sizes.too_long(tmp_path) == []
-    path.write_text('pass\n' * (limit + 3))
-    told = f'{folder}/long.py: expected at most {limit} lines, got {limit + 1}'
-    assert sizes.too_long(tmp_path) == [told]
-    sizes.LONGER[f'{folder}/long.py'] = 'because'
-    assert sizes.too_long(tmp_path) == []
-    path.write_text('pass\n')
-    assert sizes.too_long(tmp_path) == [
-        f'{folder}/long.py: expected no entry in LONGER, got -1 lines'
+def test_a_package_above_its_ceiling_is_told_by_how_much(sizes: ModuleType) -> None:
+    settings = '[tool.sizes]\ncode = 100\nmodules = 3\n'
+    assert sizes.above_ceiling(sizes.Size(modules=3, code=100), settings) == []
+    assert sizes.above_ceiling(sizes.Size(modules=4, code=101), settings) == [
+        'rpms_ros: expected at most 100 lines of code, got 101',
+        'rpms_ros: expected at most 3 modules, got 4',
     ]
 
 
