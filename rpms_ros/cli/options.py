@@ -179,7 +179,7 @@ def warn(findings: Iterable[tuple[str, str]]) -> None:
 
 def compile_estimator(build: 'Callable[[], Estimator]', quiet: bool) -> None:
     """Compile what an estimator runs, once on a machine; say so on stderr before it begins."""
-    from rpms_ros.identification.catalogue import warm_up
+    from rpms_ros.identification.warm_up import warm_up
 
     def tell() -> None:
         if not quiet:

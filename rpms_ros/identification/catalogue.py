@@ -4,29 +4,13 @@
 
 An estimator of another distribution is a callable that takes `EstimatorOptions`, named by an
 entry point of the group ``rpms_ros.estimators``.  Those of this package are in `ESTIMATORS`.
-
-A made-up session that runs all compiled code of an estimator, so that it is compiled.
-
-The first run on a machine compiles for a minute or two.  A node that did so while it is running
-would not hear its topics meanwhile.  All estimators of this package at once, as `make build` does:
-
-    python -m rpms_ros.identification.catalogue
 """
 
-import multiprocessing
-import os
-import platform
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from numbers import Real
-from pathlib import Path
 from types import MappingProxyType
-
-import numba
-import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.batch import BatchEstimator
@@ -43,9 +27,6 @@ from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset, 
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.recursion.paper import RecursiveEstimator
 from rpms_ros.identification.recursion.people import PEOPLE, ExactRecursion
-from rpms_ros.identification.session import identify
-from rpms_ros.identification.stream.stream_input import StreamSettings
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 from rpms_ros.seeds import check_seed
 
 GROUP = 'rpms_ros.estimators'
@@ -214,94 +195,3 @@ def _loaded(point: EntryPoint, options: EstimatorOptions) -> Estimator:
             f'got {type(estimator).__name__}'
         )
     return estimator
-
-
-_PULSE_RATE_HZ = 20
-_FORCE_RATE_HZ = 250
-# Share of the twitch that is left a sample later: a time constant of 40 ms.
-_DECAY = float(np.exp(-1.0 / (0.04 * _FORCE_RATE_HZ)))
-_NOISE = 0.01
-# What runs at once, and what runs when a horizon is full or a muscle has changed [s].
-_SHORT, _LONG = 2.0, 26.0
-_CHANGE_AT, _CHANGE = 0.6, 0.7
-# What compiles longest first.
-_ALL = (
-    ('batch', PEOPLE_PRESET),
-    ('tracking', PEOPLE_PRESET),
-    ('recursive', PEOPLE_PRESET),
-    ('recursive', 'paper_table_4'),
-    ('horizon', PEOPLE_PRESET),
-)
-
-
-def warm_up(build: Callable[[], Estimator], tell: Callable[[], object] = lambda: None) -> None:
-    """Compile what an estimator runs, or load it if that was done before.
-
-    Parameters
-    ----------
-    build : callable
-        Returns a new estimator.
-    tell : callable, optional
-        Called before anything is compiled; not at all if that was done before.
-    """
-    settings = StreamSettings(estimate_period=1.0)
-    estimator = build()
-    marker = _marker(f'{type(estimator).__name__}-{estimator.name}')
-    compiled = marker is not None and marker.exists()
-    if not compiled:
-        tell()
-    identify(estimator, *made_up_session(_SHORT), settings)
-    if compiled:
-        return
-    identify(build(), *made_up_session(_LONG), settings)
-    if marker is not None:
-        with suppress(OSError):
-            marker.touch()
-
-
-def _marker(name: str) -> Path | None:
-    """Return the file that says that everything of an estimator was compiled here."""
-    folder = os.environ.get('NUMBA_CACHE_DIR')
-    if not folder:
-        return None
-    # a folder that several machines share holds what each of them has compiled
-    return Path(folder, f'compiled-{name}-{numba.__version__}-{platform.node()}')
-
-
-def made_up_session(seconds: float) -> tuple[PulseTrain, ForceTrace]:
-    """Return pulses of random intensity and the force of a muscle that is weaker at the end.
-
-    Parameters
-    ----------
-    seconds : float
-        Duration [s].
-    """
-    generator = np.random.default_rng(0)
-    intensity = generator.uniform(0.2, 1.0, int(seconds * _PULSE_RATE_HZ))
-    drive = np.zeros(int(seconds * _FORCE_RATE_HZ))
-    place = np.arange(len(intensity)) * _FORCE_RATE_HZ // _PULSE_RATE_HZ
-    drive[place] = np.clip(2.0 * intensity - 0.8, 0.0, 1.0)
-    force = _NOISE * generator.standard_normal(len(drive))
-    first = second = 0.0
-    for index, one in enumerate(drive.tolist()):
-        first = _DECAY * first + one
-        second = _DECAY * second + 0.2 * first
-        force[index] += second if index < _CHANGE_AT * len(drive) else _CHANGE * second
-    stamp_ns = np.arange(len(drive), dtype=np.int64) * (NANOSECONDS_PER_SECOND // _FORCE_RATE_HZ)
-    return PulseTrain.regular(intensity, _PULSE_RATE_HZ), ForceTrace(stamp_ns, force)
-
-
-def _warm_up_named(name: str, preset: str) -> None:
-    warm_up(lambda: estimator_by_name(name, preset))
-
-
-def main() -> None:
-    """Compile every estimator of this package, several at a time."""
-    # of five, one takes half of the time
-    workers = min(2, os.cpu_count() or 1)
-    with ProcessPoolExecutor(workers, multiprocessing.get_context('spawn')) as pool:
-        list(pool.map(_warm_up_named, *zip(*_ALL, strict=True)))
-
-
-if __name__ == '__main__':
-    main()

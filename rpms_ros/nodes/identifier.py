@@ -44,12 +44,12 @@ from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import UNITS, Axis
 from rpms_ros.errors import NodeError, RpmsError
 from rpms_ros.identification import Estimate, IdentificationStream
-from rpms_ros.identification.catalogue import warm_up
 from rpms_ros.identification.stream import faults
 from rpms_ros.identification.stream.checkpoint import load, save
 from rpms_ros.identification.stream.doubts import stated_doubt
 from rpms_ros.identification.stream.first_publisher import FirstPublisher
 from rpms_ros.identification.stream.recorded_order import Foreign, add_in_order
+from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
 from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import Estimator, estimator_by_name
-from rpms_ros.identification.catalogue import made_up_session, warm_up
+from rpms_ros.identification.warm_up import made_up_session, warm_up
 
 # What Python calls has a signature when it has been compiled, or loaded from the cache.
 PROGRAM = """
@@ -19,7 +19,7 @@ import os
 import sys
 from numba.core.dispatcher import Dispatcher
 from rpms_ros.identification import estimator_by_name, identify
-from rpms_ros.identification.catalogue import warm_up
+from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 import numpy as np
