@@ -221,7 +221,7 @@ def test_that_it_compiles_is_said_on_stderr_terminal_or_not(
     def warm_up(_: object, tell: Callable[[], None]) -> None:
         tell()
 
-    monkeypatch.setattr('rpms_ros.identification.catalogue.warm_up', warm_up)
+    monkeypatch.setattr('rpms_ros.identification.warm_up.warm_up', warm_up)
     for quiet, told in ((False, 1), (True, 0)):
         options.compile_estimator(lambda: estimator_by_name('batch'), quiet)
         assert capsys.readouterr().err.count('rpms: compiling for this machine, once') == told
