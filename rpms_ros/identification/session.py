@@ -16,8 +16,8 @@ import numpy as np
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.model.estimate import Estimate, Estimator
 from rpms_ros.identification.stream.checkpoint import save
+from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
 from rpms_ros.identification.stream.recorded_order import NO_FOREIGN, Foreign, feed
-from rpms_ros.identification.stream.sensor_checks import Monitor, ProcessedSamples
 from rpms_ros.identification.stream.stream import IdentificationStream
 from rpms_ros.identification.stream.stream_input import StreamSettings
 from rpms_ros.printable import counted

@@ -23,7 +23,7 @@ from rpms_ros.identification import (
     estimator_by_name,
 )
 from rpms_ros.identification.stream import checkpoint
-from rpms_ros.identification.stream.sensor_checks import Monitor
+from rpms_ros.identification.stream.monitors import Monitor
 from rpms_ros.pulses import ForceTrace
 
 SECOND = 1_000_000_000

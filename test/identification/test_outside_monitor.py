@@ -15,7 +15,7 @@ from rpms_ros.identification.stream.sensor_checks import MONITORS, monitors_by_n
 MODULE = '''
 """Names force below zero, which no muscle on this rig gives."""
 
-from rpms_ros.identification.stream.sensor_checks import Monitor
+from rpms_ros.identification.stream.monitors import Monitor
 
 
 class Push(Monitor):

@@ -19,7 +19,7 @@ from rpms_ros.identification import (
     RecursiveEstimator,
     StreamSettings,
 )
-from rpms_ros.identification.stream.sensor_checks import Monitor, ProcessedSamples
+from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
 from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000

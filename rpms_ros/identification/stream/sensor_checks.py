@@ -559,14 +559,6 @@ class Unexplained(Monitor):
         self._explained.clear()
 
 
-__all__ = [
-    'MONITORS',
-    'Monitor',
-    'ProcessedSamples',
-    'Window',
-    'monitors_by_name',
-]
-
 GROUP = 'rpms_ros.monitors'
 
 MONITORS: dict[str, Callable[[], Monitor]] = {

@@ -18,8 +18,9 @@ from rpms_ros.identification.model.estimate import Estimate, Estimator, Predicti
 from rpms_ros.identification.stream import faults
 from rpms_ros.identification.stream.doubts import RESPONSE_MISFIT, Doubts, ResponseMisfit
 from rpms_ros.identification.stream.faults import FaultCounter
+from rpms_ros.identification.stream.monitors import Monitor
 from rpms_ros.identification.stream.pulse_checks import Alignment
-from rpms_ros.identification.stream.sensor_checks import Monitor, Pipeline, monitors_by_name
+from rpms_ros.identification.stream.sensor_checks import Pipeline, monitors_by_name
 from rpms_ros.identification.stream.stream_input import StreamInput, StreamSettings
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray, nanoseconds
 from rpms_ros.saved_state import State, described
