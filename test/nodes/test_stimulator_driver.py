@@ -31,7 +31,9 @@ from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import constant, schedule_from_text
 from rpms_ros.stimulation.records.audit_log import verify_log
 
-SPECIFICATIONS = Path(rpms_ros.__file__).parent / 'stimulation' / 'device_specifications'
+SPECIFICATIONS = (
+    Path(rpms_ros.__file__).parent / 'stimulation' / 'limits' / 'device_specifications'
+)
 SHORT = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]'
 LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
 

@@ -3,11 +3,10 @@
 """Off-line estimator: variable projection over all samples, from many starts.
 
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
-parameters follow exactly (`rpms_ros.identification.projection`), so that the cost of a fit grows
-with the pulses, not with the samples.  A fit is made whenever the recording has doubled, so that
-every sample has an a-priori prediction, and once more for an estimate.  With `choose_basis`,
-latency and time constant of the basis are chosen by the samples
-(`rpms_ros.identification.estimation.batch`).
+parameters follow exactly (`rpms_ros.identification.estimation.blocks`), so that the cost of a fit
+grows with the pulses, not with the samples.  A fit is made whenever the recording has doubled, so
+that every sample has an a-priori prediction, and once more for an estimate.  With `choose_basis`,
+latency and time constant of the basis are chosen by the samples.
 
 Choice of latency and time constant of the basis by how well a recording is explained.
 
