@@ -149,7 +149,7 @@ def document(name: str, folder: Path) -> Kind:
         copy('muscle/scenarios', path)
         load = partial(load_scenario, str(path))
     elif name == 'device':
-        copy('stimulation/device_specifications', path)
+        copy('stimulation/limits/device_specifications', path)
         load = partial(load_device_specification, str(path))
     elif name == 'patient':
         path.write_text(str(patient.__doc__).partition('\n\n')[2])
