@@ -91,11 +91,11 @@ class Clinic:
             self.graph.remove(self.driver)
             self.counts['restarts'] += 1
         self.driver = self._add(StimulatorDriver, **_PATIENT)
-        self.driver._accepted._accepted = Counting(self.driver._accepted._accepted)
+        self.driver._reports._accepted = Counting(self.driver._reports._accepted)
 
     def _count_driver(self):
         self.counts['delivered'] += self.driver.controller.delivered
-        self.counts['runs'] += self.driver._accepted._accepted.count
+        self.counts['runs'] += self.driver._reports._accepted.count
 
     def _on_status(self, status):
         self.statuses = [status]
