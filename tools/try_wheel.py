@@ -23,11 +23,11 @@ for ros in ('rclpy', 'rpms_msgs'):
 
 
 def rpms(*arguments: str, status: int = 0) -> str:
-    """Run a command; return what it printed."""
+    """Run a command; return what it printed, or its message where it is to fail."""
     done = subprocess.run(['rpms', *arguments], capture_output=True, text=True, check=False)
     if done.returncode != status or 'Traceback' in done.stderr:
         sys.exit(f'expected status {status} of rpms {arguments}, got {done}')
-    return done.stdout + done.stderr
+    return done.stderr if status else done.stdout
 
 
 def bare() -> None:
