@@ -1,12 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The pages of the reference that are made of the code: commands, parameters, messages, schema."""
+"""The pages of the reference that are made of the code: commands, parameters, messages, ..."""
 
 import argparse
 import importlib.util
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
@@ -31,6 +31,7 @@ def pages() -> Iterator[tuple[str, str]]:
     """Yield the name and text of each page."""
     yield 'commands', _commands()
     yield 'parameters', _parameters()
+    yield 'faults', _faults()
     yield 'messages', _messages()
     yield 'schema', _schema()
 
@@ -60,11 +61,35 @@ def _parameters() -> str:
         'Set with `-p NAME:=VALUE`, in a parameter file (`config/`), or from a launch file.',
     ]
     for name, settings in sorted(tool.NODES.items()):
-        rows = (
-            tuple(cell.replace('|', '\\|') for cell in row)
-            for row in tool.parameter_rows(settings)
-        )
-        parts += [f'## {name}', tool.table(head, rows)]
+        parts += [f'## {name}', _table(head, _parameter_rows(settings))]
+    return '\n\n'.join(parts) + '\n'
+
+
+def _parameter_rows(settings: Any) -> Iterator[tuple[str, ...]]:
+    """Yield name, type, default, condition and meaning of each parameter."""
+    from rpms_ros.nodes.common.parameters import descriptions, type_of
+
+    for name, description in descriptions(settings).items():
+        kind = type_of(settings, name).name.lower().replace('_', ' ')
+        value = getattr(settings, name)
+        shown = (', '.join(value) or '[]') if isinstance(value, tuple) else repr(value)
+        yield (f'`{name}`', kind, f'`{shown}`', description.conditions(), description.doc)
+
+
+def _faults() -> str:
+    from rpms_ros.identification.stream.doubts import REASON
+    from rpms_ros.identification.stream.faults import MEANING
+
+    parts = [
+        '# Faults and doubts',
+        (
+            'Counted in `fault_names` and `fault_counts` of every estimate. [What to do]'
+            '(../../identification/trust.md#doubts).'
+        ),
+        _table(('fault', 'meaning'), ((f'`{name}`', said) for name, said in MEANING.items())),
+        '## Doubts of an estimate',
+        _table(('doubt', 'meaning'), ((f'`{name}`', said) for name, said in REASON.items())),
+    ]
     return '\n\n'.join(parts) + '\n'
 
 
@@ -89,7 +114,7 @@ def _schema() -> str:
     parts = [
         '# JSON of `rpms identify`',
         intro,
-        _table(_rows(schema, '')),
+        _table(('key', 'type', 'required', 'meaning'), _rows(schema, '')),
     ]
     return '\n\n'.join(parts) + '\n'
 
@@ -112,9 +137,11 @@ def _kind(schema: dict[str, Any]) -> str:
     return ' or '.join(kind) if isinstance(kind, list) else str(kind)
 
 
-def _table(rows: Iterator[tuple[str, str, str, str]]) -> str:
-    head = ['| key | type | required | meaning |', '|---|---|---|---|']
-    return '\n'.join([*head, *(f'| {" | ".join(row)} |' for row in rows)])
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = [
+        '| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |' for row in (head, *rows)
+    ]
+    return '\n'.join([lines[0], '|---' * len(head) + '|', *lines[1:]])
 
 
 def _fenced(text: str) -> str:

@@ -15,6 +15,8 @@ from types import ModuleType
 import pytest
 
 from rpms_ros.cli import COMMANDS
+from rpms_ros.identification.stream.doubts import REASON
+from rpms_ros.identification.stream.faults import MEANING
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
@@ -98,6 +100,8 @@ def test_the_reference_holds_every_command_parameter_and_message() -> None:
         assert f'\n## rpms {shown}\n' in pages['commands']
     for node in ('identifier', 'plant_simulator', 'recorder', 'stimulator_driver'):
         assert f'\n## {node}\n\n| parameter ' in pages['parameters']
+    for name in (*MEANING, *REASON):
+        assert f'| `{name}` | ' in pages['faults']
     for path in (ROOT / 'msg_defs').glob('*/*.*'):
         if path.suffix in ('.msg', '.srv', '.action'):
             assert f'### rpms_msgs/{path.parent.name}/{path.stem}\n' in pages['messages']

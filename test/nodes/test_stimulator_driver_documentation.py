@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rpms_ros.nodes.common.parameters import descriptions, type_of
+from rpms_ros.nodes.common.parameters import descriptions
 from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import SEGMENT_KINDS, schedule_from_text
@@ -35,15 +35,6 @@ def default_of(name):
     """As it is written in a file."""
     value = getattr(DriverParameters, name)
     return list(value) if isinstance(value, tuple) else value
-
-
-@pytest.mark.parametrize('name', descriptions(DriverParameters))
-def test_the_page_holds_every_parameter(name):
-    description = descriptions(DriverParameters)[name]
-    kind = type_of(DriverParameters, name).name.lower().replace('_', ' ')
-    value = f'`{default_of(name)!r}`'
-    cells = (f'`{name}`', kind, value, description.conditions(), description.doc)
-    assert f'| {" | ".join(cells)} |' in PAGE
 
 
 @pytest.mark.parametrize('state', State)
