@@ -24,9 +24,9 @@ from rpms_ros.stimulation.limits.device_specification import (
     load_device_specification,
     profile_names,
 )
-from rpms_ros.stimulation.limits.forecast import forecast, forecast_plan, offers
-from rpms_ros.stimulation.limits.pulse_history import Books
-from rpms_ros.stimulation.limits.refusals import too_short_a_wait
+from rpms_ros.stimulation.limits.forecast import Trial, forecast, forecast_plan, offers
+from rpms_ros.stimulation.limits.limiter import PulseLimiter
+from rpms_ros.stimulation.limits.limits import Limits
 
 SHIPPED = load_device_specification('rapid2-240v')
 # of a subject who knows every intensity: the other limits are looked at one by one
@@ -109,16 +109,6 @@ def test_coil_warms_by_its_pulses_and_cools_in_between():
     assert coil.at(21 * SECOND) == pytest.approx(20.0 + 15.0 * math.exp(-1.0), abs=1e-12)
 
 
-def test_forecast_of_many_pulses_warms_the_coil_as_one_by_one():
-    thermal = CoilThermal(20.0, 0.5, 100.0, 10.0, 40.0)
-    coil = CoilTemperature(thermal, SECOND)
-    times = np.array([SECOND, 2 * SECOND, 5 * SECOND])
-    ahead = coil.forecast(times, np.array([200.0, 100.0, 50.0]))
-    pulses = zip(times.tolist(), [200.0, 100.0, 50.0], strict=True)
-    one_by_one = [coil.heat(*pulse) for pulse in pulses]
-    assert ahead.tolist() == pytest.approx(one_by_one, abs=1e-12)
-
-
 def test_a_coil_that_is_hardly_too_warm_is_told_from_its_limit():
     cutout = forecast(constant(0.3, 1.0, 20.0), WARM).highest_temperature - 1e-4
     warm = dataclasses.replace(WARM, thermal=dataclasses.replace(WARM.thermal, cutout=cutout))
@@ -127,19 +117,13 @@ def test_a_coil_that_is_hardly_too_warm_is_told_from_its_limit():
     assert 0.0 < float(got) - float(expected) < 0.01
 
 
-def test_a_wait_that_is_hardly_too_short_is_told_from_its_limit():
-    reason = too_short_a_wait(4.9821, 20, 10.0, 4.9817).reason
-    assert reason.endswith('after a train of 20 pulses and 10 J, got 4.9817 s')
-    assert reason.startswith('expected a wait of 4.9821 s')
-
-
 def test_silence_counts_from_arming_and_up_to_the_end():
     limits = dataclasses.replace(RAPID.limits, idle_disarm_s=5.0)
     specification = dataclasses.replace(RAPID, limits=limits)
     pause = Schedule((Pause(4.0), Single(duration_s=1.0)))
     assert forecast(pause, specification).deliverable
-    books = Books(limits)
-    ahead = forecast_plan(pause.plan, 1e-4, books, None, 10 * SECOND, 7 * SECOND)
+    trial = Trial(PulseLimiter(limits), None, 7 * SECOND)
+    ahead = forecast_plan(pause.plan, 1e-4, trial, 10 * SECOND)
     assert [found.limit for found in ahead.violations] == ['idle_disarm_s']
     assert ahead.violations[0].reason == 'expected at most 5 s without a pulse, got 7 s'
     trailing = forecast(Schedule((Single(duration_s=1.0), Pause(5.0))), specification)
@@ -230,3 +214,23 @@ def test_forecast_of_silence():
     assert (silent.pulses, silent.energy_j, silent.max_rate_hz) == (0, 0.0, 0.0)
     assert silent.waits_s == ()
     assert np.array_equal(silent.temperature, [])
+
+
+def test_every_rate_at_its_limit_can_go_on_for_ever():
+    """Whatever the rate: 66,666,667 ns and 66,666,666 ns are both a period at 15 Hz."""
+    random = np.random.default_rng(1)
+    rates = [15.0, 30.0, 60.0, *random.uniform(0.5, 100.0, 97).tolist()]
+    for rate in rates:
+        limits = Limits(maximum_rate_hz=rate, minimum_pause_s=3.0)
+        plan = Schedule((Constant(rate, 500.0 / rate, intensity=0.5),)).plan
+        trial = Trial(PulseLimiter(limits), None, 0)
+        assert forecast_plan(plan, 100e-6, trial).violations == (), rate
+
+
+def test_a_rate_above_its_limit_is_refused_at_the_second_pulse():
+    limits = Limits(maximum_rate_hz=15.0)
+    # a period shorter by two nanoseconds
+    plan = Schedule((Constant(1e9 / 66_666_664, 1.0, intensity=0.5),)).plan
+    (found,) = forecast_plan(plan, 100e-6, Trial(PulseLimiter(limits), None, 0)).violations
+    assert (found.limit, found.pulses) == ('maximum_rate_hz', 14)
+    assert found.time_s == pytest.approx(1 / 15, abs=1e-6)

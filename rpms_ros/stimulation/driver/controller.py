@@ -11,7 +11,6 @@ Checks of a whole schedule before its first pulse.
 import dataclasses
 import time
 from collections.abc import Callable
-from copy import copy
 
 import numpy as np
 
@@ -26,15 +25,14 @@ from rpms_ros.stimulation.driver.states import Command, DriverSettings, Run, Sta
 from rpms_ros.stimulation.limits.coil_temperature import coil_after
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.dose import DoseExceeded, LedgerError
-from rpms_ros.stimulation.limits.forecast import Forecast, forecast_plan
+from rpms_ros.stimulation.limits.forecast import Forecast, Trial, forecast_plan
+from rpms_ros.stimulation.limits.limiter import too_quiet
 from rpms_ros.stimulation.limits.limits import Limits
-from rpms_ros.stimulation.limits.pulse_history import Books
-from rpms_ros.stimulation.limits.refusals import too_quiet
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 
 
-def quantized_plan(schedule: Schedule, books: Books, device: Device) -> Plan:
+def quantized_plan(schedule: Schedule, left: int, device: Device) -> Plan:
     """Return the pulses of a schedule with intensities that the device can be set to.
 
     Raises
@@ -43,7 +41,6 @@ def quantized_plan(schedule: Schedule, books: Books, device: Device) -> Plan:
         If they are more than are left in this session.
     """
     # before the plan is laid out: a schedule can ask for more pulses than there is memory
-    left = books.limits.session_pulses - books.session_pulses
     if schedule.pulse_count > left:
         raise Refused(
             'session_pulses',
@@ -242,21 +239,21 @@ class StimulationController(PulseOwner):
         """Return the plan as the device can give it, or raise what stands against it."""
         after(self.state, Command.START)
         self._refuse_if_open()
-        books, confirmed, coil, since_ns = self._order(
-            lambda: (
-                self.limiter.copied(),
-                self.confirmed.copied(),
-                copy(self.coil),
-                self._active_ns,
-            ),
-            self.settings.stuck_limit_s,
-        )
-        plan = quantized_plan(schedule, books, self.device)
+        trials, left = self._order(self._trials, self.settings.stuck_limit_s)
+        plan = quantized_plan(schedule, left, self.device)
         refuse_over_dose(plan, self.limits, self.ledger)
-        for kept in (books,) if confirmed.last_ns == books.last_ns else (books, confirmed):
-            ahead = forecast_plan(plan, schedule.width_s, kept, coil, start_ns, since_ns)
-            refuse_undeliverable(ahead, kept.limits)
+        for trial in trials:
+            ahead = forecast_plan(plan, schedule.width_s, trial, start_ns)
+            refuse_undeliverable(ahead, trial.limits)
         return plan
+
+    def _trials(self) -> tuple[list[Trial], int]:
+        """Return a trial of each limiter that differs, and the pulses left in the session."""
+        limiters = [self.limiter]
+        if self.confirmed.last_ns != self.limiter.last_ns:
+            limiters.append(self.confirmed)
+        left = self.limits.session_pulses - self.limiter.session_pulses
+        return [Trial(kept, self.coil, self._active_ns) for kept in limiters], left
 
 
 def _refuse_unfit(

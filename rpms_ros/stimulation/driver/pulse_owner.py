@@ -36,9 +36,8 @@ from rpms_ros.stimulation.driver.fired_pulse import Fired
 from rpms_ros.stimulation.driver.interlocks import BUSY
 from rpms_ros.stimulation.driver.states import Run, State
 from rpms_ros.stimulation.limits.dose import LedgerError, PlannedPulse
-from rpms_ros.stimulation.limits.limiter import PulseLimiter
+from rpms_ros.stimulation.limits.limiter import TIMING_LIMITS, PulseLimiter
 from rpms_ros.stimulation.limits.limits import Limits
-from rpms_ros.stimulation.limits.refusals import TIMING_LIMITS
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 

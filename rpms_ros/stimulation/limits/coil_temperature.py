@@ -10,9 +10,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.dose import BookedPulse
 from rpms_ros.stimulation.schedule.fields import (
     Bound,
@@ -104,26 +102,6 @@ class CoilTemperature:
         self.measured(time_ns, celsius)
         self._alone = self._known[0], alone
         return celsius
-
-    def forecast(self, time_ns: IntArray, energy_j: FloatArray) -> FloatArray:
-        """Return the temperature [Celsius] after each of many pulses, as if `heat` was called.
-
-        Parameters
-        ----------
-        time_ns : ndarray of int64, shape (pulses,)
-            Onsets in ascending order [ns].
-        energy_j : ndarray of float64, shape (pulses,)
-            Energies [J].
-        """
-        thermal = self.thermal
-        elapsed = np.diff(time_ns, prepend=self._known[0]) / NANOSECONDS_PER_SECOND
-        decay = np.exp(-np.maximum(elapsed, 0.0) / thermal.time_constant)
-        rise = thermal.coil_share * energy_j / thermal.heat_capacity
-        above, found = self._known[1] - thermal.ambient, []
-        for step in zip(decay.tolist(), rise.tolist(), strict=True):
-            above = above * step[0] + step[1]
-            found.append(above)
-        return thermal.ambient + np.array(found)
 
     def measured(self, time_ns: int, celsius: float) -> None:
         """Go on from a measured temperature [Celsius]."""

@@ -20,10 +20,10 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.dose import DoseLimits
-from rpms_ros.stimulation.limits.forecast import Forecast, Violation, forecast
+from rpms_ros.stimulation.limits.forecast import Forecast, Trial, Violation, forecast, rested
 from rpms_ros.stimulation.limits.limits import Limits
 from rpms_ros.stimulation.limits.patient import Patient, for_session
-from rpms_ros.stimulation.schedule.schedule import Pause, Repeat, Schedule, Segment
+from rpms_ros.stimulation.schedule.schedule import Pause, Plan, Repeat, Schedule, Segment
 from rpms_ros.stimulation.schedule.segments import PulseBurst, Repetitive, Single
 
 MOST_SEGMENTS = 1000
@@ -95,21 +95,24 @@ def forecast_within(
     What the patient got before is not known here; the dose ledger counts it when it is run.
     """
     ahead = forecast(schedule, specification)
-    if dose is None:
-        return ahead
-    energy_j = np.cumsum(specification.limits.pulse_energy_j * schedule.plan.intensity**2)
-    number = np.arange(1, len(energy_j) + 1)
-    found = list(ahead.violations)
-    for limit, over, most, unit in (
-        ('dose_pulses', number > dose.pulses, dose.pulses, 'pulses'),
-        ('dose_energy_j', energy_j > dose.energy_j, dose.energy_j, 'J'),
+    more = () if dose is None else _over_dose(schedule.plan, specification.limits, dose)
+    return dataclasses.replace(ahead, violations=(*ahead.violations, *more))
+
+
+def _over_dose(plan: Plan, limits: Limits, dose: DoseLimits) -> Iterator[Violation]:
+    energy_j = np.cumsum(limits.pulse_energy_j * plan.intensity**2)
+    number = np.arange(1, len(plan) + 1)
+    for limit, total, most, unit in (
+        ('dose_pulses', number, dose.pulses, 'pulses'),
+        ('dose_energy_j', energy_j, dose.energy_j, 'J'),
     ):
+        over = total > most
         if over.any():
-            came = number[-1] if unit == 'pulses' else energy_j[-1]
-            reason = f'expected at most {most:g} {unit} in {dose.window_h:g} h, got {came:.6g}'
-            time_s = float(schedule.plan.onset_ns[over.argmax()]) / NANOSECONDS_PER_SECOND
-            found.append(Violation(limit, reason, time_s, int(over.sum())))
-    return dataclasses.replace(ahead, violations=tuple(found))
+            reason = (
+                f'expected at most {most:g} {unit} in {dose.window_h:g} h, got {total[-1]:.6g}'
+            )
+            time_s = float(plan.onset_ns[over.argmax()]) / NANOSECONDS_PER_SECOND
+            yield Violation(limit, reason, time_s, int(over.sum()))
 
 
 def strongest(segment: Segment) -> float:
@@ -154,7 +157,12 @@ class _Fitter:
     specification: DeviceSpecification
     patient: Patient | None
     scale: float
+    # what was taken, its pulses and end, and the device after it
     taken: list[Segment] = field(default_factory=list)
+    pulses: int = 0
+    end_ns: int = 0
+    after: Trial = field(init=False)
+    limits: Limits = field(init=False)
     weakened: int = 0
     slowed: int = 0
     shortened: int = 0
@@ -162,16 +170,15 @@ class _Fitter:
     ramps: int = 0
     left_out: int = 0
 
-    @property
-    def limits(self) -> Limits:
-        return self.specification.limits
+    def __post_init__(self) -> None:
+        self.limits = self.specification.limits
+        self.after = rested(self.specification)
 
     def add(self, piece: Segment) -> None:
         """Take a segment in, changed if it has to be, or leave it out."""
         wanted = scaled(piece, self.scale)
         if isinstance(wanted, Pause):
-            if self._passes([wanted]):
-                self.taken.append(wanted)
+            self._take([wanted])
             return
         kept = self._within_rates(wanted)
         for weak in WEAKER:
@@ -232,13 +239,11 @@ class _Fitter:
             piece = dataclasses.replace(piece, duration_s=piece.duration_s * short)
         for pause_s in PAUSES_S:
             before: list[Segment] = [Pause(pause_s)] if pause_s else []
-            broken = self._broken([*before, piece])
+            broken = self._take([*before, piece])
             if broken & _RAMPED:
-                before += self._ramp(strongest(piece))
-                broken = self._broken([*before, piece])
+                broken = self._take([*before, *self._ramp(strongest(piece)), piece])
                 self.ramps += not broken
             if not broken:
-                self.taken += [*before, piece]
                 self.weakened += weak < 1.0
                 self.shortened += short < 1.0
                 self.paused_s += pause_s
@@ -251,15 +256,26 @@ class _Fitter:
         count = math.ceil(highest / step - 1e-9)
         return [Single(_down(number * step), RAMP_INTERVAL_S) for number in range(1, count)]
 
-    def _passes(self, more: list[Segment]) -> bool:
-        return not self._broken(more)
-
-    def _broken(self, more: list[Segment]) -> set[str]:
-        """Return which limits what was taken and ``more`` break."""
-        trial = dataclasses.replace(self.asked, segments=(*self.taken, *more))
-        dose = self.patient.dose if self.patient is not None else None
-        ahead = forecast_within(trial, self.specification, dose)
-        return {found.limit for found in ahead.violations}
+    def _take(self, more: list[Segment]) -> set[str]:
+        """Take segments in if they pass; return which limits they break after what was taken."""
+        segments = (*self.taken, *more)
+        plan = dataclasses.replace(self.asked, segments=segments).plan
+        if self.patient is not None and any(_over_dose(plan, self.limits, self.patient.dose)):
+            return {'dose'}
+        trial = self.after.copied()
+        new = slice(self.pulses, None)
+        added = Plan(
+            plan.onset_ns[new] - self.end_ns,
+            plan.intensity[new],
+            plan.segment[new],
+            plan.duration_ns - self.end_ns,
+        )
+        refusals = trial.refusals(added, self.asked.width_s, self.end_ns)
+        broken = {refusal.limit for _, refusal in refusals}
+        if not broken:
+            self.taken, self.after = [*segments], trial
+            self.pulses, self.end_ns = len(plan), plan.duration_ns
+        return broken
 
     def _changes(self) -> Iterator[str]:
         if self.scale < 1.0:

@@ -2,243 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forecast: what a schedule would do to a device, before its first pulse.
 
-The same limits as in `limiter`, for all pulses of a plan at once: a plan of some hundred thousand
-pulses has to be judged while the executor's signs of life are awaited.
-
-A whole plan held against the limits, vectorised; what `limiter` does pulse by pulse.
-
-A plan has no jitter, so intervals have no tolerance and are counted from onset to onset.  What
-breaks a limit counts all the same: the driver would have stopped there, but a plan is to be seen
-as a whole.
+The plan runs through a copy of the limiter.  A plan has no jitter, so intervals have no tolerance.
+What breaks a limit counts all the same: the driver would have stopped there, but a plan is to be
+seen as a whole.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from rpms_ros.printable import told_apart
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
-from rpms_ros.stimulation.limits import refusals
-from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature, CoilThermal
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, nanoseconds
+from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.limiter import ENERGY_ROUNDING
-from rpms_ros.stimulation.limits.pulse_history import Books
-from rpms_ros.stimulation.limits.refusals import Refusal, too_quiet
+from rpms_ros.stimulation.limits.limiter import PulseLimiter, Refusal, too_quiet
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
-
-
-class Broken(NamedTuple):
-    """Where a plan breaks a limit.
-
-    Attributes
-    ----------
-    at : ndarray of bool, shape (pulses,)
-        Which pulses break it.
-    refusal : callable
-        Returns what the pulse of an index is told.
-    """
-
-    at: BoolArray
-    refusal: Callable[[int], Refusal]
-
-
-class PlanCheck:
-    """Pulses of a plan in the terms of limits.
-
-    Parameters
-    ----------
-    plan : Plan
-        The pulses.
-    width_s : float
-        Their duration [s].
-    books : Books
-        What was fired before; they are only read.
-    start_ns : int
-        Beginning of the plan on the clock of the books [ns].
-
-    Attributes
-    ----------
-    time_ns : ndarray of int64, shape (pulses,)
-        Onsets on that clock [ns].
-    energy_j : ndarray of float64, shape (pulses,)
-        Energies [J].
-    waits_s : ndarray of float64, shape (trains,)
-        Silence that has to follow each train [s].
-    """
-
-    def __init__(self, plan: Plan, width_s: float, books: Books, start_ns: int) -> None:
-        self.limits = books.limits
-        self.time_ns = start_ns + plan.onset_ns
-        self.energy_j = self.limits.pulse_energy_j * np.square(plan.intensity)
-        self._intensity = plan.intensity
-        self._width_s = width_s
-        self._books = books
-        rested = books.last_ns is None
-        # long before, so that a rested device begins a train without a wait
-        first = self.time_ns[:1] if rested else np.array([books.last_ns])
-        self._gap_ns = np.diff(self.time_ns, prepend=first)
-        self._before = np.concatenate([[books.last_intensity], plan.intensity])[: len(plan)]
-        self._new_train = self._gap_ns >= books.pause_ns
-        self._new_train[:1] |= rested
-        self._split_trains()
-
-    def broken(self) -> tuple[Broken, ...]:
-        """Return where each limit is broken, if it is."""
-        return (
-            *self._shapes(),
-            *self._rises(),
-            *self._intervals(),
-            *self._trains(),
-            *self._energies(),
-        )
-
-    def _split_trains(self) -> None:
-        """Number the pulses of each train; add up pulses, energy and wait of each."""
-        count, books = len(self.time_ns), self._books
-        starts = np.flatnonzero(self._new_train)
-        goes_on = count > 0 and not self._new_train[0]
-        if goes_on:
-            starts = np.concatenate([[0], starts])
-        begin_ns = self.time_ns[starts]
-        sizes = np.diff(starts, append=count)
-        energies = np.add.reduceat(self.energy_j, starts) if count else np.empty(0)
-        before = np.zeros_like(sizes)
-        if goes_on:
-            begin_ns[0], before[0] = books.train_start_ns, books.train_pulses
-            energies[0] += books.train_energy_j
-        self._train = np.repeat(np.arange(len(starts)), sizes)
-        self._place = np.arange(count) - np.repeat(starts - before, sizes)
-        self._train_pulses, self._train_energy_j = sizes + before, energies
-        self.waits_s = self._waits(starts, sizes, begin_ns)
-
-    def _waits(self, starts: IntArray, sizes: IntArray, begin_ns: IntArray) -> FloatArray:
-        pulses = self._train_pulses
-        span_s = (self.time_ns[starts + sizes - 1] - begin_ns) / NANOSECONDS_PER_SECOND
-        # n/f: a train of n pulses lasts one period longer than the time between its ends
-        lasted_s = span_s * pulses / np.maximum(pulses - 1, 1)
-        by_power = self._train_energy_j / self.limits.continuous_power_w - lasted_s
-        waits: FloatArray = np.maximum(by_power, self.limits.minimum_pause_s)
-        return waits
-
-    def _shapes(self) -> tuple[Broken, ...]:
-        limits, intensity = self.limits, self._intensity
-        # written so that NaN fails
-        strong = ~((intensity >= 0.0) & (intensity <= limits.maximum_intensity))
-        width = limits.minimum_width_s <= self._width_s <= limits.maximum_width_s
-        before = np.where(self._new_train, 0.0, self._before)
-        # the difference of two shares is rounded once
-        steepest = limits.maximum_intensity_step + math.ulp(1.0)
-        return (
-            Broken(strong, lambda i: refusals.too_strong(limits, float(intensity[i]))),
-            Broken(~strong & (not width), lambda _: refusals.wrong_width(limits, self._width_s)),
-            Broken(
-                ~(np.abs(intensity - before) <= steepest),
-                lambda i: refusals.too_steep(limits, float(before[i]), float(intensity[i])),
-            ),
-        )
-
-    def _rises(self) -> tuple[Broken, ...]:
-        """Hold each pulse against the strongest of the window before it."""
-        limits, books, count = self.limits, self._books, len(self.time_ns)
-        if not count or limits.maximum_intensity_rise >= 1.0:
-            return ()
-        times = np.array([*(time for time, _ in books.known), *self.time_ns.tolist()])
-        earlier = len(books.known)
-        values = np.concatenate([[share for _, share in books.known], self._intensity])
-        first = np.searchsorted(times, self.time_ns - books.rise_ns, side='left')
-        known = _highest(values, first, np.arange(count) + earlier)
-        rise = self._intensity - known
-        # the difference of two shares is rounded once
-        far = ~(rise <= limits.maximum_intensity_rise + math.ulp(1.0))
-        return (
-            Broken(
-                far, lambda i: refusals.too_new(limits, float(known[i]), float(self._intensity[i]))
-            ),
-        )
-
-    def _intervals(self) -> tuple[Broken, ...]:
-        if not len(self.time_ns):
-            return ()
-        limits, books = self.limits, self._books
-        strongest = np.maximum(self._intensity, self._before)
-        edges = np.searchsorted(limits.rate_intensities, strongest, side='left')
-        rates = np.array([*limits.rate_limits_hz, limits.rate_limits_hz[-1]])[edges]
-        rates = np.minimum(rates, limits.maximum_rate_hz)
-        period_ns = np.floor(NANOSECONDS_PER_SECOND / rates).astype(np.int64)
-        soon = self._gap_ns < period_ns
-        # the pulse before may have been late: it counts from when it was due
-        rested = books.last_ns is None
-        soon[0] = not rested and self.time_ns[0] < books.counted_ns + int(period_ns[0])
-        fastest = rates == limits.maximum_rate_hz
-
-        def refusal(i: int) -> Refusal:
-            gap_s = float(self._gap_ns[i]) / NANOSECONDS_PER_SECOND
-            return refusals.too_soon(limits, float(rates[i]), float(strongest[i]), gap_s)
-
-        return Broken(soon & fastest, refusal), Broken(soon & ~fastest, refusal)
-
-    def _trains(self) -> tuple[Broken, ...]:
-        limits, books = self.limits, self._books
-        long = ~self._new_train & (self._place >= limits.maximum_train_pulses)
-        # of the train before each; of what was fired before for the first
-        waits = np.concatenate([[books.wait_s], self.waits_s])[self._train]
-        wait_ns = np.floor(waits * NANOSECONDS_PER_SECOND)
-        soon = self._new_train & (self._gap_ns < wait_ns)
-        soon[:1] &= books.last_ns is not None
-        pulses = np.concatenate([[books.train_pulses], self._train_pulses])
-        energy = np.concatenate([[books.train_energy_j], self._train_energy_j])
-
-        def refusal(i: int) -> Refusal:
-            train, gap_s = self._train[i], float(self._gap_ns[i]) / NANOSECONDS_PER_SECOND
-            return refusals.too_short_a_wait(
-                float(waits[i]), int(pulses[train]), float(energy[train]), gap_s
-            )
-
-        return Broken(long, lambda _: refusals.too_many_in_a_train(limits)), Broken(soon, refusal)
-
-    def _energies(self) -> tuple[Broken, ...]:
-        limits, books = self.limits, self._books
-        earlier = np.array([time for time, _ in books.window], dtype=np.int64)
-        times = np.concatenate([earlier, self.time_ns])
-        total = np.cumsum([0.0, *(energy for _, energy in books.window), *self.energy_j])
-        first = np.searchsorted(times, self.time_ns - books.window_ns, side='right')
-        window = total[len(earlier) + 1 :] - total[first]
-        session = books.session_energy_j + np.cumsum(self.energy_j)
-        many = books.session_pulses + np.arange(len(self.time_ns)) >= limits.session_pulses
-        return (
-            Broken(
-                ~(window <= limits.window_energy_j * (1.0 + ENERGY_ROUNDING)),
-                lambda i: refusals.too_much_power(limits, float(window[i])),
-            ),
-            Broken(many, lambda _: refusals.too_many(limits)),
-            Broken(
-                ~many & ~(session <= limits.session_energy_j),
-                lambda i: refusals.too_much_energy(limits, float(session[i])),
-            ),
-        )
-
-
-def _highest(values: FloatArray, first: IntArray, end: IntArray) -> FloatArray:
-    """Return the highest value from ``first`` to before ``end``, 0 where there is none.
-
-    A table of the highest of 1, 2, 4 ... values in a row: two of them cover any stretch.
-    """
-    table = [values]
-    while 2 ** len(table) <= len(values):
-        before, half = table[-1], 2 ** (len(table) - 1)
-        table.append(np.maximum(before[:-half], before[half:]))
-    highest = np.zeros(len(first))
-    size = end - first
-    for power, row in enumerate(table):
-        fits = (size >= 2**power) & (size < 2 ** (power + 1))
-        highest[fits] = np.maximum(row[first[fits]], row[end[fits] - 2**power])
-    return highest
-
 
 CUTOUT = 'coil_cutout'
 
@@ -311,17 +95,10 @@ class Forecast:
 
 def forecast(schedule: Schedule, specification: DeviceSpecification) -> Forecast:
     """Return what ``schedule`` comes to on a rested device that was armed right before."""
-    return forecast_plan(schedule.plan, schedule.width_s, *_rested(specification))
+    return forecast_plan(schedule.plan, schedule.width_s, rested(specification))
 
 
-def forecast_plan(
-    plan: Plan,
-    width_s: float,
-    books: Books,
-    coil: CoilTemperature | None,
-    start_ns: int = 0,
-    silent_since_ns: int | None = None,
-) -> Forecast:
+def forecast_plan(plan: Plan, width_s: float, trial: 'Trial', start_ns: int = 0) -> Forecast:
     """Return what a plan comes to.
 
     Parameters
@@ -330,69 +107,111 @@ def forecast_plan(
         The pulses.
     width_s : float
         Their duration [s].
-    books : Books
-        What was fired before.
-    coil : CoilTemperature or None
-        The coil as warm as it is; only read.
+    trial : Trial
+        The device as it is; the plan is given on it.
     start_ns : int
-        Beginning of the plan on the clock of books and coil [ns].
-    silent_since_ns : int, optional
-        When the device was armed, or fired last, on that clock [ns]; ``start_ns`` if missing.
+        Beginning of the plan on its clock [ns].
     """
-    check = PlanCheck(plan, width_s, books, start_ns)
-    celsius = np.empty(0) if coil is None else coil.forecast(check.time_ns, check.energy_j)
-    silent_since = start_ns if silent_since_ns is None else silent_since_ns
-    found = [*check.broken(), *_silences(check, plan, start_ns, silent_since)]
-    if coil is not None:
-        found.append(_too_warm(coil.thermal, celsius))
-    found = [broken for broken in found if broken.at.any()]
-    found.sort(key=lambda broken: int(broken.at.argmax()))
+    found: dict[str, tuple[str, float]] = {}
+    pulses: Counter[str] = Counter()
+    for index, (limit, reason) in trial.refusals(plan, width_s, start_ns):
+        onset_ns = plan.onset_ns[index] if index < len(plan) else plan.duration_ns
+        found.setdefault(limit, (reason, float(onset_ns) / NANOSECONDS_PER_SECOND))
+        # the end is no pulse
+        pulses[limit] += index < len(plan)
     gaps = np.diff(plan.onset_ns)
     duration = plan.duration_ns / NANOSECONDS_PER_SECOND
-    energy = float(check.energy_j.sum())
+    energy = trial.limits.pulse_energy_j * float(np.square(plan.intensity).sum())
     return Forecast(
-        violations=tuple(_violation(broken, plan) for broken in found),
+        violations=tuple(Violation(name, *first, pulses[name]) for name, first in found.items()),
         pulses=len(plan),
         duration_s=duration,
         energy_j=energy,
         mean_power_w=energy / duration,
         max_rate_hz=NANOSECONDS_PER_SECOND / float(gaps.min()) if len(gaps) else 0.0,
-        waits_s=tuple(check.waits_s.tolist()),
-        temperature=celsius,
+        waits_s=tuple(trial.waits_s),
+        temperature=np.array(trial.celsius),
     )
 
 
-def _rested(specification: DeviceSpecification) -> tuple[Books, CoilTemperature | None]:
+def rested(specification: DeviceSpecification) -> 'Trial':
+    """Return a trial on a rested device that was armed right before."""
     thermal = specification.thermal
-    return Books(specification.limits), CoilTemperature(thermal) if thermal else None
+    coil = CoilTemperature(thermal) if thermal else None
+    return Trial(PulseLimiter(specification.limits), coil, 0)
 
 
-def _violation(broken: Broken, plan: Plan) -> Violation:
-    first = int(broken.at.argmax())
-    # one place more than there are pulses: the end
-    onset_ns = int(plan.onset_ns[first]) if first < len(plan) else plan.duration_ns
-    refusal = broken.refusal(first)
-    time_s = onset_ns / NANOSECONDS_PER_SECOND
-    return Violation(refusal.limit, refusal.reason, time_s, int(broken.at[: len(plan)].sum()))
+class Trial:
+    """Copies of a limiter and of a coil that a plan runs through, pulse by pulse.
 
+    Parameters
+    ----------
+    limiter : PulseLimiter
+        What was fired before.
+    coil : CoilTemperature or None
+        The coil as warm as it is.
+    active_ns : int
+        When the device was armed, or fired last, on the clock of both [ns].
 
-def _silences(
-    check: PlanCheck, plan: Plan, start_ns: int, silent_since_ns: int
-) -> tuple[Broken, ...]:
-    """Hold the time before each pulse, and before the end, against the idle limit."""
-    moments = np.concatenate([[silent_since_ns], check.time_ns, [start_ns + plan.duration_ns]])
-    silence_s = np.diff(moments) / NANOSECONDS_PER_SECOND
-    limits = check.limits
-    at = silence_s > limits.idle_disarm_s
-    return (Broken(at, lambda first: too_quiet(limits, float(silence_s[first]))),)
+    Attributes
+    ----------
+    limits : Limits
+        Of the device.
+    waits_s : list of float
+        Silence that has to follow each train [s].
+    celsius : list of float
+        Coil temperature after each pulse [Celsius]; empty without thermal figures.
+    """
 
+    def __init__(
+        self, limiter: PulseLimiter, coil: CoilTemperature | None, active_ns: int
+    ) -> None:
+        self._limiter, self._coil, self._active_ns = limiter.copied(), copy(coil), active_ns
+        self.limits = limiter.limits
+        # a plan has no jitter
+        self._limiter.tolerance_ns = 0
+        self.waits_s: list[float] = []
+        self.celsius: list[float] = []
 
-def _too_warm(thermal: CoilThermal, celsius: FloatArray) -> Broken:
-    def refusal(first: int) -> Refusal:
-        most, found = told_apart(thermal.cutout, float(celsius[first]))
+    def copied(self) -> 'Trial':
+        """Return a trial that goes on from here."""
+        return Trial(self._limiter, self._coil, self._active_ns)
+
+    def refusals(self, plan: Plan, width_s: float, start_ns: int) -> Iterator[tuple[int, Refusal]]:
+        """Book a plan that begins at ``start_ns`` [ns]; yield what stands against it.
+
+        Each refusal comes with the index of its pulse, or the number of pulses for the end.
+        """
+        limiter, coil, index = self._limiter, self._coil, 0
+        times_ns = (start_ns + plan.onset_ns).tolist()
+        longest_ns = nanoseconds(self.limits.idle_disarm_s)
+        for time_ns, intensity in zip(times_ns, plan.intensity.tolist(), strict=True):
+            for refusal in limiter.refusals(time_ns, intensity, width_s):
+                yield index, refusal
+            if time_ns - self._active_ns > longest_ns:
+                yield index, self._too_quiet(time_ns)
+            if index and limiter.starts_train(time_ns):
+                self.waits_s.append(limiter.wait_s)
+            limiter.book(time_ns, intensity)
+            if coil is not None:
+                self.celsius.append(coil.heat(time_ns, self.limits.energy_j(intensity)))
+                if self.celsius[-1] > coil.thermal.cutout:
+                    yield index, self._too_warm(coil.thermal.cutout)
+            self._active_ns = time_ns
+            index += 1
+        if index:
+            self.waits_s.append(limiter.wait_s)
+        end_ns = start_ns + plan.duration_ns
+        if end_ns - self._active_ns > longest_ns:
+            yield index, self._too_quiet(end_ns)
+
+    def _too_quiet(self, now_ns: int) -> Refusal:
+        silence_s = (now_ns - self._active_ns) / NANOSECONDS_PER_SECOND
+        return too_quiet(self.limits, silence_s)
+
+    def _too_warm(self, cutout: float) -> Refusal:
+        most, found = told_apart(cutout, self.celsius[-1])
         return Refusal(CUTOUT, f'expected a coil of at most {most} Celsius, got {found} forecast')
-
-    return Broken(celsius > thermal.cutout, refusal)
 
 
 @dataclass(frozen=True)
@@ -455,7 +274,7 @@ def _passes(
     plan = change(schedule.plan, factor)
     if not len(plan):
         return False
-    return forecast_plan(plan, schedule.width_s, *_rested(specification)).deliverable
+    return not any(rested(specification).refusals(plan, schedule.width_s, 0))
 
 
 def _largest(passes: Callable[[float], bool]) -> float:

@@ -3,6 +3,7 @@
 """Limits of a stimulator, which a device specification states and the limiter enforces."""
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 
 from rpms_ros.errors import StimulationError
@@ -98,10 +99,8 @@ class Limits:
 
     def highest_rate_hz(self, intensity: float) -> float:
         """Return the highest rate [Hz] at an intensity (share 0..1)."""
-        for bound, rate in zip(self.rate_intensities, self.rate_limits_hz, strict=True):
-            if intensity <= bound:
-                return min(rate, self.maximum_rate_hz)
-        return min(self.rate_limits_hz[-1], self.maximum_rate_hz)
+        step = bisect_left(self.rate_intensities, intensity, hi=len(self.rate_limits_hz) - 1)
+        return min(self.rate_limits_hz[step], self.maximum_rate_hz)
 
     def energy_j(self, intensity: float) -> float:
         """Return the energy of one pulse [J], E = E_max u^2."""
