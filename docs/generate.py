@@ -3,6 +3,7 @@
 """The pages of the reference that are made of the code: commands, parameters, messages, ..."""
 
 import argparse
+import ast
 import importlib.util
 import json
 import os
@@ -34,6 +35,7 @@ def pages() -> Iterator[tuple[str, str]]:
     yield 'faults', _faults()
     yield 'messages', _messages()
     yield 'schema', _schema()
+    yield 'rooms', _rooms()
 
 
 def _commands() -> str:
@@ -142,6 +144,22 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
         '| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |' for row in (head, *rows)
     ]
     return '\n'.join([lines[0], '|---' * len(head) + '|', *lines[1:]])
+
+
+def _rooms() -> str:
+    """Every folder and module of the package with the first line of its docstring."""
+    parts = ['# Rooms and modules']
+    for folder in sorted(path.parent for path in (ROOT / 'rpms_ros').rglob('__init__.py')):
+        parts += [f'## {folder.relative_to(ROOT).as_posix()}', _summary(folder / '__init__.py')]
+        modules = (path for path in sorted(folder.glob('*.py')) if path.name[:2] != '__')
+        rows = [(f'`{path.stem}`', _summary(path)) for path in modules]
+        parts += [_table(('module', 'what it holds'), rows)] if rows else []
+    return '\n\n'.join(parts) + '\n'
+
+
+def _summary(path: Path) -> str:
+    text = ast.get_docstring(ast.parse(path.read_text('utf-8'))) or ''
+    return text.partition('\n\n')[0].replace('\n', ' ')
 
 
 def _fenced(text: str) -> str:

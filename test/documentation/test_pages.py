@@ -105,6 +105,8 @@ def test_the_reference_holds_every_command_parameter_and_message() -> None:
     for path in (ROOT / 'msg_defs').glob('*/*.*'):
         if path.suffix in ('.msg', '.srv', '.action'):
             assert f'### rpms_msgs/{path.parent.name}/{path.stem}\n' in pages['messages']
+    for path in (ROOT / 'rpms_ros').rglob('[a-z]*.py'):
+        assert f'| `{path.stem}` | ' in pages['rooms']
     schema = json.loads((DOCS / 'identify.schema.json').read_text())
     for key in schema['properties']:
         assert f'| `{key}` |' in pages['schema']
