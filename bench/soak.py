@@ -152,9 +152,11 @@ def slope_mb(memory):
 
 
 def without_publishers(estimate):
-    """The estimate without the doubts about publishers, which only a node can have."""
+    """The estimate without what only a node can say of the publishers on the graph."""
     return replace(
-        estimate, doubts=tuple(name for name in estimate.doubts if name not in _NODE_ONLY)
+        estimate,
+        doubts=tuple(name for name in estimate.doubts if name not in _NODE_ONLY),
+        faults={name: n for name, n in estimate.faults.items() if name not in _NODE_ONLY},
     )
 
 
@@ -163,13 +165,9 @@ def check_recordings(paths, estimator):
     found = Counter()
     for path in paths:
         recording = read_recording(path)
-        faults_of_recording = Counter(recording.facts.faults)
-        # A second sensor is detected and reported.
-        found['messages of others'] += faults_of_recording.pop('several_publishers', 0)
-        found['faults of recordings'] += sum(faults_of_recording.values())
+        found['faults of recordings'] += sum(recording.facts.faults.values())
         found['pulses recorded'] += len(recording.pulses)
         found['force recorded'] += len(recording.forces)
-        found['force recorded'] += len(recording.foreign.samples_before_sample)
         live = recorded_messages(path).estimates
         found['estimates recorded'] += len(live)
         found['estimates made again off line'] += len(live)

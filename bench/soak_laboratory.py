@@ -88,11 +88,6 @@ class CountingIdentifier(Identifier):
 
         setattr(stream, method, counting)
 
-    def has_heard(self, name):
-        """Messages of a topic that it took or, as those of a second publisher, counted."""
-        foreign = self.stream.fault_counts.get(f'{name.removesuffix("s")}_publishers', 0)
-        return self.heard[name] + foreign
-
 
 class CountingPlant(PlantSimulator):
     """A plant that counts received pulses."""
@@ -292,7 +287,7 @@ class Laboratory:
         self.graph.wait_for(lambda: counts['estimate'].messages == self.identifier.said)
         for name in ('pulses', 'force'):
             self.totals[f'{name} sent'] += self.sent()[name]
-            self.totals[f'{name} heard'] += self.identifier.has_heard(name)
+            self.totals[f'{name} heard'] += self.identifier.heard[name]
         self.totals['estimates said'] += self.identifier.said
         self.named.update(self.identifier.stream.fault_counts)
         self.graph.remove(self.recorder)
@@ -342,6 +337,6 @@ class Laboratory:
         sent, counts = self.sent(), self.recorder.counts
         return (
             self.plant.heard == self.link.given - self._plant_given
-            and all(self.identifier.has_heard(name) == sent[name] for name in ('pulses', 'force'))
+            and all(self.identifier.heard[name] == sent[name] for name in ('pulses', 'force'))
             and all(counts[name].messages == sent[name] for name in ('pulses', 'force'))
         )

@@ -229,7 +229,6 @@ class Session:
             pulse_received_ns=self.recording.pulse_received_ns[chosen],
             force_received_ns=self.recording.force_received_ns[here],
             samples_before_pulse=before[self.recording.samples_before_pulse[chosen]],
-            foreign=self.recording.foreign.among(before),
             facts=replace(self.recording.facts, storage='part'),
         )
         return replace(self, name=f'{self.name}, {_span(start, end)}', recording=part)

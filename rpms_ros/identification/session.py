@@ -17,7 +17,7 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.model.estimate import Estimate, Estimator
 from rpms_ros.identification.stream.checkpoint import save
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
-from rpms_ros.identification.stream.recorded_order import NO_FOREIGN, Foreign, feed
+from rpms_ros.identification.stream.recorded_order import feed
 from rpms_ros.identification.stream.stream import IdentificationStream
 from rpms_ros.identification.stream.stream_input import StreamSettings
 from rpms_ros.printable import counted
@@ -164,7 +164,6 @@ def identify(
     samples_before_pulse: IntArray | None = None,
     sinks: Sequence[Monitor] = (),
     save_state: Path | None = None,
-    foreign: Foreign = NO_FOREIGN,
 ) -> IdentifiedSession:
     """Run an estimator over a recording, with the same result as on line.
 
@@ -187,8 +186,6 @@ def identify(
         Further receivers of all samples, predictions and estimates.
     save_state : Path or None
         Where the state after the last sample is saved; see `checkpoint`.
-    foreign : Foreign
-        Messages of publishers that are not used.
 
     Returns
     -------
@@ -206,7 +203,7 @@ def identify(
     trace = _Trace()
     stream = IdentificationStream(estimator, settings, [*sinks, trace])
     estimates: list[Estimate] = []
-    for taken in feed(stream, pulses, forces, samples_before_pulse, foreign):
+    for taken in feed(stream, pulses, forces, samples_before_pulse):
         estimates += stream.advance()
         if progress is not None:
             progress(taken)

@@ -332,11 +332,6 @@ class LiveSession:
         Name of the page's node, with its namespace.
     first_curve_s : float
         How long an identifier takes from its start to its first curve [s].
-
-    Attributes
-    ----------
-    button_nodes : mapping of str to str
-        Node of each publisher of a stop button, by the identity of the publisher.
     """
 
     def __init__(
@@ -349,7 +344,6 @@ class LiveSession:
         first_curve_s: float = 60.0,
     ) -> None:
         self.title = namespace.strip('/').replace('_', ' ') or _UNNAMED
-        self.button_nodes: Mapping[str, str] = {}
         self._own = re.compile(rf'(?<!\w){re.escape(own)}(?![\w/])')
         self._first_curve_s = first_curve_s
         self._began = math.nan
@@ -423,18 +417,16 @@ class LiveSession:
     def driver(self, message: Any) -> None:
         """Take an rpms_msgs/DriverStatus."""
         view = driver_view(message)
-        view['reason'] = self._with_nodes(view['reason'])
-        view['buttons'] = [[self._with_nodes(name), state] for name, state in view['buttons']]
+        view['reason'] = self._plain(view['reason'])
+        view['buttons'] = [[self._plain(name), state] for name, state in view['buttons']]
         self.state = view['state']
         if view != self._driver:
             self._driver = view
             self._driver_count += 1
 
-    def _with_nodes(self, words: str) -> str:
-        """Return a text of the driver with the nodes of buttons in place of identities."""
-        named = _IDENTITY.sub(
-            lambda found: self.button_nodes.get(found[0], 'a button not named yet'), words
-        )
+    def _plain(self, words: str) -> str:
+        """Return a text of the driver without identities, and with this page called so."""
+        named = _IDENTITY.sub('a button not named yet', words)
         return self._own.sub('this page', named).replace('(this page)', 'by this page')
 
     def stop(self, pressed: bool, text: str) -> None:

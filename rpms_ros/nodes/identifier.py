@@ -6,17 +6,9 @@ Callbacks only collect; a timer hands what has come to the stream.  How it is cu
 no influence on the estimates, so a replay of a recording gives them bit for bit.  What its
 services do is not in a recording.
 
-Force and pulses for the identifier in the order of arrival, with their publishers.
-
-An executor of rclpy hands out messages without their publisher, and topic by topic.  Here the
-subscriptions belong to a second node that is in no executor; what has come is taken from them
-when the identifier looks.
-
-Who publishes what the identifier hears: more than one, or best effort only.
-
-Health of an identifier: whether force comes, and whether the estimate can be trusted.
-
-Services that save the state of an identifier to a file, and load it.
+An executor of rclpy hands out messages topic by topic.  Here the subscriptions belong to a second
+node that is in no executor; what has come is taken from them, in the order of arrival, when the
+identifier looks.
 
 Any node of the graph may call a service: paths are limited to the folder in the parameter
 `state_folder`, and without it both services refuse.
@@ -36,6 +28,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
@@ -47,8 +40,7 @@ from rpms_ros.identification import Estimate, IdentificationStream
 from rpms_ros.identification.stream import faults
 from rpms_ros.identification.stream.checkpoint import load, save
 from rpms_ros.identification.stream.doubts import stated_doubt
-from rpms_ros.identification.stream.first_publisher import FirstPublisher
-from rpms_ros.identification.stream.recorded_order import Foreign, add_in_order
+from rpms_ros.identification.stream.recorded_order import add_in_order
 from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
@@ -57,13 +49,13 @@ from rpms_ros.nodes.common.logger import logger_of, plain_text
 from rpms_ros.nodes.common.parameters import declare_parameters, follow_parameters
 from rpms_ros.nodes.common.qos import second_node, subscribe, taken_from, warn_of_unused
 from rpms_ros.nodes.common.runner import complete_or_gone, run
-from rpms_ros.nodes.common.subscriptions import Taken, Taker, drained
+from rpms_ros.nodes.common.subscriptions import Taken, drained
 from rpms_ros.nodes.identifier_parameters import (
     IdentifierParameters,
     build_stream,
     stream_settings,
 )
-from rpms_ros.pulses import ForceTrace, IntArray, Pulse, PulseTrain, nanoseconds
+from rpms_ros.pulses import ForceTrace, IntArray, PulseTrain
 
 SUFFIX = '_hearing'
 """What the name of the second node adds to the identifier's."""
@@ -75,17 +67,14 @@ class Heard(NamedTuple):
     Attributes
     ----------
     pulses, forces : PulseTrain, ForceTrace
-        Of the publishers that are listened to.
+        Of all publishers.
     before : ndarray of int64 (pulses,)
         How many of the samples came before each pulse.
-    foreign : Foreign
-        What came of other publishers.
     """
 
     pulses: PulseTrain
     forces: ForceTrace
     before: IntArray
-    foreign: Foreign
 
 
 class Hearing:
@@ -101,51 +90,35 @@ class Hearing:
         What the sensor measures, force or torque.
     profile : QoSProfile
         Of the subscription to the force.
-    silence_ns : int
-        After which another publisher is listened to [ns].
     """
 
-    def __init__(
-        self, node: Node, axis: Axis, quantity: str, profile: QoSProfile, silence_ns: int
-    ) -> None:
+    def __init__(self, node: Node, axis: Axis, quantity: str, profile: QoSProfile) -> None:
         self._named = node
         self._axis = axis
         self._quantity = quantity
         self.sensor_frame = ''
-        self._silence_ns = silence_ns
         self._node = second_node(node, SUFFIX)
         with complete_or_gone(self._node):
             # Overrides of the quality of service are parameters of the identifier.
-            pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
-            self._pulses = Taker(pulses)
-            force = subscribe(node, self._node, WrenchStamped, topics.FORCE, profile)
-            self._force = Taker(force)
-        self._told_best_effort = force.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-        self._best_effort: Taker | None = None
-        # What has come meanwhile is heard: a publisher may have waited for this subscription.
-        self._listen_to_the_first()
+            self._pulses = subscribe(node, self._node, PulseMessage, topics.PULSES, qos.PULSES)
+            self._force = subscribe(node, self._node, WrenchStamped, topics.FORCE, profile)
+        self._best_effort: Subscription | None = None
 
     @property
     def hears_best_effort(self) -> bool:
         """Whether a force that is published best effort is heard."""
-        return self._told_best_effort or self._best_effort is not None
+        told = self._force.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+        return told or self._best_effort is not None
 
     def hear_best_effort(self) -> None:
         """Subscribe to the force best effort too."""
         name = self._named.resolve_topic_name(topics.FORCE)
-        second = taken_from(self._node, WrenchStamped, name, qos.FORCE_BEST_EFFORT)
-        self._best_effort = Taker(second)
-
-    def _listen_to_the_first(self) -> None:
-        self._force_from = FirstPublisher(self._silence_ns)
-        self._pulses_from = FirstPublisher(self._silence_ns)
+        self._best_effort = taken_from(self._node, WrenchStamped, name, qos.FORCE_BEST_EFFORT)
 
     def begin_anew(self) -> None:
-        """Accept the next publisher of each topic, and forget what has come."""
-        self._listen_to_the_first()
-        for taker in (self._force, self._pulses, self._best_effort):
-            if taker is not None:
-                drained(taker)
+        """Forget what has come."""
+        for subscription in (self._force, self._pulses, self._best_effort):
+            drained(subscription)
 
     def heard(self, best_effort_alone: bool) -> Heard:
         """Return what has come since the last look.
@@ -155,54 +128,31 @@ class Hearing:
         """
         # Pulses last: none is handed over later than a sample that came after it.
         forces = drained(self._force)
-        if self._best_effort is not None:
-            besides = drained(self._best_effort)
-            forces += besides if best_effort_alone else []
-        own, samples, foreign = self._own_forces(forces)
-        pulses: list[Pulse] = []
-        came_ns: list[int] = []
-        onsets: list[int] = []
-        others_came_ns: list[int] = []
-        for taken in drained(self._pulses):
-            pulse = messages.pulse_of(deserialize_message(taken.data, PulseMessage))
-            if self._pulses_from.counts(taken.identity, pulse.onset_ns):
-                pulses.append(pulse)
-                came_ns.append(taken.received_ns)
-            else:
-                onsets.append(pulse.onset_ns)
-                others_came_ns.append(taken.received_ns)
+        besides = drained(self._best_effort)
+        forces += besides if best_effort_alone else []
+        pulses = drained(self._pulses)
         return Heard(
-            PulseTrain.of(pulses),
-            samples,
-            _places(own, came_ns),
-            Foreign(foreign, np.array(onsets, dtype=np.int64), _places(own, others_came_ns)),
+            PulseTrain.of(
+                [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
+            ),
+            self._trace(forces),
+            _places([one.received_ns for one in forces], [one.received_ns for one in pulses]),
         )
 
     def close(self) -> None:
         """Destroy the second node."""
-        for taker in (self._force, self._pulses, self._best_effort):
-            if taker is not None:
-                taker.close()
         self._node.destroy_node()
 
-    def _own_forces(self, forces: list[Taken]) -> tuple[list[int], ForceTrace, IntArray]:
-        """Return when samples came, the samples, and after how many of them those of others."""
-        came_ns: list[int] = []
-        others: list[int] = []
+    def _trace(self, forces: list[Taken]) -> ForceTrace:
         stamps: list[int] = []
         values: list[float] = []
         for taken in forces:
             message = deserialize_message(taken.data, WrenchStamped)
             stamp_ns, force = messages.force_of(message, self._axis, self._quantity)
-            if self._force_from.counts(taken.identity, stamp_ns):
-                self.sensor_frame = message.header.frame_id
-                came_ns.append(taken.received_ns)
-                stamps.append(stamp_ns)
-                values.append(force)
-            else:
-                others.append(len(stamps))
-        trace = ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
-        return came_ns, trace, np.array(others, dtype=np.int64)
+            self.sensor_frame = message.header.frame_id
+            stamps.append(stamp_ns)
+            values.append(force)
+        return ForceTrace(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
 
 
 def _places(forces_came_ns: list[int], came_ns: list[int]) -> IntArray:
@@ -229,6 +179,8 @@ class Publishers:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.best_effort_alone = False
+        self.fault_counts: dict[str, int] = {}
+        self._publishers: dict[str, int] = {}
         self._recent: deque[tuple[str, ...]] = deque(maxlen=_SECONDS)
 
     def look(self) -> bool:
@@ -243,8 +195,12 @@ class Publishers:
             (faults.PULSE_PUBLISHERS, topics.PULSES),
         ):
             found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-            if len({tuple(one.endpoint_gid) for one in found}) > 1:
+            before = max(self._publishers.get(name, 1), 1)
+            self._publishers[name] = len(found)
+            if len(found) > 1:
                 crowded.append(name)
+                further = max(len(found) - before, 0)
+                self.fault_counts[name] = self.fault_counts.get(name, 0) + further
             if topic == topics.FORCE:
                 self.best_effort_alone = bool(found) and all(
                     one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in found
@@ -253,10 +209,12 @@ class Publishers:
         return self.best_effort_alone
 
     def noted(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with what was found here among its doubts."""
-        recent = {name for names in self._recent for name in names} - set(estimate.doubts)
-        return (
-            replace(estimate, doubts=(*estimate.doubts, *sorted(recent))) if recent else estimate
+        """Return the estimate with what was found here among its faults and doubts."""
+        recent = {name for names in self._recent for name in names}
+        return replace(
+            estimate,
+            doubts=(*estimate.doubts, *sorted(recent)),
+            faults={**estimate.faults, **self.fault_counts},
         )
 
 
@@ -406,7 +364,6 @@ class Identifier(Node):
             self._axis,
             self.settings.quantity,
             qos.FORCE_BEST_EFFORT if self.settings.best_effort_force else qos.FORCE,
-            nanoseconds(self.settings.longest_gap),
         )
         self._parts.callback(self._hearing.close)
         warn_of_unused(self)
@@ -441,6 +398,7 @@ class Identifier(Node):
     def _begin(self, stream: IdentificationStream) -> None:
         self.stream = stream
         self._hearing.begin_anew()
+        self._senders = Publishers(self)
         self._reported = {}
         self._last = None
 
@@ -482,7 +440,7 @@ class Identifier(Node):
         if len(heard.forces):
             self._heard = time.monotonic()
         # In the order of arrival, as a recorder writes them and a replay reads them.
-        add_in_order(self.stream, heard.pulses, heard.forces, heard.before, heard.foreign)
+        add_in_order(self.stream, heard.pulses, heard.forces, heard.before)
 
     def _process(self) -> None:
         self._take()
@@ -527,7 +485,7 @@ class Identifier(Node):
                 f'{self.resolve_topic_name(topics.FORCE)} is published best effort: it is heard, '
                 'and samples may be lost'
             )
-        faults = self.stream.fault_counts
+        faults = {**self.stream.fault_counts, **self._senders.fault_counts}
         for name, count in faults.items():
             if count != self._reported.get(name):
                 logger_of(self).warning(f'{name}: {count} so far')

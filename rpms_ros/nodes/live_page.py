@@ -44,6 +44,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import DriverStatus, MuscleEstimate, Pulse
@@ -63,8 +64,7 @@ from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.qos import second_node, subscribe, warn_of_unused
 from rpms_ros.nodes.common.runner import complete_or_gone, run
-from rpms_ros.nodes.common.subscriptions import Taker, use_fast_discovery
-from rpms_ros.nodes.driver.watch import publishers_of
+from rpms_ros.nodes.common.subscriptions import drained, use_fast_discovery
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 
 _Data = TypeVar('_Data', bytes, list[bytes])
@@ -81,8 +81,6 @@ TYPES: dict[str, tuple[str, type, float]] = {
 }
 """Topic, type and longest silence [s] of what is shown."""
 
-# A second at the highest rate of a sensor; what is behind it is taken with the next look.
-_MOST = 20000
 # Texts are written twice a second: of the estimates every third look reads the newest.
 _ESTIMATE_PERIOD = 0.25
 
@@ -124,7 +122,7 @@ class LiveListener:
         self._quantity = quantity
         self._node = second_node(node, SUFFIX)
         with complete_or_gone(self._node):
-            self._takers = {key: self._taker(key) for key in TYPES}
+            self._subscriptions = {key: self._subscription(key) for key in TYPES}
         warn_of_unused(node)
         self._unread: list[bytes] = []
         self._next_estimate = -math.inf
@@ -150,18 +148,16 @@ class LiveListener:
 
     def close(self) -> None:
         """End the second node; `listen` must not be called any more."""
-        for taker in self._takers.values():
-            taker.close()
         self._node.destroy_node()
 
-    def _taker(self, key: str) -> Taker:
+    def _subscription(self, key: str) -> Subscription:
         _, kind, _ = TYPES[key]
         name = self._session.topics[key].name
         # overrides of the quality of service are parameters of the page
-        return Taker(subscribe(self._page, self._node, kind, name, qos.VIEW))
+        return subscribe(self._page, self._node, kind, name, qos.VIEW)
 
     def _heard(self, key: str, now: float) -> list[bytes]:
-        found = self._takers[key].take_data(_MOST)
+        found = [taken.data for taken in drained(self._subscriptions[key])]
         self._session.topics[key].heard(len(found), now, _stamp_of(found[-1]) if found else 0)
         return found
 
@@ -458,13 +454,10 @@ class LivePage(Node):
         if self.server.failure is not None:
             raise NodeError(f'expected the page to be served, got {self.server.failure!r}')
         found = self.listener.endpoints()
-        buttons = publishers_of(self, self.resolve_topic_name(topics.EMERGENCY_STOP))
-        nodes = {identity.hex(): name for identity, name in buttons.items()}
 
         def take_over() -> None:
             for key, endpoints in found.items():
                 self.session.topics[key].endpoints(endpoints)
-            self.session.button_nodes = nodes
             # the session belongs to the thread of the server
             self._health = live_health(self.session, len(self.server.browsers), time.monotonic())
 

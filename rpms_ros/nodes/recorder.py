@@ -1,19 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Node that records topics: messages as raw bytes, with their publisher.
+"""Node that records topics: messages as raw bytes.
 
 Messages are written to the operating system every `flush_period`: after a recorder was killed,
 all older messages are readable.  It subscribes to the topics of this package at the start, and to
 others as soon as a publisher shows their type.
 
-Subscriptions of a recorder: messages with their publisher, and counts of lost ones.
-
-An executor of rclpy does not tell publisher and number of a message.  So, as in the identifier,
-the subscriptions belong to a second node that is in no executor, and the recorder empties them.
-
-Health of a recorder: what was recorded, what is missing, and how much space is left.
-
-Message class, definition and quality of service of a topic that is recorded.
+As in the identifier, the subscriptions belong to a second node that is in no executor, and the
+recorder empties them.
 """
 
 import json
@@ -34,6 +28,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import (
     Qos,
@@ -53,7 +48,7 @@ from rpms_ros.nodes.common.logger import logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.qos import second_node, subscribe, taken_from, warn_of_unused
 from rpms_ros.nodes.common.runner import complete_or_gone, run
-from rpms_ros.nodes.common.subscriptions import Taker, drained
+from rpms_ros.nodes.common.subscriptions import drained
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
 from rpms_ros.recording.rosbag.checksums import read_key
@@ -63,9 +58,6 @@ from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 SUFFIX = '_hearing'
 """Suffix of the name of the second node."""
 
-# Most publishers of a topic that are distinguished; further ones count as one.
-_MOST_PUBLISHERS = 64
-
 
 class HeardMessage(NamedTuple):
     """A received message.
@@ -74,8 +66,6 @@ class HeardMessage(NamedTuple):
     ----------
     topic : str
         Name of the topic in the parameters.
-    publisher : str
-        Identity of its publisher.
     received_ns : int
         Time of reception [ns].
     data : bytes
@@ -83,50 +73,52 @@ class HeardMessage(NamedTuple):
     """
 
     topic: str
-    publisher: str
     received_ns: int
     data: bytes
 
 
 class _Topic:
-    """Subscriptions to one topic, and its publishers so far.
+    """Subscriptions to one topic.
 
     Attributes
     ----------
     alone : bool
-        Whether the topic is published best effort only, received by `best_effort`.
+        Whether the topic is published best effort only, received by the second subscription.
+    publishers : int
+        Most publishers so far.
     lost : int
-        Messages that were lost, by the sequence numbers of their publishers.
+        Messages that were lost, by the numbers that their publisher gave them; once there were
+        several publishers nothing more is counted.
     """
 
-    def __init__(self, name: str, reliable: Taker | None, best_effort: Taker | None) -> None:
+    def __init__(
+        self, name: str, subscription: Subscription, count_publishers: Callable[[str], int]
+    ) -> None:
         self.name = name
-        self.takers = [reliable, best_effort]
-        self.alone = reliable is None
+        self.alone = subscription.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+        self.subscriptions = [None, subscription] if self.alone else [subscription, None]
+        self.publishers = 0
         self.lost = 0
-        self._identities: dict[bytes, str] = {}
-        self._newest: dict[str, int] = {}
+        self._count_publishers = count_publishers
+        self._newest: int | None = None
+
+    def look(self) -> None:
+        """Look how many publishers there are."""
+        self.publishers = max(self.publishers, self._count_publishers(self.name))
 
     def taken(self) -> Iterator[HeardMessage]:
-        reliable, best_effort = (drained(taker) for taker in self.takers)
+        reliable, best_effort = (drained(subscription) for subscription in self.subscriptions)
         # Both subscriptions receive from reliable publishers.
         for taken in [*reliable, *best_effort] if self.alone else reliable:
-            publisher = self._named(taken.identity)
-            self._count_lost(publisher, taken.sequence)
-            yield HeardMessage(
-                self.name, publisher, taken.received_ns or time.time_ns(), taken.data
-            )
+            self._count_lost(taken.sequence)
+            yield HeardMessage(self.name, taken.received_ns or time.time_ns(), taken.data)
 
-    def _named(self, identity: bytes) -> str:
-        if identity not in self._identities and len(self._identities) >= _MOST_PUBLISHERS:
-            return 'others'
-        return self._identities.setdefault(identity, identity.hex())
-
-    def _count_lost(self, publisher: str, sequence: int) -> None:
-        newest = self._newest.get(publisher)
-        if newest is not None and publisher != 'others' and sequence > newest + 1:
-            self.lost += sequence - newest - 1
-        self._newest[publisher] = max(sequence, newest or 0)
+    def _count_lost(self, sequence: int | None) -> None:
+        newest, self._newest = self._newest, sequence
+        # a publisher that was started anew counts from the beginning
+        if newest is not None and sequence is not None and sequence > newest + 1:
+            self.look()
+            self.lost += sequence - newest - 1 if self.publishers < 2 else 0
 
 
 class RecorderHearing:
@@ -150,6 +142,16 @@ class RecorderHearing:
         """Lost messages by topic; topics without loss are not included."""
         return {name: topic.lost for name, topic in self._topics.items() if topic.lost}
 
+    @property
+    def publishers(self) -> dict[str, int]:
+        """Most publishers of each topic so far, for those that had one."""
+        return {name: one.publishers for name, one in self._topics.items() if one.publishers}
+
+    def count_publishers(self) -> None:
+        """Look how many publishers each topic has."""
+        for topic in self._topics.values():
+            topic.look()
+
     def hear(self, name: str, kind: Any, profile: QoSProfile) -> None:
         """Subscribe to a topic; parameters of the recorder may override the quality of service.
 
@@ -159,23 +161,20 @@ class RecorderHearing:
             If such a parameter is no quality of service.
         """
         subscription = subscribe(self._named, self._node, kind, name, profile)
-        taker = Taker(subscription)
-        is_best_effort = subscription.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-        takers = (None, taker) if is_best_effort else (taker, None)
-        self._topics[name] = _Topic(name, *takers)
+        self._topics[name] = _Topic(name, subscription, self._named.count_publishers)
         self._kinds[name] = kind
 
     def set_alone(self, name: str, alone: bool, profile: Callable[[], QoSProfile]) -> bool:
         """Set whether a topic is published best effort only; return whether that is new."""
         topic = self._topics[name]
-        if topic.takers[0] is None:
+        if topic.subscriptions[0] is None:
             return False
         topic.alone = alone
-        if not alone or topic.takers[1] is not None:
+        if not alone or topic.subscriptions[1] is not None:
             return False
         resolved = self._named.resolve_topic_name(name)
         second = taken_from(self._node, self._kinds[name], resolved, profile())
-        topic.takers[1] = Taker(second)
+        topic.subscriptions[1] = second
         return True
 
     def heard(self) -> list[HeardMessage]:
@@ -194,10 +193,6 @@ class RecorderHearing:
         if self._closed:
             return
         self._closed = True
-        for topic in self._topics.values():
-            for taker in topic.takers:
-                if taker is not None:
-                    taker.close()
         self._topics.clear()
         self._node.destroy_node()
 
@@ -418,11 +413,10 @@ class Recorder(Node):
             raise NodeError(str(error)) from error
         self._closed = False
         self.counts = {name: TopicCount() for name in self._named_once()}
-        self._publisher_counts: dict[str, int] = {}
         self._unknown: list[str] = []
         self._refused: list[str] = []
         self._kinds: dict[str, Any] = {}
-        self._numbers: dict[tuple[str, str], int] = {}
+        self._numbers: dict[str, int] = {}
         self._lost: dict[str, int] = {}
         # an open recording is ended properly, whatever fails from here on
         self._parts.callback(self.close)
@@ -505,7 +499,6 @@ class Recorder(Node):
             profile = qos.FORCE_BEST_EFFORT
         self._hearing.hear(name, kind, profile)
         self._kinds[name] = kind
-        self._publisher_counts[name] = 0
 
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""
@@ -513,15 +506,14 @@ class Recorder(Node):
             return
         for message in self._hearing.heard():
             kind = self._kinds[message.topic]
-            key = message.topic, message.publisher
-            if key not in self._numbers:
-                # The publisher is known only now, with its quality of service.
-                self._numbers[key] = self._add_topic(kind, *key)
+            if message.topic not in self._numbers:
+                # Its publisher is known only now, with its quality of service.
+                self._numbers[message.topic] = self._add_topic(kind, message.topic)
             stamped = 'header' in list(kind.get_fields_and_field_types())[:1]
             count = self.counts[message.topic]
             stamp_ns = messages.stamp_of_bytes(message.data) if stamped else message.received_ns
             count.take(stamp_ns)
-            self._writer.append(self._numbers[key], message.received_ns, message.data)
+            self._writer.append(self._numbers[message.topic], message.received_ns, message.data)
 
     def _hear_best_effort(self) -> None:
         """Subscribe best effort to topics that a reliable subscription does not receive."""
@@ -554,18 +546,17 @@ class Recorder(Node):
         counts = {topic: count.messages for topic, count in self.counts.items()}
         self._diagnostics.publish(recorder_health(self.path, counts, self._refused, self._lost))
 
-    def _add_topic(self, kind: Any, name: str, publisher: str) -> int:
+    def _add_topic(self, kind: Any, name: str) -> int:
         type_name = type_name_of(kind)
         profiles = offered_qos(self.get_publishers_info_by_topic(name))
         return self._writer.add_topic(
-            self.resolve_topic_name(name), type_name, profiles, definition_of(type_name), publisher
+            self.resolve_topic_name(name), type_name, profiles, definition_of(type_name)
         )
 
     def _flush(self) -> None:
         if self._closed:
             return
-        for name, most in self._publisher_counts.items():
-            self._publisher_counts[name] = max(most, self.count_publishers(name))
+        self._hearing.count_publishers()
         try:
             self._writer.flush()
         except RecordingError as error:
@@ -579,14 +570,13 @@ class Recorder(Node):
         with suppress(RecordingError):
             self._take()
         self._closed = True
-        counts = {
-            self.resolve_topic_name(name): count
-            for name, count in self._publisher_counts.items()
-            if count
-        }
-        self._writer.custom[PUBLISHERS_KEY] = json.dumps(counts)
-        lost = {self.resolve_topic_name(name): n for name, n in self._hearing.lost.items()}
-        self._writer.custom[LOST_KEY] = json.dumps(lost)
+        self._hearing.count_publishers()
+        for key, counts in (
+            (PUBLISHERS_KEY, self._hearing.publishers),
+            (LOST_KEY, self._hearing.lost),
+        ):
+            named = {self.resolve_topic_name(name): count for name, count in counts.items()}
+            self._writer.custom[key] = json.dumps(named)
         self._hearing.close()
         try:
             self._writer.close()

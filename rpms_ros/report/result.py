@@ -180,7 +180,6 @@ def _followed(
         progress,
         arrival,
         save_state=options.save_state,
-        foreign=recording.foreign,
     )
 
 

@@ -4,7 +4,6 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -18,7 +17,7 @@ from rpms_ros.identification import (
     StreamSettings,
     estimator_by_name,
 )
-from rpms_ros.identification.stream.recorded_order import Foreign, add_in_order, feed
+from rpms_ros.identification.stream.recorded_order import feed
 from rpms_ros.pulses import ForceTrace, Pulse, PulseTrain
 
 MILLISECOND = 1_000_000
@@ -254,76 +253,3 @@ def check_live_is_replay(
     assert [one.stamp_ns for one in found] == [one.stamp_ns for one in expected]
     assert [dict(one.faults) for one in found] == [dict(one.faults) for one in expected]
     assert [image(one) for one in found] == [image(one) for one in expected]
-
-
-@dataclass
-class FromOther:
-    """What another publisher says."""
-
-    arrival: Arrival
-
-
-def told_apart(
-    messages: Sequence[Arrival | FromOther],
-) -> tuple[PulseTrain, ForceTrace, np.ndarray, Foreign]:
-    """What counts, how many samples came before each pulse, and what others say."""
-    own = [one for one in messages if not isinstance(one, FromOther)]
-    pulses, forces = columns_of(own)
-    is_sample = [not isinstance(one, Pulse | FromOther) for one in messages]
-    placed = list(zip(messages, np.cumsum(is_sample).tolist(), strict=True))
-    pulse_places = [at for one, at in placed if isinstance(one, Pulse)]
-    others = [(one.arrival, at) for one, at in placed if isinstance(one, FromOther)]
-    sample_places = [at for one, at in others if not isinstance(one, Pulse)]
-    other_pulses = [(one.onset_ns, at) for one, at in others if isinstance(one, Pulse)]
-    foreign = Foreign(
-        np.array(sample_places, dtype=np.int64),
-        np.array([onset for onset, _ in other_pulses], dtype=np.int64),
-        np.array([at for _, at in other_pulses], dtype=np.int64),
-    )
-    return pulses, forces, np.array(pulse_places, dtype=np.int64), foreign
-
-
-@pytest.mark.long
-@settings(deadline=None, max_examples=EXAMPLES)
-@given(
-    others=st.lists(
-        st.tuples(st.integers(0, 2400), st.integers(1, 30), st.integers(-2000, 15_000)),
-        min_size=1,
-        max_size=5,
-    ),
-    wrong=faulty,
-    cuts=st.one_of(st.lists(st.integers(0, 3000), max_size=40), st.just(list(range(3000)))),
-    give_pulses=st.booleans(),
-)
-def test_what_other_publishers_say_has_the_same_effect(
-    record, others, wrong, cuts, give_pulses
-) -> None:
-    pulses, forces = record(np.random.default_rng(7).uniform(size=48), START_NS)
-    arrivals = arrivals_of(pulses, forces)
-    for kind, place, size in wrong:
-        arrivals = spoil(arrivals, kind, place, size)
-    messages: list[Arrival | FromOther] = list(arrivals)
-    for place, count, off_ms in others:
-        stamp_ns = START_NS + (place + off_ms) * MILLISECOND
-        sample: Arrival = (stamp_ns, -20.0)
-        pulse: Arrival = Pulse(stamp_ns, 0.5, 7)
-        said = [FromOther(sample), FromOther(pulse)] if give_pulses else [FromOther(sample)]
-        messages[place:place] = said * count
-    stream = IdentificationStream(estimator_by_name('recursive'), StreamSettings())
-    found: list[Estimate] = []
-    edges = [0, *sorted(cut for cut in cuts if cut < len(messages)), len(messages)]
-    for start, stop in pairwise(edges):
-        part = told_apart(messages[start:stop])
-        add_in_order(stream, *part)
-        found += stream.advance()
-    found += stream.finish()
-    pulses, forces, before, foreign = told_apart(messages)
-    replaying = IdentificationStream(estimator_by_name('recursive'), StreamSettings())
-    expected: list[Estimate] = []
-    for _ in feed(replaying, pulses, forces, before, foreign):
-        expected += replaying.advance()
-    expected += replaying.finish()
-    assert [dict(one.faults) for one in found] == [dict(one.faults) for one in expected]
-    assert [image(one) for one in found] == [image(one) for one in expected]
-    assert expected[-1].faults['force_publishers'] == len(foreign.samples_before_sample)
-    assert expected[-1].faults.get('pulse_publishers', 0) == len(foreign.onset_ns)

@@ -279,12 +279,6 @@ def test_a_sensor_that_gives_nan_alone_is_counted_while_it_lasts() -> None:
     assert run.estimates == []
 
 
-def test_messages_of_others_are_counted() -> None:
-    run = Run()
-    run.stream.add_foreign(2, np.array([START_NS], dtype=np.int64))
-    assert run.stream.fault_counts == {'force_publishers': 2, 'pulse_publishers': 1}
-
-
 @pytest.mark.parametrize(
     ('values', 'message'),
     [

@@ -399,12 +399,11 @@ def test_the_title_is_the_name_of_the_muscle(session):
 
 
 def test_a_button_is_called_by_its_node_and_the_page_by_itself(session, make_status):
-    own, other, new = '010f78fd' * 4, '020f78fd' * 4, '030f78fd' * 4
-    session.button_nodes = {own: '/live_page', other: '/live_page_2'}
+    unnamed = '030f78fd' * 4
     told = []
-    for identity in (own, other, new):
-        reason = f'emergency stop is pressed ({identity})'
-        session.driver(make_status(state=4, reason=reason, button_names=[identity]))
+    for name in ('/live_page', '/live_page_2', unnamed):
+        reason = f'emergency stop is pressed ({name})'
+        session.driver(make_status(state=4, reason=reason, button_names=[name]))
         view = session.frame(Cursor())[1]['driver']
         told.append((view['reason'], view['buttons'][0][0]))
     assert told == [

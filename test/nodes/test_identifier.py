@@ -221,7 +221,7 @@ def test_a_best_effort_sensor_is_heard(
         assert '/force is published best effort' in ''.join(capfd.readouterr())
 
 
-def test_a_second_publisher_on_the_graph_is_a_doubt(graph) -> None:
+def test_a_second_publisher_on_the_graph_is_a_fault_and_a_doubt(graph, capfd) -> None:
     pulses, forces = recording()
     bench = Bench(graph)
     other = graph.add(lambda **options: Node('other', **options))
@@ -232,55 +232,9 @@ def test_a_second_publisher_on_the_graph_is_a_doubt(graph) -> None:
     bench.send_pulses(pulses)
     bench.send_forces(forces)
     last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
-    assert last.faults == {}
+    assert last.faults == {'force_publishers': 1, 'pulse_publishers': 1}
     assert {'force_publishers', 'pulse_publishers'} <= set(last.doubts)
-
-
-def test_a_second_publisher_is_named_at_its_first_message_and_not_learnt_from(graph) -> None:
-    pulses, forces = recording()
-    bench = Bench(graph)
-    other = graph.add(lambda **options: Node('other', **options))
-    strange = other.create_publisher(WrenchStamped, 'force', qos.FORCE)
-    graph.wait_for(lambda: strange.get_subscription_count() == 1)
-    half = len(forces) // 2
-    early, late = (
-        ForceTrace(forces.stamp_ns[part], forces.force[part])
-        for part in (slice(half), slice(half, None))
-    )
-    bench.send_pulses(pulses)
-    bench.send_forces(early)
-    faults = bench.identifier.stream
-    graph.wait_for(lambda: bench.identifier._heard > 0 and bool(bench.estimates))
-    stamp_ns = int(forces.stamp_ns[half]) + 300_000
-    strange.publish(messages.force_message(stamp_ns, 50.0, messages.AXES['z'], MESSAGE_TYPES))
-    graph.wait_for(lambda: faults.fault_counts.get('force_publishers') == 1)
-    bench.send_forces(late)
-    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
-    alone = offline(pulses, forces, bench.identifier.settings)
-    same_stamp = next(one for one in alone if one.stamp_ns == last.stamp_ns)
-    assert set(same(last, same_stamp)) <= {'faults', 'doubts'}
-    assert last.faults == {'force_publishers': 1}
-
-
-def test_pulses_of_a_second_publisher_stop_the_learning_while_they_could_act(graph) -> None:
-    pulses, forces = recording()
-    bench = Bench(graph)
-    other = graph.add(lambda **options: Node('other', **options))
-    strange = other.create_publisher(PulseMessage, 'pulses', qos.PULSES)
-    graph.wait_for(lambda: strange.get_subscription_count() == 1)
-    bench.send_pulses(pulses[:1])
-    bench.send_forces(ForceTrace(forces.stamp_ns[:10], forces.force[:10]))
-    hearing = bench.identifier._hearing
-    graph.wait_for(lambda: hearing._pulses_from._identity is not None)
-    forged = messages.Pulse(START_NS + 200 * MILLISECOND, 1.0, 77, 1e-4)
-    strange.publish(messages.pulse_message(forged, MESSAGE_TYPES))
-    counts = bench.identifier.stream
-    graph.wait_for(lambda: counts.fault_counts.get('pulse_publishers') == 1)
-    bench.send_pulses(pulses[1:])
-    bench.send_forces(ForceTrace(forces.stamp_ns[10:], forces.force[10:]))
-    last = bench.wait_until(START_NS + 1_699 * MILLISECOND)
-    assert last.pulses == bench.wait_until(last.stamp_ns).pulses
-    assert last.faults['samples_excluded'] >= 300
+    graph.wait_for(lambda: 'force_publishers: 1 so far' in ''.join(capfd.readouterr()))
 
 
 def test_reset_begins_anew_and_the_period_may_change(graph) -> None:

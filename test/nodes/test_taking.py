@@ -1,15 +1,16 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages without an executor, with the identity of their publisher."""
+"""Messages without an executor, and for a driver with the identity of their publisher."""
 
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes.common import qos, subscriptions
-from rpms_ros.nodes.common.subscriptions import Taker
-from rpms_ros.nodes.driver.watch import publishers_of
+from rpms_ros.nodes.common import qos
+from rpms_ros.nodes.common.subscriptions import drained
+from rpms_ros.nodes.driver import watch
+from rpms_ros.nodes.driver.watch import Taker, publishers_of
 
 
 def test_a_message_comes_with_the_publisher_that_the_graph_shows(graph, wait_for):
@@ -34,20 +35,20 @@ def test_a_message_comes_with_the_publisher_that_the_graph_shows(graph, wait_for
     silent.destroy_node()
 
 
-def test_many_messages_are_taken_at_once_and_no_more_than_asked_for(graph):
+def test_waiting_messages_are_taken_with_their_numbers(graph):
     silent = Node('silent', context=graph.context, use_global_arguments=False)
-    taker = Taker(silent.create_subscription(Bool, 'said', lambda _: None, qos.STOP_LIVE))
+    subscription = silent.create_subscription(Bool, 'said', lambda _: None, qos.STOP_LIVE)
     speaker = graph.add(lambda **options: Node('speaker', **options))
     publisher = speaker.create_publisher(Bool, 'said', qos.STOP)
     graph.wait_for(lambda: publisher.get_subscription_count() == 1)
-    assert taker.take_data(10) == []
+    assert drained(subscription) == drained(None) == []
     sent = [bytes([0, 1, 0, 0, index % 3 == 0]) for index in range(5)]
     for data in sent:
         publisher.publish(Bool(data=bool(data[-1])))
     found = []
-    graph.wait_for(lambda: found.extend(taker.take_data(2)) or len(found) == 5)
-    assert found == sent
-    taker.close()
+    graph.wait_for(lambda: found.extend(drained(subscription)) or len(found) == 5)
+    assert [(one.data, one.sequence) for one in found] == list(zip(sent, range(1, 6), strict=True))
+    assert all(one.received_ns > 0 for one in found)
     silent.destroy_node()
 
 
@@ -58,6 +59,6 @@ def test_another_rcl_is_refused(graph, monkeypatch):
     def missing(name):
         raise OSError(f'{name} is not there')
 
-    monkeypatch.setattr(subscriptions.ctypes, 'CDLL', missing)
+    monkeypatch.setattr(watch.ctypes, 'CDLL', missing)
     with pytest.raises(NodeError, match=r'expected rcl of ROS 2 Jazzy, got librcl\.so is not'):
         Taker(subscription)

@@ -63,7 +63,7 @@ MEANING: Mapping[str, str] = {
     FORCE_CONSTANT: 'force samples that had not changed in any bit for three seconds',
     FORCE_UNEXPLAINED: 'force samples far from their prediction while it was good before: a '
     'disturbance, or the muscle has changed',
-    FORCE_PUBLISHERS: 'force samples of another publisher than the first; not learnt from',
+    FORCE_PUBLISHERS: 'further publishers of the force on the graph of a node; all are heard',
     CLOCK_JUMP: 'jumps of the stamps back in time; pulses that still acted are forgotten',
     PULSE_INTENSITY_INVALID: 'pulses whose intensity was not within 0..1; treated as lost',
     PULSE_LOST: 'pulses missing in the sequence; learning stops while they could act',
@@ -76,7 +76,7 @@ MEANING: Mapping[str, str] = {
     PULSE_SEQUENCE_RESTART: 'sequences that started anew, as after a restart of the driver; '
     'learning waits if it happens twice within 10 s, as with two drivers',
     PULSE_SEQUENCE_STUCK: 'pulses of a driver that does not count them; losses cannot show',
-    PULSE_PUBLISHERS: 'pulses of another publisher than the first, treated as lost',
+    PULSE_PUBLISHERS: 'further publishers of the pulses on the graph of a node; all are heard',
     SAMPLES_EXCLUDED: (
         'force samples that were predicted but not learnt from; so at the start of a stream whose '
         'first pulse has another sequence number than 0, with no rest before it: earlier pulses '

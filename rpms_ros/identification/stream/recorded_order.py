@@ -3,7 +3,6 @@
 """Feeds a recording to a stream in the order in which its messages arrived."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,59 +10,8 @@ from rpms_ros.identification.stream.stream import IdentificationStream
 from rpms_ros.pulses import ForceTrace, IntArray, PulseTrain, nanoseconds
 
 BLOCK = 10_000
-# Faults wait for their samples and are searched in every tenth of a second.
-_BLOCK_OF_SEVERAL = 1000
 # Pulses more than 10 s ahead of the force count as far: shorter blocks do not cause that.
 _BLOCK_NS = nanoseconds(5.0)
-
-
-@dataclass(frozen=True)
-class Foreign:
-    """Messages of publishers other than the first, which are counted and not used.
-
-    Attributes
-    ----------
-    samples_before_sample : ndarray of int64 (samples,)
-        How many samples of the first publisher came before each of theirs, ascending.
-    onset_ns : ndarray of int64 (pulses,)
-        Onsets of their pulses [ns].
-    samples_before_pulse : ndarray of int64 (pulses,)
-        How many samples of the first publisher came before each of their pulses, ascending.
-    """
-
-    samples_before_sample: IntArray
-    onset_ns: IntArray
-    samples_before_pulse: IntArray
-
-    def __len__(self) -> int:
-        return len(self.samples_before_sample) + len(self.onset_ns)
-
-    def between(self, start: int, stop: int) -> 'Foreign':
-        """Return the messages after `start` and before `stop` samples, counted from `start`."""
-        samples = slice(*np.searchsorted(self.samples_before_sample, (start, stop)).tolist())
-        pulses = slice(*np.searchsorted(self.samples_before_pulse, (start, stop)).tolist())
-        return Foreign(
-            self.samples_before_sample[samples] - start,
-            self.onset_ns[pulses],
-            self.samples_before_pulse[pulses] - start,
-        )
-
-    def among(self, counts: IntArray) -> 'Foreign':
-        """Return the messages that came between samples of a selection.
-
-        `counts` (samples + 1,) is how many of the first 0, 1, ... samples are selected.
-        """
-        samples, pulses = (
-            counts[before] for before in (self.samples_before_sample, self.samples_before_pulse)
-        )
-        here = (pulses > 0) & (pulses < counts[-1])
-        return Foreign(
-            samples[(samples > 0) & (samples < counts[-1])], self.onset_ns[here], pulses[here]
-        )
-
-
-_NOTHING = np.empty(0, dtype=np.int64)
-NO_FOREIGN = Foreign(_NOTHING, _NOTHING, _NOTHING)
 
 
 def feed(
@@ -71,7 +19,6 @@ def feed(
     pulses: PulseTrain,
     forces: ForceTrace,
     samples_before_pulse: IntArray | None = None,
-    foreign: Foreign = NO_FOREIGN,
 ) -> Iterator[int]:
     """Add a recording to a stream block by block; yield how many samples each block had.
 
@@ -83,24 +30,20 @@ def feed(
         The recording, in the order in which it was recorded.
     samples_before_pulse : ndarray of int64 (pulses,) or None
         How many samples had arrived before each pulse; None: as `in_time` returns.
-    foreign : Foreign
-        Messages of other publishers.
     """
     if samples_before_pulse is None:
         gap_ns = nanoseconds(stream.settings.longest_gap)
         samples_before_pulse = in_time(pulses, forces, gap_ns)
     order = np.argsort(samples_before_pulse, kind='stable')
     pulses, before = pulses[order], np.asarray(samples_before_pulse, dtype=np.int64)[order]
-    most = _BLOCK_OF_SEVERAL if len(foreign) else BLOCK
     start = 0
     while start < len(forces):
-        stop = _block_end(forces.stamp_ns, start, most)
+        stop = _block_end(forces.stamp_ns, start)
         # Pulses after the last sample belong to the last block.
         end = stop if stop < len(forces) else stop + 1
         first, last = np.searchsorted(before, (start, end)).tolist()
         block = ForceTrace(forces.stamp_ns[start:stop], forces.force[start:stop])
-        others = foreign.between(start, end)
-        add_in_order(stream, pulses[first:last], block, before[first:last] - start, others)
+        add_in_order(stream, pulses[first:last], block, before[first:last] - start)
         yield stop - start
         start = stop
     if not len(forces):
@@ -128,9 +71,9 @@ def in_time(pulses: PulseTrain, forces: ForceTrace, gap_ns: int) -> IntArray:
     return before
 
 
-def _block_end(stamp_ns: IntArray, start: int, most: int) -> int:
-    """Return the end of the block of at most so many samples that begins with sample `start`."""
-    stamps = stamp_ns[start : start + most]
+def _block_end(stamp_ns: IntArray, start: int) -> int:
+    """Return the end of the block that begins with sample `start`."""
+    stamps = stamp_ns[start : start + BLOCK]
     far = np.flatnonzero(np.abs(stamps - stamps[0]) > _BLOCK_NS)
     return start + (int(far[0]) if len(far) else len(stamps))
 
@@ -140,7 +83,6 @@ def add_in_order(
     pulses: PulseTrain,
     forces: ForceTrace,
     before: IntArray,
-    foreign: Foreign = NO_FOREIGN,
 ) -> None:
     """Add samples to a stream, and pulses in the order in which they came between them.
 
@@ -152,28 +94,20 @@ def add_in_order(
         In the order of arrival.
     before : ndarray of int64 (pulses,)
         How many of the samples had arrived before each pulse, ascending.
-    foreign : Foreign
-        Messages of other publishers meanwhile.
     """
     stamps, values = forces.stamp_ns, forces.force
-    alone = not len(foreign) and not len(pulses)
-    at_once = len(stamps) and not len(foreign.onset_ns)
-    if alone or (at_once and stream.takes_early(pulses, forces, before)):
+    if not len(pulses) or (len(stamps) and stream.takes_early(pulses, forces, before)):
         # None of them is late, so their place among the samples makes no difference.
         stream.add_pulses(pulses)
-        stream.add_foreign_between(stamps, foreign.samples_before_sample)
         stream.add_forces(forces)
         return
     begin = 0
-    places = (before, foreign.samples_before_sample, foreign.samples_before_pulse)
-    for end in np.unique(np.concatenate(places)).tolist():
+    for end in np.unique(before).tolist():
         stream.add_forces(ForceTrace(stamps[begin:end], values[begin:end]))
         begin = end
         first, last = np.searchsorted(before, (end, end + 1)).tolist()
         for index in range(first, last):
             stream.add_pulses(pulses[index : index + 1])
-        here = foreign.between(end, end + 1)
-        stream.add_foreign(len(here.samples_before_sample), here.onset_ns)
     stream.add_forces(ForceTrace(stamps[begin:], values[begin:]))
 
 

@@ -253,36 +253,6 @@ class StreamInput(RestorableWithSettings):
             self._postponed.add(faults.PULSE_LATE, newest_ns)
             self.exclude(onset_ns, onset_ns + self._memory_ns)
 
-    def add_foreign(self, samples: int, onset_ns: IntArray) -> None:
-        """Count messages of publishers that are not used, in the order of arrival.
-
-        Nothing is learnt while pulses with these onsets (pulses,) may act, because it is not known
-        whether they were given.
-        """
-        newest_ns = self._intake.newest_ns
-        if samples:
-            self._postponed.add(faults.FORCE_PUBLISHERS, newest_ns, samples)
-        if len(onset_ns):
-            self._postponed.add(faults.PULSE_PUBLISHERS, newest_ns, len(onset_ns))
-        near_ns = onset_ns if newest_ns is None else onset_ns[onset_ns <= newest_ns + FAR_NS]
-        for onset in near_ns.tolist():
-            self.exclude(onset, onset + self._memory_ns)
-
-    def add_foreign_between(self, stamp_ns: IntArray, before: IntArray) -> None:
-        """Count samples of publishers that are not used, among samples that are added next.
-
-        Parameters
-        ----------
-        stamp_ns : ndarray of int64 (samples,)
-            Stamps of the samples that are used, without gaps or jumps.
-        before : ndarray of int64 (others,)
-            How many of them come before each of the others.
-        """
-        places, counts = np.unique(before, return_counts=True)
-        for place, count in zip(places.tolist(), counts.tolist(), strict=True):
-            after_ns = int(stamp_ns[place - 1]) if place else self._intake.newest_ns
-            self._postponed.add(faults.FORCE_PUBLISHERS, after_ns, count)
-
     def hold(self) -> None:
         """Predict without learning, from the sample after the newest one on."""
         if self._held_ns is None:

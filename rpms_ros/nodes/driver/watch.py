@@ -11,30 +11,153 @@ Other drivers on the graph, and the publishers of a topic.
 """
 
 import contextlib
+import ctypes
 import select
 import threading
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from rpms_msgs.msg import OperatorHeartbeat
 from rpms_ros import messages
+from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.qos import second_node, taken_from
 from rpms_ros.nodes.common.runner import complete_or_gone
-from rpms_ros.nodes.common.subscriptions import Taken, Taker
 from rpms_ros.nodes.driver.goals import UNIQUE, WATCH
 from rpms_ros.stimulation.driver.authority import Authority, Beat, ProcessLife
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.interlocks import HOLD_SHARE
 from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, HEARTBEAT, POSSIBLE
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
+
+# A button says true or false and no name: that one of two is silent, or that one is still pressed
+# while the other says that it is released, shows only by who said it.  rcl tells, rclpy does not.
+_OK, _NOTHING = 0, 401
+_IDENTITY_BYTES = 16
+_FIRST_BYTES = 256
+
+
+class _Bytes(ctypes.Structure):
+    """rcutils_uint8_array_t."""
+
+    _fields_ = (
+        ('buffer', ctypes.c_void_p),
+        ('length', ctypes.c_size_t),
+        ('capacity', ctypes.c_size_t),
+        ('allocator', ctypes.c_void_p * 5),
+    )
+
+
+class _Allocator(ctypes.Structure):
+    """rcutils_allocator_t."""
+
+    _fields_ = (('functions', ctypes.c_void_p * 5),)
+
+
+class _Information(ctypes.Structure):
+    """rmw_message_info_t."""
+
+    _fields_ = (
+        ('sent_ns', ctypes.c_int64),
+        ('received_ns', ctypes.c_int64),
+        ('sequence', ctypes.c_uint64),
+        ('reception', ctypes.c_uint64),
+        ('implementation', ctypes.c_char_p),
+        ('identity', ctypes.c_uint8 * _IDENTITY_BYTES),
+        ('within_process', ctypes.c_bool),
+    )
+
+
+class Taken(NamedTuple):
+    """One message.
+
+    Attributes
+    ----------
+    data : bytes
+        The message, serialised.
+    identity : bytes
+        Identity of its publisher.
+    sequence : int
+        Number of the message, counted by its publisher.
+    """
+
+    data: bytes
+    identity: bytes
+    sequence: int
+
+
+class Taker:
+    """Takes from one subscription of a node that is in no executor, with the publisher.
+
+    Parameters
+    ----------
+    subscription : Subscription
+        Subscription of a node that is in no executor.
+
+    Raises
+    ------
+    NodeError
+        If rcl is missing, or is not that of Jazzy.
+    """
+
+    def __init__(self, subscription: Subscription) -> None:
+        self._subscription = subscription
+        try:
+            rcl, rcutils = ctypes.CDLL('librcl.so'), ctypes.CDLL('librcutils.so')
+            self._take = rcl.rcl_take_serialized_message
+            self._forget_error = rcutils.rcutils_reset_error
+            allocator = rcutils.rcutils_get_default_allocator
+            allocate = rcutils.rcutils_uint8_array_init
+            self._free = rcutils.rcutils_uint8_array_fini
+        except (OSError, AttributeError) as error:
+            raise NodeError(f'expected rcl of ROS 2 Jazzy, got {error}') from error
+        self._take.argtypes = (ctypes.c_void_p,) * 4
+        allocator.restype = _Allocator
+        allocate.argtypes = (ctypes.POINTER(_Bytes), ctypes.c_size_t, ctypes.POINTER(_Allocator))
+        self._free.argtypes = (ctypes.POINTER(_Bytes),)
+        self._bytes, self._information = _Bytes(), _Information()
+        self._to_bytes = ctypes.byref(self._bytes)
+        self._places = ctypes.addressof(self._bytes), ctypes.addressof(self._information)
+        functions = allocator()
+        if allocate(self._to_bytes, _FIRST_BYTES, ctypes.byref(functions)) != _OK:
+            raise NodeError('expected memory for a message, got none')
+
+    def take(self) -> Taken | None:
+        """Return the next message, None if there is none."""
+        handle = self._subscription.handle
+        with handle:
+            if not self._came(handle.pointer):
+                return None
+        return Taken(
+            ctypes.string_at(self._bytes.buffer, self._bytes.length),
+            bytes(self._information.identity),
+            int(self._information.sequence),
+        )
+
+    def _came(self, pointer: int) -> bool:
+        """Take the next message into the buffer; return whether there was one."""
+        answer = self._take(pointer, *self._places, None)
+        if answer == _NOTHING:
+            return False
+        if answer != _OK:
+            self._forget_error()
+            topic = self._subscription.topic
+            raise NodeError(f'expected a message of {topic}, got error {answer}')
+        return True
+
+    def close(self) -> None:
+        """Free the memory."""
+        self._free(self._to_bytes)
+
 
 _GOALS = '/_action/send_goal'
 

@@ -37,8 +37,6 @@ from rpms_ros.recording.rosbag.records import (
     gather,
 )
 
-PUBLISHER = 'publisher'
-"""Name in the notes of a channel under which the identity of its publisher stands."""
 MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
 CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA = range(8, 13)
@@ -347,10 +345,9 @@ class McapFile:
         number, schema = content.number('H'), content.number('H')
         topic, serialization = content.text(), content.text()
         name, encoding, text = self._schemas.get(schema, ('', '', ''))
-        publisher = _publisher(content)
-        found = Channel(topic, name, text, encoding, serialization, publisher)
+        found = Channel(topic, name, text, encoding, serialization)
         if self.channels.get(number) != found:
-            self._budget.hold(_OBJECT + len(topic) + len(publisher))
+            self._budget.hold(_OBJECT + len(topic))
             self.channels[number] = found
 
     def _check_end(self, frame: Frame, chunked: bool) -> None:
@@ -368,20 +365,6 @@ class McapFile:
         # What is in chunks has been checked chunk by chunk.
         if not chunked and not data_fits(self._data, frame):
             self._findings.add('wrong_checksum', f'the checksum of {self._path.name} does not fit')
-
-
-def _publisher(content: Content) -> str:
-    """Return the identity in the notes of a channel, empty if there is none."""
-    try:
-        end = content.number('I') + content.position
-        while content.position < end:
-            name, value = content.text(), content.text()
-            if name == PUBLISHER:
-                return value
-    except struct.error:
-        # Notes that are cut short: the channel can be used without them.
-        pass
-    return ''
 
 
 LIBRARY = 'rpms_ros'
@@ -426,8 +409,6 @@ class McapFileWriter:
                 channel.type_name, channel.definition_encoding, channel.definition.encode()
             )
         notes = {'offered_qos_profiles': qos_text(topic.qos), 'topic_type_hash': topic.digest}
-        if channel.publisher:
-            notes[PUBLISHER] = channel.publisher
         number = self._writer.register_channel(
             channel.topic, channel.serialization, self._schemas[channel.type_name], notes
         )

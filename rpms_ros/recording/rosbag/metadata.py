@@ -81,7 +81,7 @@ def metadata_of(
         'storage_identifier': storage,
         'relative_file_paths': [file_name],
         **span,
-        'topics_with_message_count': _topics(topics),
+        'topics_with_message_count': [_topic(topic) for topic in topics],
         'compression_format': '',
         'compression_mode': '',
         'files': [{'path': file_name, **span}],
@@ -90,18 +90,7 @@ def metadata_of(
     }
 
 
-def _topics(topics: Sequence[TopicEntry]) -> list[dict[str, Any]]:
-    """Return one entry a topic and type, however many publishers it has."""
-    counts: dict[tuple[str, str], int] = {}
-    first: dict[tuple[str, str], TopicEntry] = {}
-    for topic in topics:
-        key = topic.channel.topic, topic.channel.type_name
-        first.setdefault(key, topic)
-        counts[key] = counts.get(key, 0) + topic.count
-    return [_topic(topic, counts[key]) for key, topic in first.items()]
-
-
-def _topic(topic: TopicEntry, count: int) -> dict[str, Any]:
+def _topic(topic: TopicEntry) -> dict[str, Any]:
     return {
         'topic_metadata': {
             'name': topic.channel.topic,
@@ -110,7 +99,7 @@ def _topic(topic: TopicEntry, count: int) -> dict[str, Any]:
             'offered_qos_profiles': dump_qos_v9(list(topic.qos)),
             'type_description_hash': topic.digest,
         },
-        'message_count': count,
+        'message_count': topic.count,
     }
 
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording as arrays of pulses and forces.
 
-Messages of a topic by who published them: those that count, and those of others.
-
 Schedules that a driver accepted, as a recording has them.
 
 One hash of everything in a session that an estimator is fed with.
@@ -11,7 +9,7 @@ One hash of everything in a session that an estimator is fed with.
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +19,13 @@ from rosbags.serde import SerdeError
 
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import RecordingError
-from rpms_ros.identification.stream.first_publisher import counting
-from rpms_ros.identification.stream.recorded_order import NO_FOREIGN, Foreign
-from rpms_ros.identification.stream.stream_input import StreamSettings
 from rpms_ros.printable import counted, printable
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
-    BoolArray,
     FloatArray,
     ForceTrace,
     IntArray,
     PulseTrain,
-    nanoseconds,
 )
 from rpms_ros.recording.rosbag.definitions import direction_of, force_along, types_of
 from rpms_ros.recording.rosbag.records import Budget, Channel, Findings, Records
@@ -46,37 +39,6 @@ from rpms_ros.recording.rosbag.topic_reading import (
 from rpms_ros.schema import documented
 
 
-def listened(
-    values: TopicValues, findings: Findings, name: str
-) -> tuple[TopicValues, TopicValues | None]:
-    """Return the messages that an identifier listens to, and those of others if there are any.
-
-    The others are noted among the findings, under the name of the topic.
-    """
-    if values.publisher is None:
-        return values, None
-    silence_ns = nanoseconds(StreamSettings().longest_gap)
-    own = counting(values.publisher, values.stamp_ns(), silence_ns)
-    count = int(np.count_nonzero(~own))
-    if not count:
-        return values, None
-    remark = f'{count} messages of another publisher of {name} left out'
-    findings.add('several_publishers', remark, count)
-    return _chosen(values, own), _chosen(values, ~own)
-
-
-def foreign_messages(
-    force: TopicValues, other_forces: TopicValues | None, other_pulses: TopicValues | None
-) -> Foreign:
-    """Return what came of others among the samples that count."""
-    nothing = NO_FOREIGN.onset_ns
-    return Foreign(
-        nothing if other_forces is None else np.searchsorted(force.place, other_forces.place),
-        nothing if other_pulses is None else other_pulses.stamp_ns(),
-        nothing if other_pulses is None else samples_before(other_pulses, force),
-    )
-
-
 def samples_before(messages: TopicValues, force: TopicValues) -> IntArray:
     """Return how many samples were received before each message (messages,) of another topic.
 
@@ -88,16 +50,6 @@ def samples_before(messages: TopicValues, force: TopicValues) -> IntArray:
     if rising:
         return np.searchsorted(force.received_ns, messages.received_ns, side='left')
     return np.searchsorted(force.place, messages.place)
-
-
-def _chosen(values: TopicValues, chosen: BoolArray) -> TopicValues:
-    return replace(
-        values,
-        number={path: column[chosen] for path, column in values.number.items()},
-        received_ns=values.received_ns[chosen],
-        place=values.place[chosen],
-        publisher=None,
-    )
 
 
 ACCEPTED_SCHEDULE = 'rpms_msgs/msg/AcceptedSchedule'
@@ -252,9 +204,6 @@ class RecordingFacts:
 class Recording:
     """Pulses and forces in the order in which they were received.
 
-    Of several publishers of a topic, those of the one that the identifier listens to: the first,
-    until it has been silent for a second.
-
     Attributes
     ----------
     pulses : PulseTrain
@@ -271,8 +220,6 @@ class Recording:
         Everything else.
     quantity : str
         What the sensor measured: ``force`` [N], or ``torque``, then the forces are in N m.
-    foreign : Foreign
-        What came of other publishers.
     """
 
     pulses: PulseTrain
@@ -282,7 +229,6 @@ class Recording:
     samples_before_pulse: IntArray
     facts: RecordingFacts
     quantity: str = FORCE
-    foreign: Foreign = NO_FOREIGN
 
     @property
     def unit(self) -> str:
@@ -372,9 +318,7 @@ def read_recording(
         scan.budget.keep(pulses.take(channel, records) + force.take(channel, records))
     if not any(facts.count for facts in scan.topics.values()):
         raise RecordingError(f'expected messages in {path}, got none')
-    all_pulses, all_forces = pulses.values(scan), force.values(scan)
-    pulse_values, other_pulses = listened(all_pulses, scan.findings, 'pulses')
-    force_values, other_forces = listened(all_forces, scan.findings, 'force')
+    pulse_values, force_values = pulses.values(scan), force.values(scan)
     return Recording(
         _pulse_train(pulse_values),
         _force_trace(force_values, direction, sign, types[force_values.type_name].values),
@@ -384,19 +328,16 @@ def read_recording(
         _facts(
             scan,
             schedules,
-            {'pulses': all_pulses.frame_ids, 'force': all_forces.frame_ids},
+            {'pulses': pulse_values.frame_ids, 'force': force_values.frame_ids},
         ),
         quantity,
-        foreign_messages(force_values, other_forces, other_pulses),
     )
 
 
 def held_bytes(recording: Recording) -> int:
     """Return what the arrays of a recording take [bytes]."""
     pulses, forces = recording.pulses, recording.forces
-    foreign = recording.foreign
     arrays = (
-        *(foreign.samples_before_sample, foreign.onset_ns, foreign.samples_before_pulse),
         *(pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width),
         *(forces.stamp_ns, forces.force),
         *(recording.pulse_received_ns, recording.force_received_ns),

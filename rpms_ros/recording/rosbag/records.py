@@ -40,8 +40,6 @@ class Channel:
         ``ros2msg`` or ``ros2idl``.
     serialization : str
         ``cdr`` wherever this package can decode.
-    publisher : str
-        Identity of who published the messages, empty if the recording does not tell.
     """
 
     topic: str
@@ -49,7 +47,6 @@ class Channel:
     definition: str = ''
     definition_encoding: str = 'ros2msg'
     serialization: str = 'cdr'
-    publisher: str = ''
 
 
 @dataclass(frozen=True)

@@ -240,7 +240,7 @@ def _expect_tables(connection: apsw.Connection) -> None:
             "SELECT name FROM sqlite_master WHERE sql LIKE 'create virtual%'"
         )
     ]
-    for name in ('topics', 'messages', 'message_definitions', 'publishers', 'metadata', 'schema'):
+    for name in ('topics', 'messages', 'message_definitions', 'metadata', 'schema'):
         if kinds.get(name, 'table') != 'table' or name in virtual:
             raise apsw.SQLError(f'{name} is no plain table')
 
@@ -261,22 +261,9 @@ def _channels(connection: apsw.Connection, budget: Budget) -> dict[int, Channel]
         definitions = {
             name: (text, encoding) for name, text, encoding in _rows(connection, query, budget)
         }
-    publishers: dict[int, str] = {}
-    if 'publishers' in tables:
-        query = (
-            "SELECT topic_id, identity FROM publishers WHERE typeof(identity) = 'text' "
-            'AND topic_id IN (SELECT id FROM topics)'
-        )
-        publishers = dict(_rows(connection, query, budget))
     query = 'SELECT id, name, type, serialization_format FROM topics'
     return {
-        number: Channel(
-            topic,
-            kind,
-            *definitions.get(kind, ('', 'ros2msg')),
-            serialization,
-            publishers.get(number, ''),
-        )
+        number: Channel(topic, kind, *definitions.get(kind, ('', 'ros2msg')), serialization)
         for number, topic, kind, serialization in _rows(connection, query, budget)
     }
 
@@ -288,7 +275,7 @@ def _rows(connection: apsw.Connection, query: str, budget: Budget) -> Iterator[t
         yield row
 
 
-# The tables of rosbag2's version 4, besides who published, and behind them who wrote them.
+# The tables of rosbag2's version 4, and behind them who wrote them.
 _TABLES = """
 PRAGMA journal_mode = WAL;
 PRAGMA synchronous = NORMAL;
@@ -302,7 +289,6 @@ CREATE TABLE topics(
 CREATE TABLE message_definitions(
   id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
   encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
-CREATE TABLE publishers(topic_id INTEGER PRIMARY KEY, identity TEXT NOT NULL);
 CREATE TABLE messages(
   id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
   data BLOB NOT NULL);
@@ -351,9 +337,6 @@ class SqliteFileWriter:
             ),
         )
         number = int(cursor.lastrowid or 0)
-        if channel.publisher:
-            row = (number, channel.publisher)
-            self._connection.execute('INSERT INTO publishers VALUES (?, ?)', row)
         self._connection.commit()
         return number
 

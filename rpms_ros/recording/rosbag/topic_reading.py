@@ -299,8 +299,6 @@ class TopicValues:
         Which message of the recording each is, over all topics.
     frame_ids : tuple of str
         All that occur, sorted.
-    publisher : ndarray of int64 (messages,) or None
-        Number of the publisher of each; None if the recording tells of one at most.
     """
 
     type_name: str
@@ -308,7 +306,6 @@ class TopicValues:
     received_ns: IntArray
     place: IntArray
     frame_ids: tuple[str, ...]
-    publisher: IntArray | None = None
 
     def stamp_ns(self) -> IntArray:
         """Return the stamps (messages,) [ns], or times of reception if there are none."""
@@ -326,7 +323,6 @@ class _Candidate:
     columns: list[Columns] = field(default_factory=list)
     place: list[IntArray] = field(default_factory=list)
     received_ns: list[IntArray] = field(default_factory=list)
-    publishers: list[str] = field(default_factory=list)
     decoders: dict[Channel, Decoder] = field(default_factory=dict)
     problem: RecordingError | None = None
 
@@ -363,7 +359,6 @@ class TopicReading:
             return 0
         candidate.columns.append(candidate.decoders[channel].decode(records))
         candidate.received_ns.append(records.time_ns)
-        candidate.publishers.append(channel.publisher)
         assert records.place is not None, 'a scan counts the places'
         candidate.place.append(records.place)
         return len(records)
@@ -450,21 +445,4 @@ def _joined(
         path: np.concatenate([columns.number.pop(path) for columns in candidate.columns])[order]
         for path in fields.wanted
     }
-    publisher = _numbered(candidate)
-    return TopicValues(
-        type_name,
-        number,
-        received_ns[order],
-        place[order],
-        tuple(frame_ids),
-        None if publisher is None else publisher[order],
-    )
-
-
-def _numbered(candidate: _Candidate) -> IntArray | None:
-    """Return the number of the publisher of each message (messages,), None if there is one."""
-    names = {name: number for number, name in enumerate(dict.fromkeys(candidate.publishers))}
-    if len(names) < 2:
-        return None
-    numbers = np.array([names[name] for name in candidate.publishers], dtype=np.int64)
-    return np.repeat(numbers, [len(times) for times in candidate.received_ns])
+    return TopicValues(type_name, number, received_ns[order], place[order], tuple(frame_ids))

@@ -208,7 +208,6 @@ class RecordingWriter:
         type_name: str,
         qos: Sequence[Qos] = (),
         definition: tuple[str, str] | None = None,
-        publisher: str = '',
     ) -> int:
         """Return the number of a new topic, for `append`.
 
@@ -220,16 +219,9 @@ class RecordingWriter:
             Quality of service that its publishers offer.
         definition : (str, str), optional
             Text and hash of the type, if it is not one that the package knows.
-        publisher : str
-            Identity of its publisher, if it is known; another one of the same topic is added as
-            a topic of its own.
         """
         text, digest = definition or written_definition(type_name)
-        for other in self._topics.values():
-            if (other.channel.topic, other.channel.type_name) == (name, type_name):
-                # Readers take channels of one topic for one only if they are described alike.
-                qos = other.qos
-        entry = TopicEntry(Channel(name, type_name, text, publisher=publisher), digest, qos)
+        entry = TopicEntry(Channel(name, type_name, text), digest, qos)
         try:
             number = self._file.add_topic(entry)
         except _REFUSALS as error:

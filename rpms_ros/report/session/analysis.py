@@ -570,7 +570,6 @@ def _held_out(
         recording.forces,
         progress=progress,
         samples_before_pulse=arrival,
-        foreign=recording.foreign,
     )
     if not np.any(session.stamp_ns < first_ns):
         return None
