@@ -18,7 +18,7 @@ import numpy as np
 import padasip
 from numpy_recursion import NumpyRecursion
 
-from rpms_ros.identification import TABLE_4, RecursiveEstimator
+from rpms_ros.identification import TABLE_4, ModifiedRecursiveLM
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
@@ -54,7 +54,7 @@ def microseconds(run: Callable[[], int]) -> float:
 
 def compiled(pulses: PulseTrain, forces: ForceTrace, block: int) -> Callable[[], int]:
     def run() -> int:
-        estimator = RecursiveEstimator(TABLE_4)
+        estimator = ModifiedRecursiveLM(TABLE_4)
         estimator.add_pulses(pulses.onset_ns, pulses.intensity)
         usable = np.ones(block, dtype=np.bool_)
         for start in range(0, len(forces), block):

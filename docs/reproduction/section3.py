@@ -22,7 +22,7 @@ from section3_plants import (
     simulated,
 )
 
-from rpms_ros.identification import TABLE_4, TABLE_5, RecursiveEstimator
+from rpms_ros.identification import TABLE_4, TABLE_5, ModifiedRecursiveLM
 from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimation.horizon import HorizonEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
@@ -39,8 +39,8 @@ def table_4(folder):
     for kind in ('random', 'sinusoid'):
         session = simulated(kind, seed=1)
         estimators = {
-            'plain derivative': RecursiveEstimator(replace(TABLE_4, projected=False)),
-            'recursive, projected': RecursiveEstimator(TABLE_4),
+            'plain derivative': ModifiedRecursiveLM(replace(TABLE_4, projected=False)),
+            'recursive, projected': ModifiedRecursiveLM(TABLE_4),
             'horizon': estimator_by_name('horizon', 'paper_table_4'),
         }
         for name, estimator in estimators.items():
@@ -74,7 +74,7 @@ def experiments(folder):
         for take in (0, 1):
             session = in_silico(name, take)
             estimators = {
-                'recursive, Table 5': RecursiveEstimator(TABLE_5),
+                'recursive, Table 5': ModifiedRecursiveLM(TABLE_5),
                 'horizon': HorizonEstimator(
                     ProjectionSettings(LaguerreBasis(7, 38e-3, 8e-3), TABLE_5.start)
                 ),

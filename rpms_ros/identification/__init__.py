@@ -30,8 +30,8 @@ from rpms_ros.identification.model.settings import (
     RecursiveSettings,
     settings_by_name,
 )
-from rpms_ros.identification.recursion.paper import RecursiveEstimator
-from rpms_ros.identification.recursion.people import PEOPLE, ExactRecursion, ExactRecursionSettings
+from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
+from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion, FixedSizeSettings
 from rpms_ros.identification.session import IdentifiedSession, identify
 from rpms_ros.identification.stream.stream import IdentificationStream
 from rpms_ros.identification.stream.stream_input import StreamSettings
@@ -53,15 +53,15 @@ __all__ = [
     'Estimate',
     'Estimator',
     'EstimatorOptions',
-    'ExactRecursion',
-    'ExactRecursionSettings',
+    'FixedSizeRecursion',
+    'FixedSizeSettings',
     'HorizonEstimator',
     'IdentificationStream',
     'IdentifiedSession',
     'LaguerreBasis',
+    'ModifiedRecursiveLM',
     'ProjectionSettings',
     'RecruitmentBounds',
-    'RecursiveEstimator',
     'RecursiveSettings',
     'StreamSettings',
     'estimator_by_name',

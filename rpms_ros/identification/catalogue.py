@@ -25,8 +25,8 @@ from rpms_ros.identification.model.estimate import (
 )
 from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset, settings_by_name
 from rpms_ros.identification.model.summation import TemporalSummation
-from rpms_ros.identification.recursion.paper import RecursiveEstimator
-from rpms_ros.identification.recursion.people import PEOPLE, ExactRecursion
+from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
+from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion
 from rpms_ros.seeds import check_seed
 
 GROUP = 'rpms_ros.estimators'
@@ -84,8 +84,8 @@ def _recursive(options: EstimatorOptions) -> Estimator:
             'expected an estimator with a history law, batch, horizon or tracking, got recursive'
         )
     if options.preset == PEOPLE_PRESET:
-        return ExactRecursion(PEOPLE, options.rate_hz)
-    return RecursiveEstimator(settings_by_name(options.preset), options.seed, options.rate_hz)
+        return FixedSizeRecursion(PEOPLE, options.rate_hz)
+    return ModifiedRecursiveLM(settings_by_name(options.preset), options.seed, options.rate_hz)
 
 
 def _projection(options: EstimatorOptions) -> ProjectionSettings:

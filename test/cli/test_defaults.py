@@ -60,4 +60,4 @@ def test_the_sample_of_the_readme_has_the_saturation_that_it_was_made_with(
 
 def test_the_node_runs_the_recursion_for_people() -> None:
     estimator = build_estimator(IdentifierParameters())
-    assert type(estimator).__name__ == 'ExactRecursion'
+    assert type(estimator).__name__ == 'FixedSizeRecursion'

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import BatchEstimator, RecursiveEstimator, StreamSettings, identify
+from rpms_ros.identification import BatchEstimator, ModifiedRecursiveLM, StreamSettings, identify
 from rpms_ros.identification.stream.sensor_checks import MONITORS, monitors_by_name
 
 MODULE = '''
@@ -71,7 +71,7 @@ def test_a_monitor_of_another_package_examines_and_hears_everything(record) -> N
     pulses, forces = record(np.random.default_rng(7).uniform(size=60))
     forces.force[2000:2400] = -6.0
     chosen = StreamSettings(monitors=('push',))
-    session = identify(RecursiveEstimator(), pulses, forces, chosen)
+    session = identify(ModifiedRecursiveLM(), pulses, forces, chosen)
     # the pulse in between neither was nor is unknown: these samples alone are left out
     assert session.last.faults == {'push': 400, 'samples_excluded': 400}
     assert session.last.doubts[0] == 'push'
@@ -95,7 +95,7 @@ def test_the_batch_passes_on_what_a_monitor_of_another_package_counts(record) ->
 def test_a_monitor_that_fails_is_taken_out_and_named(record) -> None:
     pulses, forces = record(np.random.default_rng(7).uniform(size=20))
     chosen = StreamSettings(monitors=('careless', 'spikes'))
-    session = identify(RecursiveEstimator(), pulses, forces, chosen)
+    session = identify(ModifiedRecursiveLM(), pulses, forces, chosen)
     assert session.last.faults == {'monitor_failed': 1}
     assert session.usable.all()
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpms_ros.identification import ExactRecursion, identify
+from rpms_ros.identification import FixedSizeRecursion, identify
 from rpms_ros.identification.stream.doubts import REASON
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
@@ -26,7 +26,7 @@ def slow_sinusoid(noise: float, seed: int, latency: float = 0.0) -> tuple[PulseT
 def test_a_muscle_that_answers_before_the_functions_begin_is_doubtful() -> None:
     # Under a slow sinusoid at one rate the response is hardly seen: what the functions miss of
     # it turns it upside down, while the curve stays right.
-    last = identify(ExactRecursion(), *slow_sinusoid(0.02, 1)).last
+    last = identify(FixedSizeRecursion(), *slow_sinusoid(0.02, 1)).last
     assert last.doubts == ('response_negative',)
     assert last.reasons == (REASON['response_negative'],)
 
@@ -35,5 +35,5 @@ def test_a_curve_that_is_hardly_known_says_so() -> None:
     pulses, forces = slow_sinusoid(0.02, 2)
     early = forces.stamp_ns < 3_000_000_000
     first = ForceTrace(forces.stamp_ns[early], forces.force[early])
-    last = identify(ExactRecursion(), pulses[pulses.onset_ns < 3_000_000_000], first).last
+    last = identify(FixedSizeRecursion(), pulses[pulses.onset_ns < 3_000_000_000], first).last
     assert 'band_wider_than_curve' in last.doubts

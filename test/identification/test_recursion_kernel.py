@@ -11,8 +11,8 @@ from rpms_ros.identification import (
     TABLE_4,
     TABLE_5,
     DistortedSineBasis,
+    ModifiedRecursiveLM,
     RecruitmentBounds,
-    RecursiveEstimator,
     RecursiveSettings,
 )
 from rpms_ros.identification.recursion.paper_kernel import (
@@ -26,8 +26,8 @@ from rpms_ros.identification.recursion.paper_kernel import (
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 
 
-def estimator_of(**changes: object) -> RecursiveEstimator:
-    return RecursiveEstimator(replace(TABLE_4, **changes), seed=1)
+def estimator_of(**changes: object) -> ModifiedRecursiveLM:
+    return ModifiedRecursiveLM(replace(TABLE_4, **changes), seed=1)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_it_is_the_plain_version(record, numpy_recursion, settings: RecursiveSet
         plain.update(stamp, force, pulses.onset_ns, pulses.intensity)
         for stamp, force in zip(forces.stamp_ns.tolist(), forces.force.tolist(), strict=True)
     ]
-    compiled = RecursiveEstimator(settings, seed=1)
+    compiled = ModifiedRecursiveLM(settings, seed=1)
     compiled.add_pulses(pulses.onset_ns, pulses.intensity)
     usable = np.ones(len(forces), dtype=np.bool_)
     prediction = compiled.update(forces.stamp_ns, forces.force, usable)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import TABLE_4, RecursiveEstimator, RecursiveSettings
+from rpms_ros.identification import TABLE_4, ModifiedRecursiveLM, RecursiveSettings
 from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000
@@ -23,14 +23,14 @@ def uniform(count: int, seed: int = 7) -> FloatArray:
 
 def fed(
     pulses: PulseTrain, forces: ForceTrace, settings: RecursiveSettings = TABLE_4
-) -> tuple[RecursiveEstimator, FloatArray]:
-    estimator = RecursiveEstimator(settings, seed=1)
+) -> tuple[ModifiedRecursiveLM, FloatArray]:
+    estimator = ModifiedRecursiveLM(settings, seed=1)
     estimator.add_pulses(pulses.onset_ns, pulses.intensity)
     usable = np.ones(len(forces), dtype=np.bool_)
     return estimator, estimator.update(forces.stamp_ns, forces.force, usable)
 
 
-def state_bytes(estimator: RecursiveEstimator, without: tuple[str, ...] = ()) -> bytes:
+def state_bytes(estimator: ModifiedRecursiveLM, without: tuple[str, ...] = ()) -> bytes:
     scalars = estimator._state.scalars.copy()
     for name in without:
         scalars[name] = 0
@@ -43,7 +43,7 @@ def state_bytes(estimator: RecursiveEstimator, without: tuple[str, ...] = ()) ->
 def test_blocks_change_no_bit(record, cuts: set[int]) -> None:
     pulses, forces = record(uniform(30))
     whole, prediction = fed(pulses, forces)
-    cut = RecursiveEstimator(TABLE_4, seed=1)
+    cut = ModifiedRecursiveLM(TABLE_4, seed=1)
     parts = []
     edges = [0, *sorted(cuts), 1500]
     for start, stop in pairwise(edges):
@@ -112,7 +112,7 @@ def test_a_minute_of_zero_pulses_winds_nothing_up() -> None:
     stamps = MILLISECOND * np.arange(60_000, dtype=np.int64)
     estimator, _ = fed(pulses, ForceTrace(stamps, np.zeros(60_000)))
     assert estimator.estimate(0, {}).samples == 0
-    fresh = RecursiveEstimator(TABLE_4, seed=1)
+    fresh = ModifiedRecursiveLM(TABLE_4, seed=1)
     without = ('previous_ns',)
     assert state_bytes(estimator, without) == state_bytes(fresh, without)
 
@@ -123,7 +123,7 @@ def test_a_minute_below_the_threshold_keeps_the_covariance_positive(record) -> N
     noise = np.random.default_rng(1).normal(0.0, 0.05, len(forces))
     force = forces.force + noise
     low = slice(0, 60_000)
-    estimator = RecursiveEstimator(TABLE_4, seed=1)
+    estimator = ModifiedRecursiveLM(TABLE_4, seed=1)
     estimator.add_pulses(pulses.onset_ns, pulses.intensity)
     estimator.update(forces.stamp_ns[low], force[low], np.ones(60_000, dtype=np.bool_))
     # the pause of forgetting is checked before a sample, which adds one percent at most
@@ -168,7 +168,7 @@ def test_a_jump_back_leaves_the_output_error_finite(record) -> None:
 
 def test_what_is_not_usable_is_predicted_only(record) -> None:
     pulses, forces = record(uniform(40))
-    estimator = RecursiveEstimator(TABLE_4, seed=1)
+    estimator = ModifiedRecursiveLM(TABLE_4, seed=1)
     estimator.add_pulses(pulses.onset_ns, pulses.intensity)
     before = state_bytes(estimator)
     estimator.update(forces.stamp_ns, forces.force, np.zeros(len(forces), dtype=np.bool_))
@@ -192,7 +192,7 @@ def test_a_burst_finds_room() -> None:
 
 
 def test_the_seed_decides_the_first_hessian() -> None:
-    first, same, other = (RecursiveEstimator(TABLE_4, seed)._state.hessian for seed in (1, 1, 2))
+    first, same, other = (ModifiedRecursiveLM(TABLE_4, seed)._state.hessian for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, same)
     assert not np.array_equal(first, other)
     np.testing.assert_array_equal(first, first.T)
@@ -203,12 +203,12 @@ def test_the_seed_decides_the_first_hessian() -> None:
 @pytest.mark.parametrize('rate_hz', [0.0, -1.0, math.nan, math.inf])
 def test_impossible_rates_are_refused(rate_hz: float) -> None:
     with pytest.raises(IdentificationError, match='expected a repetition rate above 0 Hz'):
-        RecursiveEstimator(rate_hz=rate_hz)
+        ModifiedRecursiveLM(rate_hz=rate_hz)
 
 
 def test_a_matrix_without_a_factor_is_counted_and_published(record) -> None:
     pulses, forces = record(uniform(30))
-    estimator = RecursiveEstimator(TABLE_4, seed=1)
+    estimator = ModifiedRecursiveLM(TABLE_4, seed=1)
     estimator.add_pulses(pulses.onset_ns, pulses.intensity)
     usable = np.ones(len(forces), dtype=np.bool_)
     half = slice(0, 700)

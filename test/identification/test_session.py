@@ -16,7 +16,7 @@ from rpms_ros.identification import (
     BatchEstimator,
     Estimate,
     IdentifiedSession,
-    RecursiveEstimator,
+    ModifiedRecursiveLM,
     StreamSettings,
     identify,
 )
@@ -35,7 +35,7 @@ def joined(first: ForceTrace, second: ForceTrace) -> ForceTrace:
 def test_a_recording_gives_estimates_and_traces(record) -> None:
     pulses, forces = record(np.random.default_rng(7).uniform(size=240))
     taken: list[int] = []
-    session = identify(RecursiveEstimator(), pulses, forces, progress=taken.append)
+    session = identify(ModifiedRecursiveLM(), pulses, forces, progress=taken.append)
     assert sum(taken) == len(forces) == len(session.prediction)
     assert session.usable.all()
     assert session.last is session.estimates[-1]
@@ -54,7 +54,7 @@ def test_pulses_after_a_jump_back_are_used(record, back: int) -> None:
     start_ns = (5012 - back) * SECOND
     later_pulses, later = record(np.random.default_rng(8).uniform(size=240), start_ns)
     pulses = PulseTrain.joined([first_pulses, later_pulses])
-    session = identify(RecursiveEstimator(), pulses, joined(first, later))
+    session = identify(ModifiedRecursiveLM(), pulses, joined(first, later))
     assert session.last.faults == {'clock_jump': 1, 'samples_excluded': 351}
     assert session.last.pulses == 480
     # some 4 N; a pulse that is missing leaves 1 N
@@ -66,7 +66,7 @@ def test_pulses_after_a_jump_back_are_used(record, back: int) -> None:
 def test_one_wrong_stamp_does_not_cost_the_rest(record, wrong_ns: int) -> None:
     pulses, forces = record(np.random.default_rng(7).uniform(size=240), 5000 * SECOND)
     forces.stamp_ns[6000] = wrong_ns
-    session = identify(RecursiveEstimator(), pulses, forces)
+    session = identify(ModifiedRecursiveLM(), pulses, forces)
     assert session.last.faults == {'force_stamp_alone': 1}
     assert session.last.pulses == 240
     assert np.abs(session.force - session.prediction)[-5000:].max() < 0.2
@@ -78,7 +78,7 @@ def test_one_wrong_stamp_does_not_cost_the_rest(record, wrong_ns: int) -> None:
 def test_nothing_to_learn_from_is_refused(force: np.ndarray) -> None:
     forces = ForceTrace(np.arange(len(force)), force)
     with pytest.raises(IdentificationError, match='expected at least one finite force sample'):
-        identify(RecursiveEstimator(), PulseTrain.of([]), forces)
+        identify(ModifiedRecursiveLM(), PulseTrain.of([]), forces)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_nothing_to_learn_from_is_refused(force: np.ndarray) -> None:
 def test_forces_that_no_muscle_has_are_named(force: list[float], found: str) -> None:
     forces = ForceTrace(np.arange(len(force)), np.array(force))
     with pytest.raises(IdentificationError, match=f'at most 10000 N or N m, got {found}.*-scale'):
-        identify(RecursiveEstimator(), PulseTrain.of([]), forces)
+        identify(ModifiedRecursiveLM(), PulseTrain.of([]), forces)
 
 
 def test_the_batch_from_python_fits_once_for_the_whole_recording(

@@ -16,7 +16,7 @@ from rpms_ros.identification import (
     Estimate,
     Estimator,
     IdentificationStream,
-    RecursiveEstimator,
+    ModifiedRecursiveLM,
     StreamSettings,
 )
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
@@ -46,7 +46,7 @@ class Run:
     ) -> None:
         self.sink = Sink()
         self.estimates: list[Estimate] = []
-        estimator = estimator or RecursiveEstimator(seed=1)
+        estimator = estimator or ModifiedRecursiveLM(seed=1)
         self.stream = IdentificationStream(estimator, settings, [self.sink])
 
     def feed(self, forces: ForceTrace, pulses: PulseTrain | None = None) -> 'Run':
@@ -124,7 +124,7 @@ def test_cuts_and_order_of_arrival_change_no_bit(record, cuts, random, pulse_loo
     assert_same(pieces, whole)
 
 
-@pytest.mark.parametrize('build', [RecursiveEstimator, BatchEstimator])
+@pytest.mark.parametrize('build', [ModifiedRecursiveLM, BatchEstimator])
 @pytest.mark.parametrize('size', [1, 170])
 def test_short_blocks_give_the_estimates_of_one_block(
     record, build: Callable[[], Estimator], size: int

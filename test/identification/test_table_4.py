@@ -7,7 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rpms_ros.identification import CURVE_INTENSITY, TABLE_4, RecursiveEstimator, RecursiveSettings
+from rpms_ros.identification import (
+    CURVE_INTENSITY,
+    TABLE_4,
+    ModifiedRecursiveLM,
+    RecursiveSettings,
+)
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import FloatArray
 
@@ -19,7 +24,7 @@ def run(
 ) -> tuple[float, float]:
     """Relative output error from 36 s on, and error of the recruitment curve at 36 s."""
     pulses, forces = record(intensity)
-    estimator = RecursiveEstimator(settings, seed)
+    estimator = ModifiedRecursiveLM(settings, seed)
     estimator.add_pulses(pulses.onset_ns, pulses.intensity)
     early, late = slice(0, CONVERGED_AFTER), slice(CONVERGED_AFTER, None)
     usable = np.ones(len(forces), dtype=np.bool_)

@@ -13,7 +13,7 @@ from rpms_ros.identification import (
     TABLE_4,
     TABLE_5,
     DistortedSineBasis,
-    RecursiveEstimator,
+    ModifiedRecursiveLM,
     RecursiveSettings,
 )
 from rpms_ros.muscle import (
@@ -175,7 +175,7 @@ def recursion(
     subject = subject or simulation_subject()
     stamp_ns = MILLISECOND * np.arange(SECONDS * 1000, dtype=np.int64)
     force = force_of(subject, train, stamp_ns)
-    estimator = RecursiveEstimator(settings, seed=seed)
+    estimator = ModifiedRecursiveLM(settings, seed=seed)
     estimator.add_pulses(train.onset_ns, train.intensity)
     usable = np.ones(len(stamp_ns), dtype=bool)
     before, after = slice(0, convergence), slice(convergence, None)

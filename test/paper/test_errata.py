@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.identification import TABLE_4, TABLE_5, DistortedSineBasis, RecursiveEstimator
+from rpms_ros.identification import TABLE_4, TABLE_5, DistortedSineBasis, ModifiedRecursiveLM
 from rpms_ros.identification.recursion.paper_kernel import _judge
 from rpms_ros.muscle import (
     Contraction,
@@ -59,7 +59,7 @@ def test_equation_10_is_right_as_it_is() -> None:
     assert RateRecruitment()(0.0) == pytest.approx(0.0, abs=5e-4)
 
 
-def run(samples: int) -> tuple[RecursiveEstimator, FloatArray, FloatArray]:
+def run(samples: int) -> tuple[ModifiedRecursiveLM, FloatArray, FloatArray]:
     """Return an estimator with fixed theta, its regressors and its force."""
     train = PulseTrain.regular(np.random.default_rng(2).uniform(size=samples // 50), 20.0)
     stamp_ns = 1_000_000 * np.arange(1, samples + 1, dtype=np.int64)
@@ -67,7 +67,7 @@ def run(samples: int) -> tuple[RecursiveEstimator, FloatArray, FloatArray]:
     contraction.add_pulses(train.onset_ns, train.intensity)
     force = contraction.force(stamp_ns)
     # So much damping lets the nonlinear parameters stay where they are.
-    estimator = RecursiveEstimator(replace(TABLE_4, damping=1e30))
+    estimator = ModifiedRecursiveLM(replace(TABLE_4, damping=1e30))
     estimator.add_pulses(train.onset_ns, train.intensity)
     estimator.update(stamp_ns, force, np.ones(samples, dtype=bool))
     rho = identified_recruitment(TABLE_4.start, train.intensity)
@@ -107,7 +107,7 @@ def test_equation_27_inverts_the_old_hessian() -> None:
 
 
 def test_update_rules_reduce_the_damping_where_the_model_is_good() -> None:
-    estimator = RecursiveEstimator(TABLE_4)
+    estimator = ModifiedRecursiveLM(TABLE_4)
     constants, state = estimator._constants, estimator._state
     scalars = state.scalars
     margin = TABLE_4.gain_ratio_margin

@@ -10,7 +10,7 @@ import pytest
 from rpms_ros.identification import (
     TABLE_4,
     DistortedSineBasis,
-    RecursiveEstimator,
+    ModifiedRecursiveLM,
     RecursiveSettings,
 )
 from rpms_ros.identification.recursion.paper_kernel import RecursionState, _judge
@@ -134,7 +134,7 @@ class Step:
 def steps(request: pytest.FixtureRequest) -> list[Step]:
     """Single samples taken out of a running recursion."""
     settings = replace(TABLE_4, projected=request.param)
-    estimator = RecursiveEstimator(settings)
+    estimator = ModifiedRecursiveLM(settings)
     estimator.add_pulses(TRAIN.onset_ns, TRAIN.intensity)
     force = plant_force()
     usable = np.ones(len(force), dtype=bool)
@@ -166,7 +166,7 @@ def test_equations_12_and_13_predict_from_pulses_and_parameters(steps: list[Step
 
 
 def test_equation_14_composes_the_impulse_response() -> None:
-    estimator = RecursiveEstimator(TABLE_4)
+    estimator = ModifiedRecursiveLM(TABLE_4)
     estimator.add_pulses(TRAIN.onset_ns, TRAIN.intensity)
     estimator.update(STAMP_NS, plant_force(), np.ones(len(STAMP_NS), dtype=bool))
     estimate = estimator.estimate(int(STAMP_NS[-1]), {})
@@ -202,7 +202,7 @@ def frozen_fit(forgetting: float, samples: int) -> tuple[FloatArray, FloatArray,
     """Return regressors, force and the linear parameters after a run at fixed theta."""
     # So much damping lets the nonlinear parameters stay where they are.
     settings = replace(TABLE_4, forgetting=forgetting, damping=1e30)
-    estimator = RecursiveEstimator(settings)
+    estimator = ModifiedRecursiveLM(settings)
     estimator.add_pulses(TRAIN.onset_ns, TRAIN.intensity)
     force = plant_force()[:samples]
     estimator.update(STAMP_NS[:samples], force, np.ones(samples, dtype=bool))
@@ -327,7 +327,7 @@ def test_equation_28_adapts_the_damping_by_the_gain_ratio(steps: list[Step]) -> 
     ],
 )
 def test_rules_after_equation_28(ratio: float, change: float, taken: bool) -> None:
-    estimator = RecursiveEstimator(TABLE_4)
+    estimator = ModifiedRecursiveLM(TABLE_4)
     constants, state = estimator._constants, estimator._state
     assert _judge(state.scalars, constants, 2.0 * ratio, 2.0) == taken
     # Rounding.
@@ -343,7 +343,7 @@ def XX(steps: list[Step]) -> None:
 @pytest.mark.parametrize('limit', [1.5, 1e9])
 def test_the_condition_rule_adds_its_increment(limit: float) -> None:
     settings = replace(TABLE_4, condition_limit=limit, damping_factor=1.0 + 1e-12)
-    estimator = RecursiveEstimator(settings)
+    estimator = ModifiedRecursiveLM(settings)
     estimator.add_pulses(TRAIN.onset_ns[:1], np.array([0.9]))
     force = plant_force()[:40]
     estimator.update(STAMP_NS[:40], force, np.ones(40, dtype=bool))

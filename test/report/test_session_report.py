@@ -11,7 +11,7 @@ import pytest
 from matplotlib.image import imread
 
 from rpms_ros.errors import ReportError
-from rpms_ros.identification import Estimate, IdentifiedSession, RecursiveEstimator, identify
+from rpms_ros.identification import Estimate, IdentifiedSession, ModifiedRecursiveLM, identify
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.report.agreement import compare, differences
@@ -28,7 +28,7 @@ def session(low: float = 0.0) -> tuple[IdentifiedSession, PulseTrain]:
     muscle.add_pulses(pulses.onset_ns, pulses.intensity)
     stamps = np.arange(8000) * 1_000_000
     forces = ForceTrace(stamps, muscle.force(stamps))
-    return identify(RecursiveEstimator(), pulses, forces), pulses
+    return identify(ModifiedRecursiveLM(), pulses, forces), pulses
 
 
 @pytest.mark.long

@@ -99,7 +99,7 @@ ACTING_PULSES = 32
 _RECURSION = 'recursion'
 
 
-class RecursiveEstimator(RestorableWithSettings):
+class ModifiedRecursiveLM(RestorableWithSettings):
     """Modified recursive Levenberg-Marquardt over the separable Hammerstein model.
 
     Parameters
@@ -189,11 +189,11 @@ class RecursiveEstimator(RestorableWithSettings):
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore a saved state; see `Restorable.restore`."""
         super().restore({name: value for name, value in state.items() if name != _RECURSION})
-        saved = typed(SavedRecursion, state.get(_RECURSION), 'RecursiveEstimator.recursion')
+        saved = typed(SavedRecursion, state.get(_RECURSION), 'ModifiedRecursiveLM.recursion')
         own = saved_of(self._state)
         alike = all(one.shape == other.shape for one, other in zip(own, saved, strict=True))
         alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
-        expect(alike, 'RecursiveEstimator', 'arrays of one model')
+        expect(alike, 'ModifiedRecursiveLM', 'arrays of one model')
         self._state = state_of(saved)
         if len(self._onset_ns):
             self._make_room()

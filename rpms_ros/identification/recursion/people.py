@@ -4,15 +4,17 @@
 
 The algorithm of the paper with additions for people: Laguerre functions behind a latency,
 alpha_thr free with a prior, a baseline, a weight for the interval between pulses, sums that are
-valid for any parameters instead of derivatives at past parameters (`memory`), a memory that grows
-with the samples and is shortened when the muscle has changed (`change`), and intervals.
+valid for any parameters instead of derivatives at past parameters (`people_kernel`), a memory
+that grows with the samples and is shortened when the muscle has changed, and intervals.
 
 Steps are triggered by pulses and stamps alone, so the answer does not depend on how the data
 are cut.
 
-Settings of the recursion for people.
-
-Steps of the parameters of the recursion, and trials of other starts.
+**Changes.**  The logarithm of the mean square q of the a-priori errors of a block is compared with
+that of the last blocks: ``z = (log q - mean) / deviation``, limited to -3..3.  The sum
+``c <- max(0, c + z - 1)`` (Page's cumulative sum) stays near zero while the muscle does not
+change.  A block adds at most 2, so at least ten blocks, half a second of pulses at 20 Hz, are
+needed to exceed 20: a knock or a single spike is no change.
 """
 
 import math
@@ -31,37 +33,34 @@ from rpms_ros.identification.estimation.blocks import (
     newest,
 )
 from rpms_ros.identification.estimation.gauss_newton import LEAST_ENERGY, Fit, empty_fit
-from rpms_ros.identification.estimation.prior import knowledge_of
 from rpms_ros.identification.estimation.settings import ProjectionSettings
-from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder
+from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
-from rpms_ros.identification.recursion.change_detection import (
-    UNKNOWN,
-    ChangeTest,
-    Explained,
-    SinceChange,
-)
-from rpms_ros.identification.recursion.fit import evaluate, go_to, improve, refresh_variance
-from rpms_ros.identification.recursion.sums import (
+from rpms_ros.identification.model.levenberg_marquardt import Ending
+from rpms_ros.identification.recursion.people_kernel import (
     BLOCKS,
     KNOTS,
     Memory,
     PredictionState,
-    ResidualSpread,
+    StepProblem,
+    accept,
     add_block,
     begin_block,
     empty_memory,
+    evaluate,
     excited,
     fresh_prediction_state,
+    improve,
     let_baseline_drift,
     predict,
     recompute_response,
+    refresh_variance,
     residual_sum,
     scale_memory,
     take,
 )
 from rpms_ros.identification.stream.doubts import PlausibilityCheck
-from rpms_ros.identification.stream.faults import FACTORISATION_FAILED, FaultCounter
+from rpms_ros.identification.stream.faults import FACTORISATION_FAILED
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 from rpms_ros.saved_state import Restorable, RestorableWithSettings, State, described, expect
@@ -72,7 +71,7 @@ def _model() -> ProjectionSettings:
 
 
 @dataclass(frozen=True)
-class ExactRecursionSettings:
+class FixedSizeSettings:
     """Model and memory of the recursion for people.
 
     Attributes
@@ -83,9 +82,7 @@ class ExactRecursionSettings:
     memory_time : float
         Time constant with which samples are forgotten, in time during which pulses act [s].
     memory_after_change : float
-        Weight of the memory after a change of unknown kind, in seconds of samples [s].
-    memory_kept : float
-        The same after a change of known kind, for the part that is still valid [s].
+        Weight of the memory after a change, in seconds of samples [s].
     drift : float
         Standard deviation of the random walk of the baseline in a second, relative to that of
         the noise of a sample.
@@ -100,13 +97,12 @@ class ExactRecursionSettings:
 
     model: ProjectionSettings = field(default_factory=_model)
     memory_time: float = 40.0
-    memory_after_change: float = 0.25
-    memory_kept: float = 5.0
+    memory_after_change: float = 0.02
     drift: float = 0.1
     step_period: float = 0.04
 
     def __post_init__(self) -> None:
-        for name in ('memory_time', 'memory_after_change', 'memory_kept', 'drift', 'step_period'):
+        for name in ('memory_time', 'memory_after_change', 'drift', 'step_period'):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise IdentificationError(f'expected {name} above 0, got {value}')
@@ -117,85 +113,188 @@ class ExactRecursionSettings:
             )
 
 
-PEOPLE = ExactRecursionSettings()
+PEOPLE = FixedSizeSettings()
 """For people: latency of 8 ms, alpha_thr free, memory of 40 s."""
 
 
 # Another start is tried every so many steps, with so many steps of its own; it is taken if its
 # cost is lower by more than noise explains (chi-square, one in a thousand, four parameters).
 _CHALLENGE_STEPS = 20
-_CHALLENGER_STEPS = 5
+_CHALLENGER_STEPS = Ending(5, 0.0, 0.0)
+_ONE_STEP = Ending(1, 0.0, 0.0)
 _CHALLENGER_GAIN = 18.5
 _START_DAMPING = 1e-2
 _FIRST_VARIANCE = 0.01
+# Most blocks over which mean and deviation are taken.
+_BLOCKS = 200.0
+_MOST, _DRIFT, _LIMIT = 3.0, 1.0, 20.0
+# Standard deviation of the logarithm of a mean of 50 squares of white noise.
+_LEAST_DEVIATION = 0.2
+# Before this time the errors fall because the recursion learns [s].
+_SETTLING_TIME = 5.0
 
 
-class Learner(Restorable):
-    """Parameters of the recursion and their steps.
+class ChangeTest(Restorable):
+    """State of the test.
 
-    Parameters
+    Attributes
     ----------
-    model : ProjectionSettings
-        Start, prior and bounds.
+    learnt_s : float
+        Time in which pulses acted since the start or the last change [s].
+    changes : int
+        How many changes were found.
+    changed_ns : int or None
+        When the newest change began [ns]; None before one, and after a jump of the clock.
     """
 
-    fit: Fit
-    _steps: int
+    learnt_s: float
+    changes: int
+    changed_ns: int | None
+    _mean: float
+    _variance: float
+    _blocks: float
+    _sum: float
+    _begun_ns: int
 
-    def __init__(self, model: ProjectionSettings) -> None:
-        functions = model.basis.functions
-        start = np.array(model.start)
-        self.prior = model.as_prior()
-        self.fit = empty_fit(start, functions, 1)
-        # scratch: a trial step, and a fit from another start
-        self._workspace = empty_fit(start, functions, 1), empty_fit(start, functions, 1)
-        self._starts = model.starts()
-        self._steps = 0
+    def __init__(self) -> None:
+        self.learnt_s = 0.0
+        self.changes = 0
+        self.changed_ns = None
+        self._mean = 0.0
+        self._variance = 0.0
+        self._blocks = 0.0
+        self._sum = 0.0
+        self._begun_ns = 0
+
+    def interrupt(self) -> None:
+        """Reset the sum and forget when a change was: the next blocks are of another clock."""
+        self._sum = 0.0
+        self.changed_ns = None
+
+    def take(self, start_ns: int, seconds: float, mean_square: float) -> bool:
+        """Add a block in which pulses act; return whether the muscle has changed.
+
+        Parameters
+        ----------
+        start_ns : int
+            When the block began [ns].
+        seconds : float
+            How long it was [s].
+        mean_square : float
+            Mean square of its a-priori errors, above zero [N^2].
+        """
+        self.learnt_s += seconds
+        value = math.log(mean_square)
+        if self.learnt_s > _SETTLING_TIME:
+            deviation = max(math.sqrt(self._variance), _LEAST_DEVIATION)
+            away = min(max((value - self._mean) / deviation, -_MOST), _MOST)
+            if self._sum == 0.0:
+                self._begun_ns = start_ns
+            self._sum = max(0.0, self._sum + away - _DRIFT)
+            if self._sum > _LIMIT:
+                self.changes += 1
+                self.changed_ns = self._begun_ns
+                self._sum = self.learnt_s = self._blocks = 0.0
+                return True
+            if self._sum > 0.0:
+                return False
+        self._blocks = min(self._blocks + 1.0, _BLOCKS)
+        away = value - self._mean
+        self._mean += away / self._blocks
+        self._variance += (away * (value - self._mean) - self._variance) / self._blocks
+        return False
+
+
+# Lengths over which residuals are summed [ns].
+_LENGTH_NS = (100_000_000, 500_000_000, 2_000_000_000)
+# Least number of sums for a result.
+_LEAST_SUMS = 3.0
+
+
+class ResidualSpread(Restorable):
+    """Running means of (sum of residuals)^2 / samples, for each length."""
+
+    _cell: list[int]
+    _sum: FloatArray
+    _count: FloatArray
+    _total: FloatArray
+    _weight: FloatArray
+    _kept: FloatArray
+
+    def __init__(self) -> None:
+        self._cell = [0] * len(_LENGTH_NS)
+        self._sum, self._count, self._total, self._weight = np.zeros((4, len(_LENGTH_NS)))
+        # samples, seconds and squared recruitment
+        self._kept = np.zeros(3)
+
+    def take(
+        self,
+        start_ns: int,
+        seconds: float,
+        residual: float,
+        samples: float,
+        recruitment: float,
+        kept: float,
+    ) -> None:
+        """Add a block.
+
+        Parameters
+        ----------
+        start_ns : int
+            Its start [ns].
+        seconds : float
+            The time that its samples cover.
+        residual : float
+            Sum of its residuals [N].
+        samples : float
+            Number of its samples.
+        recruitment : float
+            Of its pulse.
+        kept : float
+            Factor on the weights of earlier blocks.
+        """
+        for place, length in enumerate(_LENGTH_NS):
+            cell = start_ns // length
+            if cell != self._cell[place]:
+                if self._count[place] > 0.0:
+                    self._total[place] += self._sum[place] ** 2 / self._count[place]
+                    self._weight[place] += 1.0
+                self._cell[place] = cell
+                self._sum[place] = 0.0
+                self._count[place] = 0.0
+        self._sum += residual
+        self._count += samples
+        self._total *= kept
+        self._weight *= kept
+        self._kept *= kept
+        self._kept += (samples, seconds, recruitment**2)
 
     def _check_restored(self) -> None:
-        made = self._workspace[0]
-        shapes = ((one.shape, other.shape) for one, other in zip(self.fit, made, strict=True))
-        expect(all(one == other for one, other in shapes), 'Learner', 'arrays of one model')
+        lengths = {len(self._cell), *(len(part) for part in self._sums)}
+        expect(lengths == {len(_LENGTH_NS)}, 'ResidualSpread', f'{len(_LENGTH_NS)} lengths')
+        expect(self._kept.shape == (3,), 'ResidualSpread', '3 sums')
 
-    def restart(self, found: Explained) -> None:
-        """Continue from the muscle found after a change, and raise the damping again."""
-        self.fit.theta[:] = found.theta
-        self.fit.linear[:] = found.linear
-        self.fit.levels[:] = found.level
-        self.fit.damping[0] = _START_DAMPING
+    @property
+    def _sums(self) -> tuple[FloatArray, ...]:
+        return self._sum, self._count, self._total, self._weight
 
-    def learn(self, memory: Memory) -> None:
-        """Take a step from the memory; a failure is counted."""
-        fit = self.fit
-        if fit.variance[0] == 0.0:
-            power = float(memory.energy[0] / memory.samples[0])
-            fit.variance[0] = _FIRST_VARIANCE * power + LEAST_ENERGY
-        if not evaluate(memory, self.prior, fit):
-            fit.failures[0] += 1.0
-            return
-        refresh_variance(memory, self.prior, fit)
-        self._steps += 1
-        if self._steps % _CHALLENGE_STEPS == 0:
-            self._challenge(
-                memory, self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)]
-            )
-        improve(memory, self.prior, fit, self._workspace[0], 1)
-        # The covariance of weighted samples depends on the sum of the squared weights.
-        fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
+    def forget(self) -> None:
+        """Forget all earlier blocks."""
+        self._total[:] = 0.0
+        self._weight[:] = 0.0
+        self._kept[:] = 0.0
 
-    def _challenge(self, memory: Memory, start: FloatArray) -> None:
-        """Try another start; continue from there if it fits the memory better."""
-        fit, (trial, other) = self.fit, self._workspace
-        other.theta[:] = start
-        other.linear[:] = fit.linear
-        other.variance[0] = fit.variance[0]
-        other.damping[0] = _START_DAMPING
-        if not evaluate(memory, self.prior, other):
-            return
-        improve(memory, self.prior, other, trial, _CHALLENGER_STEPS)
-        if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
-            go_to(fit, other)
-            fit.damping[0] = other.damping[0]
+    @property
+    def mean(self) -> FloatArray:
+        """The means (lengths,) [N^2], zero with too few sums."""
+        known = self._weight >= _LEAST_SUMS
+        return np.where(known, self._total / np.maximum(self._weight, 1.0), 0.0)
+
+    @property
+    def sums(self) -> ResidualSums:
+        """The means, and what they were made from."""
+        samples, seconds, recruited = (float(value) for value in self._kept)
+        return ResidualSums(self.mean, float(self._weight[0]), samples, seconds, recruited)
 
 
 # Residuals count for the intervals with this share of the time since the last change as time
@@ -203,17 +302,16 @@ class Learner(Restorable):
 _NEWEST = 0.25
 # Errors below this share of the variance are not distinguished.
 _FLOOR = 0.01
-# Period and duration of the attempts to determine the kind of a change.
-_NAMING_NS = NANOSECONDS_PER_SECOND // 4
-_NAMED_WITHIN_NS = 5 * NANOSECONDS_PER_SECOND
+# The test does not tell what has changed.
+_KIND = 'unknown'
 
 
-class ExactRecursion(RestorableWithSettings):
+class FixedSizeRecursion(RestorableWithSettings):
     """Recursive Levenberg-Marquardt with sums that are valid for any parameters.
 
     Parameters
     ----------
-    settings : ExactRecursionSettings
+    settings : FixedSizeSettings
         Model and memory; `PEOPLE` by default.
     rate_hz : float
         Repetition rate for which the recruitment curve is stated [Hz].
@@ -229,12 +327,11 @@ class ExactRecursion(RestorableWithSettings):
 
     _memory: Memory
     _prediction: PredictionState
-    _learner: Learner
+    _fit: Fit
+    _steps: int
     _test: ChangeTest
-    _since: SinceChange
     _spread: ResidualSpread
     _delay_line: PulseDelayLine
-    _unnamed_ns: int | None
     _fresh: bool
     _stepped_ns: int | None
     _pulses: int
@@ -242,7 +339,7 @@ class ExactRecursion(RestorableWithSettings):
     _intensity_range: tuple[float, float]
 
     def __init__(
-        self, settings: ExactRecursionSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
+        self, settings: FixedSizeSettings = PEOPLE, rate_hz: float = DEFAULT_RATE
     ) -> None:
         if not (math.isfinite(rate_hz) and rate_hz > 0):
             raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
@@ -254,12 +351,15 @@ class ExactRecursion(RestorableWithSettings):
         self._step_ns = nanoseconds(settings.step_period)
         self._memory = empty_memory(KNOTS, model.basis.functions)
         self._prediction = fresh_prediction_state(model.basis.functions)
-        self._learner = Learner(model)
+        start = np.array(model.start)
+        self._prior = model.as_prior()
+        self._fit = empty_fit(start, model.basis.functions, 1)
+        # scratch: a trial step, and a fit from another start
+        self._workspace = [empty_fit(start, model.basis.functions, 1) for _ in range(2)]
+        self._starts = model.starts()
+        self._steps = 0
         self._test = ChangeTest()
         self._spread = ResidualSpread()
-        self._since = SinceChange(self._memory, self._learner.fit, self._spread.mean)
-        self._bounds = knowledge_of(model)
-        self._unnamed_ns = None
         self._fresh = True
         self._stepped_ns = None
         self._delay_line = PulseDelayLine(model.basis.latency, model.by_rate, rate_hz)
@@ -276,7 +376,7 @@ class ExactRecursion(RestorableWithSettings):
     @property
     def parameters(self) -> RecruitmentParameters:
         """Present nonlinear parameters."""
-        return RecruitmentParameters(*(float(value) for value in self._learner.fit.theta))
+        return RecruitmentParameters(*(float(value) for value in self._fit.theta))
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
@@ -297,7 +397,6 @@ class ExactRecursion(RestorableWithSettings):
         self._prediction.force_energy[0] = 0.0
         self._prediction.squares[0] = 0.0
         self._test.interrupt()
-        self._unnamed_ns = None
 
     def described_settings(self) -> State:
         """Return all settings by name."""
@@ -305,19 +404,17 @@ class ExactRecursion(RestorableWithSettings):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore a saved state; see `Restorable.restore`."""
-        made, carried = self._memory, self._prediction
+        made = self._shapes()
         super().restore(state)
+        expect(self._shapes() == made, type(self).__name__, 'arrays of one model')
         blocks = self._memory.blocks
-        pairs = [
-            *zip(made[2:], self._memory[2:], strict=True),
-            *zip(made.blocks, blocks, strict=True),
-            *zip(carried, self._prediction, strict=True),
-            (made.chains, self._memory.chains),
-        ]
-        alike = all(one.shape == other.shape for one, other in pairs)
-        expect(alike, 'ExactRecursion', 'arrays of one model')
         inside = 0 <= int(blocks.head[0]) < BLOCKS and 0 <= int(blocks.size[0]) <= BLOCKS
-        expect(inside, 'ExactRecursion', 'blocks within the ring')
+        expect(inside, type(self).__name__, 'blocks within the ring')
+
+    def _shapes(self) -> list[tuple[int, ...]]:
+        memory = self._memory
+        arrays = memory.chains, *memory.blocks, *memory[2:], *self._prediction, *self._fit
+        return [array.shape for array in arrays]
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from samples (samples,), ascending; return their a-priori prediction [N].
@@ -337,7 +434,7 @@ class ExactRecursion(RestorableWithSettings):
                 usable[part],
                 self._memory.blocks,
                 self._prediction,
-                float(self._learner.fit.levels[0]),
+                float(self._fit.levels[0]),
                 self._rate,
                 prediction[part],
             )
@@ -346,13 +443,13 @@ class ExactRecursion(RestorableWithSettings):
 
     def predict(self, stamp_ns: IntArray) -> FloatArray:
         """Return the prediction of the next samples (samples,), ascending [N]."""
-        line, carried, fit = self._delay_line, self._prediction, self._learner.fit
+        line, carried, fit = self._delay_line, self._prediction, self._fit
         pending = line.begin_ns, line.intensity, self._input_gain * line.weight
         return predict(stamp_ns, pending, self._memory, carried, fit, self._rate, self._fresh)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Return the present estimate."""
-        fit, carried = self._learner.fit, self._prediction
+        fit, carried = self._fit, self._prediction
         low, high = self._intensity_range
         energy = float(carried.force_energy[0])
         counters = Counters(
@@ -361,23 +458,17 @@ class ExactRecursion(RestorableWithSettings):
             intensity_span=high - low,
             output_error=float(np.sqrt(carried.error_energy[0] / energy)) if energy > 0.0 else 0.0,
         )
-        # faults of monitors of other packages are counted under any name
-        own = FaultCounter(dict.fromkeys(faults, ''))
-        for name, count in (*faults.items(), (FACTORISATION_FAILED, int(fit.failures[0]))):
-            own.add(name, count)
+        if fit.failures[0]:
+            faults = {**faults, FACTORISATION_FAILED: int(fit.failures[0])}
         estimate = self._builder.make(
-            stamp_ns, fit, self._learner.prior, self._spread.sums, counters, own.counts()
+            stamp_ns, fit, self._prior, self._spread.sums, counters, dict(faults)
         )
-        estimate = self._plausibility.examine(estimate)
+        estimate = replace(self._plausibility.examine(estimate), changes=self._test.changes)
         changed_ns = self._test.changed_ns
         if changed_ns is None:
-            return replace(estimate, changes=self._test.changes)
-        return replace(
-            estimate,
-            changes=self._test.changes,
-            change_kinds=(self._test.kind,),
-            change_ago=np.array([(stamp_ns - changed_ns) / NANOSECONDS_PER_SECOND]),
-        )
+            return estimate
+        ago = np.array([(stamp_ns - changed_ns) / NANOSECONDS_PER_SECOND])
+        return replace(estimate, change_kinds=(_KIND,), change_ago=ago)
 
     def _begin_blocks(self, stamp_ns: int) -> int:
         """Begin the block of a sample; return the end of that block [ns]."""
@@ -396,7 +487,7 @@ class ExactRecursion(RestorableWithSettings):
 
     def _begin_block(self, start_ns: int, intensity: float, weight: float) -> None:
         """End the present block and begin the next one."""
-        memory, fit = self._memory, self._learner.fit
+        memory, fit = self._memory, self._fit
         if memory.blocks.size[0]:
             self._close_block(start_ns)
         push = self._input_gain * weight
@@ -406,13 +497,11 @@ class ExactRecursion(RestorableWithSettings):
             memory.blocks, memory.chains, start_ns, intensity, push, self._rate, self._fresh
         )
         self._fresh = False
-        if self._test.suspects or self._unnamed_ns is not None:
-            self._since.advance(memory)
         recompute_response(memory.chains, fit.theta, fit.linear, self._prediction.response)
 
     def _close_block(self, end_ns: int) -> None:
         """Add a complete block to the memory, test for a change, take a step if one is due."""
-        memory, settings, fit = self._memory, self.settings, self._learner.fit
+        memory, settings, fit = self._memory, self.settings, self._fit
         here = newest(memory.blocks)
         samples = float(memory.blocks.moments[here, COUNT])
         start_ns = int(memory.blocks.start_ns[here])
@@ -428,45 +517,52 @@ class ExactRecursion(RestorableWithSettings):
             window = min(max(_NEWEST * self._test.learnt_s, 1.0), settings.memory_time)
             kept = math.exp(-seconds / window)
         residual = residual_sum(memory.blocks, self._prediction.response, float(fit.levels[0]))
-        spread = self._spread.mean
         weight = float(memory.blocks.weight[here]) / self._input_gain
         rho = float(identified_recruitment(self.parameters, float(memory.blocks.intensity[here])))
         # the block may have ended without samples: their mean time is half of what they cover
         covered = 2.0 * float(memory.blocks.moments[here, TIME]) / samples
         self._spread.take(start_ns, covered, residual, samples, weight * rho, kept)
-        drift = settings.drift**2 * seconds
-        floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
-        suspected = self._test.suspects
-        changed = acting and self._test.take(start_ns, seconds, mean_square + floor)
-        if self._test.suspects and not suspected:
-            self._unnamed_ns = None
-            self._since.begin(memory, fit, spread)
-        if self._test.suspects or changed or self._unnamed_ns is not None:
-            self._since.add(memory, here, drift)
-        let_baseline_drift(memory, drift)
+        let_baseline_drift(memory, settings.drift**2 * seconds)
         add_block(memory, here)
-        if changed or (self._unnamed_ns is not None and end_ns >= self._unnamed_ns):
-            self._name_change(changed, samples / max(seconds, 1e-3), end_ns)
+        floor = _FLOOR * float(fit.variance[0]) + LEAST_ENERGY
+        if acting and self._test.take(start_ns, seconds, mean_square + floor):
+            after = settings.memory_after_change * samples / max(seconds, 1e-3)
+            scale_memory(memory, min(after / float(memory.samples[0]), 1.0))
+            self._spread.forget()
+            fit.damping[0] = _START_DAMPING
         if self._stepped_ns is None or end_ns - self._stepped_ns >= self._step_ns:
             self._stepped_ns = end_ns
-            self._learner.learn(memory)
+            self._learn()
 
-    def _name_change(self, changed: bool, rate: float, end_ns: int) -> None:
-        """Determine the kind of a change, and continue with the part of the memory still valid.
-
-        If the kind is not clear, it is tried again with more samples.  `rate` is the sampling
-        rate [Hz].
-        """
-        settings, learner = self.settings, self._learner
-        found = self._since.explain(self._memory, learner.prior, self._bounds)
-        named = found.kind != UNKNOWN
-        assert self._test.changed_ns is not None
-        late = end_ns - self._test.changed_ns > _NAMED_WITHIN_NS
-        self._unnamed_ns = None if named or late else end_ns + _NAMING_NS
-        if not (changed or named):
+    def _learn(self) -> None:
+        """Take a step from the memory; a failure is counted."""
+        memory, prior, fit = self._memory, self._prior, self._fit
+        if fit.variance[0] == 0.0:
+            power = float(memory.energy[0] / memory.samples[0])
+            fit.variance[0] = _FIRST_VARIANCE * power + LEAST_ENERGY
+        if not evaluate(memory, prior, fit):
+            fit.failures[0] += 1.0
             return
-        self._test.kind = found.kind
-        kept = settings.memory_kept if named else settings.memory_after_change
-        self._since.renew(self._memory, found, rate * kept)
-        self._spread.forget()
-        learner.restart(found)
+        refresh_variance(memory, prior, fit)
+        self._steps += 1
+        if self._steps % _CHALLENGE_STEPS == 0:
+            start = self._starts[self._steps // _CHALLENGE_STEPS % len(self._starts)]
+            self._challenge(start)
+        improve(StepProblem(memory, prior), fit, self._workspace[0], _ONE_STEP, True)
+        # The covariance of weighted samples depends on the sum of the squared weights.
+        fit.complete[:] = fit.matrix * (memory.samples[0] / memory.squared_samples[0])
+
+    def _challenge(self, start: FloatArray) -> None:
+        """Try another start; continue from there if it fits the memory better."""
+        fit, (trial, other) = self._fit, self._workspace
+        other.theta[:] = start
+        other.linear[:] = fit.linear
+        other.variance[0] = fit.variance[0]
+        other.damping[0] = _START_DAMPING
+        if not evaluate(self._memory, self._prior, other):
+            return
+        problem = StepProblem(self._memory, self._prior)
+        improve(problem, other, trial, _CHALLENGER_STEPS, True)
+        if other.cost[0] < fit.cost[0] - _CHALLENGER_GAIN * fit.variance[0]:
+            accept(fit, other)
+            fit.damping[0] = other.damping[0]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rpms_ros.identification import CURVE_INTENSITY, ExactRecursion
+from rpms_ros.identification import CURVE_INTENSITY, FixedSizeRecursion
 from rpms_ros.muscle import Contraction, Subject, average_subject
 from rpms_ros.pulses import FloatArray, IntArray
 
@@ -33,7 +33,7 @@ class Session(NamedTuple):
         """Largest error of a curve, relative to the maximum."""
         return float(np.abs(curve - self.curve).max() / self.curve.max())
 
-    def until(self, estimator: ExactRecursion, first_s: float, last_s: float) -> FloatArray:
+    def until(self, estimator: FixedSizeRecursion, first_s: float, last_s: float) -> FloatArray:
         """Feed an estimator; return the predictions."""
         part = slice(int(1000 * first_s), int(1000 * last_s))
         pulses = (self.onset_ns >= 1e9 * first_s) & (self.onset_ns < 1e9 * last_s)

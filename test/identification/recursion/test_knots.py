@@ -5,7 +5,11 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.recursion.sums import KNOTS, interpolate, recruitment_at_knots
+from rpms_ros.identification.recursion.people_kernel import (
+    KNOTS,
+    interpolate,
+    recruitment_at_knots,
+)
 from rpms_ros.muscle import random_subject
 from rpms_ros.muscle.recruitment import (
     RecruitmentParameters,

@@ -8,13 +8,14 @@ from rpms_ros.identification import LaguerreBasis
 from rpms_ros.identification.estimation.blocks import newest
 from rpms_ros.identification.estimation.gauss_newton import empty_fit
 from rpms_ros.identification.estimation.settings import ProjectionSettings
-from rpms_ros.identification.recursion.fit import equations, evaluate
-from rpms_ros.identification.recursion.sums import (
+from rpms_ros.identification.recursion.people_kernel import (
     KNOTS,
     Memory,
     add_block,
     begin_block,
     empty_memory,
+    equations,
+    evaluate,
     fresh_prediction_state,
     interpolate,
     let_baseline_drift,

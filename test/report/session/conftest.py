@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpms_ros.identification import RecursiveEstimator
+from rpms_ros.identification import ModifiedRecursiveLM
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
@@ -44,7 +44,7 @@ def _make_analysis(path: Path, settings: ReportSettings | None = None) -> Sessio
         recorded_messages(path),
         session,
         result_of(recording, session),
-        RecursiveEstimator,
+        ModifiedRecursiveLM,
         settings,
     )
 
