@@ -20,9 +20,9 @@ from tqdm import tqdm
 
 from rpms_ros.identification.analysis import analyze, analyze_trains
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.simulated import simulated_force
 from rpms_ros.identification.analysis.twitch_fits import CONSTANT, ONSET, choose_order
 from rpms_ros.muscle import random_subject
+from rpms_ros.muscle.simulation import simulated_force
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording.importing import read_csv
 from rpms_ros.stimulation.schedule.protocols import recruitment
@@ -142,7 +142,7 @@ def rat_response(path):
     onset = (pulses.onset_ns - pulses.onset_ns[0]) / 1e9
     part = (lag >= -0.05) & (lag < onset[-1] + 0.5)
     usable = np.ones(int(part.sum()), dtype=np.bool_)
-    return Response(onset, lag[part], trace.force[part], usable, np.nan, np.nan, 0)
+    return Response(onset, lag[part], trace.force[part], usable, np.nan, np.nan)
 
 
 def rat():

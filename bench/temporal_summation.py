@@ -22,8 +22,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.summation import analyze_trains
-from rpms_ros.identification.analysis.trains import fit_scaled, pulse_twitches
+from rpms_ros.identification.analysis.trains import analyze_trains, fit_scaled, pulse_twitches
 from rpms_ros.identification.model.summation import PulseHistory, TemporalSummation
 from rpms_ros.schema import plain
 
@@ -45,9 +44,7 @@ def train_of(path):
     onset = time[1:][(gate[1:] > GATE_VOLTS) & (gate[:-1] <= GATE_VOLTS)]
     part = np.flatnonzero((time >= onset[0] - 0.05) & (time < onset[-1] + 0.5))[::KEEP]
     usable = np.ones(len(part), dtype=np.bool_)
-    return Response(
-        onset - onset[0], time[part] - onset[0], force[part], usable, np.nan, np.nan, 0
-    )
+    return Response(onset - onset[0], time[part] - onset[0], force[part], usable, np.nan, np.nan)
 
 
 def weighted_fit(train, law):
@@ -62,7 +59,7 @@ def fit_of(train, weights):
     def shape(latency, constant):
         return pulse_twitches(train, ORDER, latency, constant) @ weights
 
-    return fit_scaled('weighted', train, shape).fit
+    return fit_scaled(train, shape).fit
 
 
 def fitted_law(trains, law):

@@ -28,7 +28,7 @@ def response(path):
     onset = (pulses.onset_ns - pulses.onset_ns[0]) / 1e9
     part = (lag >= -0.05) & (lag < onset[-1] + 0.5)
     usable = np.ones(int(part.sum()), dtype=np.bool_)
-    return Response(onset, lag[part], trace.force[part], usable, np.nan, np.nan, 0)
+    return Response(onset, lag[part], trace.force[part], usable, np.nan, np.nan)
 
 
 def muscle_of(path):

@@ -16,8 +16,8 @@ import numpy as np
 from tqdm import tqdm
 
 from rpms_ros.identification.analysis import SteadyPoint, analyze, fit_field
-from rpms_ros.identification.analysis.simulated import simulated_force
 from rpms_ros.muscle import IntensityRecruitment, RateRecruitment, Subject
+from rpms_ros.muscle.simulation import simulated_force
 from rpms_ros.stimulation.schedule.protocols import recruitment
 
 SUBJECTS = 7

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.identification.analysis import analyze
-from rpms_ros.identification.analysis.simulated import simulated_force
 from rpms_ros.identification.analysis.twitch_fits import PEAK
 from rpms_ros.muscle import Modality, average_subject, steady_mean, summed_twitches
+from rpms_ros.muscle.simulation import simulated_force
 from rpms_ros.report.analysis_report import analysis_text
 from rpms_ros.stimulation.schedule.protocols import muscle
 

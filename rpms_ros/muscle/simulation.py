@@ -17,11 +17,12 @@ from fractions import Fraction
 
 import numpy as np
 
+from rpms_ros.muscle.contraction import Contraction
 from rpms_ros.muscle.effort import total_effort
 from rpms_ros.muscle.scenario import Scenario
-from rpms_ros.muscle.sensor import FaultySensor, Sensor
+from rpms_ros.muscle.sensor import Disturbances, FaultySensor, Sensor
 from rpms_ros.muscle.state import Muscle, MuscleState
-from rpms_ros.muscle.subject import REFERENCE_RATE
+from rpms_ros.muscle.subject import REFERENCE_RATE, Subject
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
     FloatArray,
@@ -184,6 +185,42 @@ def _blocks(stamp_ns: IntArray, truth_rate: float) -> list[IntArray]:
         number = np.floor((stamp_ns - stamp_ns[0]) / period_ns)
         edges = np.flatnonzero(np.diff(number, prepend=-1.0))
     return [part for part in np.split(stamp_ns, edges[1:]) if len(part)]
+
+
+def simulated_force(
+    subject: Subject,
+    pulses: PulseTrain,
+    duration: float,
+    noise: float = 0.01,
+    artifact: float = 1.0,
+    drift: float = 0.0,
+    sample_rate_hz: float = 1000.0,
+    seed: int = 0,
+) -> ForceTrace:
+    """Return the samples of a force sensor on a steady muscle from time 0 on.
+
+    Parameters
+    ----------
+    subject : Subject
+        The muscle.
+    pulses : PulseTrain
+        Ascending in onset.
+    duration : float
+        Length [s].
+    noise, artifact, drift : float
+        As in `Disturbances`, relative to the peak of a twitch at full intensity.
+    sample_rate_hz : float
+        Rate of the samples [Hz].
+    seed : int
+        Of the noise.
+    """
+    # at this rate twitches do not overlap
+    peak = float(subject.pulse_weight(1.0, 0.1))
+    added = Disturbances(noise=noise * peak, artifact=artifact * peak, drift=drift * peak)
+    count = np.arange(round(duration * sample_rate_hz))
+    stamps = np.rint(count * (NANOSECONDS_PER_SECOND / sample_rate_hz)).astype(np.int64)
+    surroundings = Surroundings(Scenario(disturbances=added), seed)
+    return simulate_session(Contraction(subject), surroundings, pulses, stamps)[0]
 
 
 # Faults of a pulse.

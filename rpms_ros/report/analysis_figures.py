@@ -21,9 +21,9 @@ from rpms_ros.identification.analysis import (
     SummationAnalysis,
     TwitchAnalysis,
 )
-from rpms_ros.identification.analysis.latency import LatencyTable
-from rpms_ros.identification.analysis.summation import TrainAnalysis
+from rpms_ros.identification.analysis.trains import TrainAnalysis
 from rpms_ros.identification.analysis.twitch_fits import CONSTANT, PEAK
+from rpms_ros.identification.analysis.twitches import LatencyTable
 from rpms_ros.muscle import twitch
 from rpms_ros.printable import counted
 

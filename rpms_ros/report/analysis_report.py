@@ -17,9 +17,9 @@ from rpms_ros.identification.analysis import (
     TwitchAnalysis,
 )
 from rpms_ros.identification.analysis.dynamics import HISTORY_LAW, TrainDynamics, train_dynamics
-from rpms_ros.identification.analysis.latency import LatencyTable
 from rpms_ros.identification.analysis.recruitment_field import Interval
-from rpms_ros.identification.analysis.summation import TrainAnalysis
+from rpms_ros.identification.analysis.trains import TrainAnalysis
+from rpms_ros.identification.analysis.twitches import LatencyTable
 from rpms_ros.report.text import labelled, table, with_interval
 from rpms_ros.schema import plain
 

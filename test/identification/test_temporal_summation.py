@@ -146,7 +146,7 @@ def test_long_trains_of_a_rat_are_explained_better() -> None:
             continue
         part = np.flatnonzero((time >= onset[0] - 0.05) & (time < onset[-1] + 0.5))[::4]
         lag, usable = time[part] - onset[0], np.ones(len(part), dtype=np.bool_)
-        train = Response(onset - onset[0], lag, force[part], usable, np.nan, np.nan, 0)
+        train = Response(onset - onset[0], lag, force[part], usable, np.nan, np.nan)
         weights = PulseHistory(RAT, 20.0).weights(
             np.rint(1e9 * train.onset).astype(np.int64), np.ones(len(onset))
         )
@@ -155,6 +155,6 @@ def test_long_trains_of_a_rat_are_explained_better() -> None:
             return pulse_twitches(train, 3, latency, constant) @ weights
 
         equal.append(fit_equal(train, 3).fit)
-        weighted.append(fit_scaled('weighted', train, shape).fit)
+        weighted.append(fit_scaled(train, shape).fit)
     # bench/temporal_summation.py prints all trains; trains of 4 pulses gain nothing.
     assert np.mean(weighted) > np.mean(equal) + 2.0

@@ -9,8 +9,8 @@ import pytest
 
 from rpms_ros.errors import ReportError
 from rpms_ros.identification.analysis import analyze
-from rpms_ros.identification.analysis.simulated import simulated_force
 from rpms_ros.muscle import average_subject
+from rpms_ros.muscle.simulation import simulated_force
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.analysis_figures import draw_analysis, draw_trains
 from rpms_ros.report.analysis_report import analysis_document, analysis_text

@@ -9,8 +9,7 @@ from rpms_ros.identification.analysis.recruitment_field import (
     fit_field,
 )
 from rpms_ros.identification.analysis.responses import AnalysisSettings
-from rpms_ros.identification.analysis.summation import SummationAnalysis, analyze_trains
-from rpms_ros.identification.analysis.trains import TrainLaw
+from rpms_ros.identification.analysis.trains import SummationAnalysis, TrainLaw, analyze_trains
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis
 
 __all__ = [

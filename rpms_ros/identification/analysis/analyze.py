@@ -1,9 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of a recording: results of each kind of pulse group, and why results are missing.
-
-Results of the analysis of a recording.
-"""
+"""Analysis of a recording: results of each kind of pulse group, and why results are missing."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -28,12 +25,13 @@ from rpms_ros.identification.analysis.responses import (
     PulseGroup,
     Response,
     clean,
+    counted_reasons,
     find_artifacts,
     groups_of,
     in_order,
     without_artifacts,
 )
-from rpms_ros.identification.analysis.summation import (
+from rpms_ros.identification.analysis.trains import (
     MOST_PULSES,
     SummationAnalysis,
     analyze_trains,
@@ -41,7 +39,7 @@ from rpms_ros.identification.analysis.summation import (
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis, analyze_twitches
 from rpms_ros.identification.stream.pulse_checks import outside_shares
 from rpms_ros.muscle import RateRecruitment
-from rpms_ros.pulses import BoolArray, ForceTrace, PulseTrain
+from rpms_ros.pulses import ForceTrace, PulseTrain, nanoseconds
 
 
 @dataclass(frozen=True)
@@ -88,8 +86,8 @@ class MuscleAnalysis:
     unit: str = 'N'
 
 
-USUAL_ORDER = 3
-ALIKE = 2e-3
+_USUAL_ORDER = 3
+_ALIKE = 2e-3
 
 # label, done, all
 Progress = Callable[[str, int, int], None]
@@ -136,23 +134,42 @@ class _Analysis:
         self._progress = progress
         self.trace: CleanTrace = clean(force)
         self.findings = list(self.trace.findings)
-        self.pulses = self._within(_with_shares(in_order(pulses)))
+        shares = np.where(outside_shares(pulses.intensity), np.nan, pulses.intensity)
+        self.pulses = self._within(in_order(replace(pulses, intensity=shares)))
         self.groups = groups_of(self.pulses, settings.rest)
 
     def result(self) -> MuscleAnalysis:
         """Analyse each kind of group that the recording has."""
-        if not len(self.pulses):
-            return self._described(None, None, None, (), None)
-        self._judge_intensities()
-        artifacts = find_artifacts(self.trace, self.pulses.onset_ns, self.settings.artifact_search)
-        self._judge_clocks(artifacts)
-        cutter = Cutter(self.trace, self.pulses, artifacts, self.settings)
-        left_over = self._left_over(cutter)
-        twitches = self._twitches(cutter, left_over)
-        order = twitches.choice.order if twitches else USUAL_ORDER
-        summation = self._trains(cutter, left_over, order)
-        steady = self._steady(cutter, artifacts)
-        return self._described(artifacts, twitches, summation, steady, self._field(steady))
+        artifacts = twitches = summation = recruitment = None
+        steady: tuple[SteadyPoint, ...] = ()
+        if len(self.pulses):
+            self._judge_intensities()
+            search = self.settings.artifact_search
+            artifacts = find_artifacts(self.trace, self.pulses.onset_ns, search)
+            self._judge_clocks(artifacts)
+            onset_ns = self.pulses.onset_ns + nanoseconds(artifacts.clock_offset)
+            pulses = replace(self.pulses, onset_ns=onset_ns)
+            cutter = Cutter(self.trace, pulses, artifacts, self.settings)
+            left_over = self._left_over(cutter)
+            twitches = self._twitches(cutter, left_over)
+            order = twitches.choice.order if twitches else _USUAL_ORDER
+            summation = self._trains(cutter, left_over, order)
+            steady = self._steady(cutter)
+            recruitment = self._field(steady)
+        counts = Counter(group.kind for group in self.groups)
+        return MuscleAnalysis(
+            contents={kind.value: counts[kind] for kind in Kind if counts[kind]},
+            pulses=len(self.pulses),
+            samples=len(self.trace.stamp_ns),
+            sample_rate_hz=1.0 / self.trace.sample_period,
+            noise=self.trace.noise,
+            artifacts=artifacts,
+            twitches=twitches,
+            summation=summation,
+            steady=steady,
+            recruitment=recruitment,
+            findings=tuple(self.findings),
+        )
 
     def _within(self, pulses: PulseTrain) -> PulseTrain:
         if not len(pulses):
@@ -165,7 +182,7 @@ class _Analysis:
             self.findings.append(
                 f'{count} of {of} pulses lie outside the span of the force; they are left out'
             )
-        return _chosen(pulses, inside)
+        return pulses[inside]
 
     def _judge_intensities(self) -> None:
         known = self.pulses.intensity[np.isfinite(self.pulses.intensity)]
@@ -176,7 +193,7 @@ class _Analysis:
                 'maximum: latency, twitch and summation do not need it, recruitment against '
                 'intensity does'
             )
-        elif np.ptp(known) < ALIKE:
+        elif np.ptp(known) < _ALIKE:
             self.findings.append(
                 f'all pulses have the intensity {known[0]:.3g}: recruitment against intensity '
                 'cannot be determined'
@@ -206,7 +223,7 @@ class _Analysis:
                 found[group.first] = 'not decayed when the next begins'
                 found[self.groups[index + 1].first] = 'begins while the one before lasts'
         if found:
-            moment = self._seconds(self.pulses.onset_ns[min(found)])
+            moment = (self.pulses.onset_ns[min(found)] - self.trace.stamp_ns[0]) / 1e9
             self.findings.append(
                 f'{len(found)} responses overlap, the first at {moment:.2f} s: more than '
                 f'{self.settings.left_over:.0%} is left when the next begins; they are not used'
@@ -228,7 +245,7 @@ class _Analysis:
         return responses, reasons
 
     def _twitches(self, cutter: Cutter, left_over: Mapping[int, str]) -> TwitchAnalysis | None:
-        if not self._count(Kind.SINGLE):
+        if not any(group.kind is Kind.SINGLE for group in self.groups):
             self.findings.append(
                 'there are no single pulses: latency and twitch come from trains, if there are any'
             )
@@ -256,20 +273,20 @@ class _Analysis:
             (Kind.MODULATED, 'change from pulse to pulse: use `rpms identify` for them'),
             (Kind.OVERLAPPING, 'begin before the train before has decayed: not used'),
         ):
-            if count := self._count(kind):
+            if count := sum(group.kind is kind for group in self.groups):
                 self.findings.append(f'{count} group(s) of pulses {what}')
-        if not self._count(Kind.TRAIN):
-            return None
         responses, reasons = self._cut(cutter, Kind.TRAIN, left_over)
         if not responses:
-            why = ', '.join(f'{count} x {reason}' for reason, count in reasons.items())
-            self.findings.append(f'no response to a train qualifies ({why})')
+            if reasons:
+                self.findings.append(
+                    f'no response to a train qualifies ({counted_reasons(reasons)})'
+                )
             return None
         return analyze_trains(responses, order, reasons, self._step('trains'))
 
-    def _steady(self, cutter: Cutter, artifacts: Artifacts) -> tuple[SteadyPoint, ...]:
-        trace, onset = self.trace, cutter.onset_ns
-        if artifacts.found:
+    def _steady(self, cutter: Cutter) -> tuple[SteadyPoint, ...]:
+        trace, onset = self.trace, cutter.pulses.onset_ns
+        if cutter.artifacts.found:
             trace = without_artifacts(trace, onset, self.settings.blanking)
         baseline = resting_force(trace, self.groups, onset)
         held = [
@@ -284,9 +301,9 @@ class _Analysis:
         found = [steady_point(trace, onset, level, baseline, self.settings) for level in held]
         reasons = Counter(item for item in found if isinstance(item, str))
         if reasons:
-            why = ', '.join(f'{count} x {reason}' for reason, count in reasons.items())
             self.findings.append(
-                f'{sum(reasons.values())} of {len(held)} levels give no steady force ({why})'
+                f'{sum(reasons.values())} of {len(held)} levels give no steady force '
+                f'({counted_reasons(reasons)})'
             )
         return tuple(item for item in found if isinstance(item, SteadyPoint))
 
@@ -296,7 +313,7 @@ class _Analysis:
             return None
         lowest = RateRecruitment().lowest_rate
         # Eq. (10) was measured from there up; towards 0 Hz its rounded coefficients dominate
-        chosen = [point for point in steady if point.rate_hz > lowest * (1.0 - ALIKE)]
+        chosen = [point for point in steady if point.rate_hz > lowest * (1.0 - _ALIKE)]
         try:
             found = fit_field(chosen or steady)
         except IdentificationError as error:
@@ -308,34 +325,6 @@ class _Analysis:
             )
         return found
 
-    def _described(
-        self,
-        artifacts: Artifacts | None,
-        twitches: TwitchAnalysis | None,
-        summation: SummationAnalysis | None,
-        steady: tuple[SteadyPoint, ...],
-        recruitment: FieldAnalysis | None,
-    ) -> MuscleAnalysis:
-        return MuscleAnalysis(
-            contents={kind.value: self._count(kind) for kind in Kind if self._count(kind)},
-            pulses=len(self.pulses),
-            samples=len(self.trace.stamp_ns),
-            sample_rate_hz=1.0 / self.trace.sample_period,
-            noise=self.trace.noise,
-            artifacts=artifacts,
-            twitches=twitches,
-            summation=summation,
-            steady=steady,
-            recruitment=recruitment,
-            findings=tuple(self.findings),
-        )
-
-    def _count(self, kind: Kind) -> int:
-        return sum(group.kind is kind for group in self.groups)
-
-    def _seconds(self, stamp_ns: int) -> float:
-        return float(stamp_ns - self.trace.stamp_ns[0]) / 1e9
-
     def _step(self, label: str) -> Callable[[int, int], None] | None:
         if self._progress is None:
             return None
@@ -343,22 +332,9 @@ class _Analysis:
         return lambda done, total: tell(label, done, total)
 
 
-def _with_shares(pulses: PulseTrain) -> PulseTrain:
-    """Return the pulses with NaN for what is no share of the maximum."""
-    intensity = np.where(outside_shares(pulses.intensity), np.nan, pulses.intensity)
-    return replace(pulses, intensity=intensity)
-
-
-def _chosen(pulses: PulseTrain, mask: BoolArray) -> PulseTrain:
-    return PulseTrain(
-        pulses.onset_ns[mask], pulses.intensity[mask], pulses.sequence[mask], pulses.width[mask]
-    )
-
-
 def _shortened(group: PulseGroup) -> PulseGroup:
     """Return a group of at most `MOST_PULSES` pulses: a longer train only repeats itself."""
-    last = min(group.last, group.first + MOST_PULSES)
-    return PulseGroup(group.kind, group.first, last, group.start_ns, group.end_ns, group.levels)
+    return replace(group, last=min(group.last, group.first + MOST_PULSES))
 
 
 def _share_left(response: Response) -> float:

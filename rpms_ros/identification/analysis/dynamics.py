@@ -7,20 +7,17 @@ trains can.  T_a and latency are those of the better of two models, equal pulses
 law.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from rpms_ros.identification.analysis.analyze import MuscleAnalysis
-from rpms_ros.identification.analysis.latency import ForceOnset, force_onset
-from rpms_ros.identification.analysis.summation import SummationAnalysis, TrainAnalysis
 from rpms_ros.identification.analysis.trains import (
-    TrainFit,
+    SummationAnalysis,
     TrainLaw,
     fit_deviations,
-    law_deviations,
+    force_onset,
 )
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray
@@ -72,18 +69,25 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
     found = analysis.summation
     if found is None or not found.trains:
         return None
-    model = _model(found)
-    fits = [_fit(train, model) for train in found.trains]
-    deviations = np.array([_deviations(train, model, found) for train in found.trains])
+    law = _law_worth_it(found)
+    model = 'equal' if law is None else 'law'
+    fits = [getattr(train, model) for train in found.trains]
+    deviations = np.array(
+        [
+            fit_deviations(train.response, fit, found.order, law)
+            for train, fit in zip(found.trains, fits, strict=True)
+        ]
+    )
     latency, constant = (
         _stated(
             np.array([getattr(fit, name) for fit in fits]),
             deviations[:, place],
-            _by_model(found, model, name),
+            0.0 if law else _by_model(found, name),
         )
         for place, name in enumerate(('latency', 'time_constant'))
     )
     responses = [train.response for train in found.trains]
+    onsets = [bounds for one in responses if (bounds := force_onset(one)) is not None]
     return TrainDynamics(
         trains=len(fits),
         pulses=sum(len(response.onset) for response in responses),
@@ -91,8 +95,8 @@ def train_dynamics(analysis: MuscleAnalysis) -> TrainDynamics | None:
         peak_force=float(
             np.mean([one.force[one.usable].max() - one.baseline for one in responses])
         ),
-        onset_s=_onset([force_onset(response) for response in responses]),
-        model=HISTORY_LAW if model == 'law' else 'equal pulses',
+        onset_s=_onset(onsets),
+        model=HISTORY_LAW if law else 'equal pulses',
         order=found.order,
         twitch_time_constant_s=constant,
         # no muscle answers before its pulse
@@ -125,33 +129,18 @@ def response_to_one_pulse(dynamics: TrainDynamics, time: FloatArray) -> FloatArr
     return dynamics.gain * np.interp(time, lag, shape)
 
 
-def _model(found: SummationAnalysis) -> str:
-    if found.law is None:
-        return 'equal'
-    return 'law' if found.mean_fit('law') > found.mean_fit('equal') + _WORTH else 'equal'
+def _law_worth_it(found: SummationAnalysis) -> TrainLaw | None:
+    """Return the history law if it explains the trains better than equal pulses."""
+    better = found.mean_fit('law') > found.mean_fit('equal') + _WORTH
+    return found.law if better else None
 
 
-def _fit(train: TrainAnalysis, model: str) -> TrainFit:
-    fit = train.law if model == 'law' else train.equal
-    assert fit is not None
-    return fit
-
-
-def _deviations(train: TrainAnalysis, model: str, found: SummationAnalysis) -> FloatArray:
-    """Return the standard deviations of latency and time constant (2,) [s]."""
-    if model == 'law' and found.law is not None:
-        return law_deviations(found.law, train.response, _fit(train, model), found.order)
-    return fit_deviations(train.response, train.equal, found.order)
-
-
-def _by_model(found: SummationAnalysis, model: str, name: str) -> float:
+def _by_model(found: SummationAnalysis, name: str) -> float:
     """Return by how much a number of equal pulses is another one with a gain a pulse [s].
 
     Pulses that are not equal move both: the first one of a train acts more than those that follow
     it, say.  The history law says itself how they differ.
     """
-    if model == 'law':
-        return 0.0
     apart = [getattr(one.gains, name) - getattr(one.equal, name) for one in found.trains]
     return abs(float(np.mean(apart)))
 
@@ -163,25 +152,19 @@ def _stated(values: FloatArray, deviations: FloatArray, by_model: float) -> Boun
     is larger, and from what another model would state instead.
     """
     count = len(values)
-    own = float(np.sqrt(np.mean(np.square(deviations)) / count))
-    scatter = float(np.std(values, ddof=1)) / np.sqrt(count) if count > 1 else 0.0
-    quantile = (
-        stdtrit(count - 1, 0.5 + CONFIDENCE / 2) if count > 1 else ndtri(0.5 + CONFIDENCE / 2)
-    )
-    normal = ndtri(0.5 + CONFIDENCE / 2)
+    level = 0.5 + CONFIDENCE / 2
+    own = float(ndtri(level)) * float(np.sqrt(np.mean(np.square(deviations)) / count))
+    scatter = 0.0
+    if count > 1:
+        scatter = float(stdtrit(count - 1, level) * np.std(values, ddof=1)) / np.sqrt(count)
     # as far as the interval of the other model goes
-    half = max(float(normal) * own, float(quantile) * scatter) + by_model
+    half = max(own, scatter) + by_model
     mean = float(values.mean())
     return Bounded(value=mean, lower=max(mean - half, 0.0), upper=mean + half)
 
 
-def _onset(found: Sequence[ForceOnset | None]) -> Bounded | None:
-    known = [one for one in found if one is not None]
-    if not known:
+def _onset(bounds: list[tuple[float, float]]) -> Bounded | None:
+    if not bounds:
         return None
-    values = np.array([one.value for one in known])
-    return Bounded(
-        value=float(np.median(values)),
-        lower=min(one.lower for one in known),
-        upper=float(values.max()),
-    )
+    lower, upper = zip(*bounds, strict=True)
+    return Bounded(value=float(np.median(upper)), lower=min(lower), upper=max(upper))

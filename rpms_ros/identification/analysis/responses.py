@@ -2,20 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Responses to groups of pulses, cut out of a recording, or the reason for rejecting them.
 
-Divides the pulses of a recording into single pulses, trains and staircases.
-
-Preparation of a force: ascending samples that can be forces, rate, saturation, noise.
-
-Settings of the muscle analysis.
-
-Stimulation artifacts in the force: the stimulus instant by the clock of the sensor.
-
-The artifact lasts one or two samples, so the force minus its running median over five samples is
-the artifact and noise.  Its maximum is the paper's stimulus instant (Sec. 2.1); its distance from
-the stamp of the pulse shows the offset between the clocks of stimulator and sensor.
+The force is put in order and judged first: rate, saturation, noise.  The pulses are divided into
+single pulses, trains and staircases.  Stimulation artifacts in the force show the stimulus instant
+by the clock of the sensor: an artifact lasts one or two samples, so the force minus its running
+median over five samples is the artifact and noise.  Its maximum is the paper's stimulus instant
+(Sec. 2.1); its distance from the stamp of the pulse shows the offset between the clocks of
+stimulator and sensor.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
@@ -35,10 +31,10 @@ from rpms_ros.pulses import (
 )
 
 # Intensities or intervals that differ by less are one level: drivers round, triggers jitter.
-SAME_INTENSITY = 2e-3
-SAME_INTERVAL = 0.05
-SHORTEST_LEVEL = 3
-LEVEL_SHARE = 0.8
+_SAME_INTENSITY = 2e-3
+_SAME_INTERVAL = 0.05
+_SHORTEST_LEVEL = 3
+_LEVEL_SHARE = 0.8
 
 
 class Kind(Enum):
@@ -81,8 +77,6 @@ class PulseGroup:
         Its kind.
     first, last : int
         Indices of its first pulse and of the one after its last.
-    start_ns, end_ns : int
-        Onsets of its first and last pulse [ns].
     levels : tuple of Level
         Runs of equal pulses, in the order of time.
     """
@@ -90,8 +84,6 @@ class PulseGroup:
     kind: Kind
     first: int
     last: int
-    start_ns: int
-    end_ns: int
     levels: tuple[Level, ...]
 
     @property
@@ -102,8 +94,7 @@ class PulseGroup:
 
 def in_order(pulses: PulseTrain) -> PulseTrain:
     """Return the pulses by onset, each onset once."""
-    onset, first = np.unique(pulses.onset_ns, return_index=True)
-    return PulseTrain(onset, pulses.intensity[first], pulses.sequence[first], pulses.width[first])
+    return pulses[np.unique(pulses.onset_ns, return_index=True)[1]]
 
 
 def groups_of(pulses: PulseTrain, rest: float) -> tuple[PulseGroup, ...]:
@@ -120,14 +111,11 @@ def groups_of(pulses: PulseTrain, rest: float) -> tuple[PulseGroup, ...]:
         return ()
     gap = np.diff(pulses.onset_ns) >= nanoseconds(rest)
     edges = np.concatenate(([0], np.flatnonzero(gap) + 1, [len(pulses)]))
-    return tuple(_group(pulses, int(first), int(last)) for first, last in pairwise(edges))
-
-
-def _group(pulses: PulseTrain, first: int, last: int) -> PulseGroup:
-    levels = _levels(pulses, first, last)
-    start_ns, end_ns = int(pulses.onset_ns[first]), int(pulses.onset_ns[last - 1])
-    kind = _kind(levels, last - first)
-    return PulseGroup(kind, first, last, start_ns, end_ns, levels)
+    groups = []
+    for first, last in pairwise(edges.tolist()):
+        levels = _levels(pulses, first, last)
+        groups.append(PulseGroup(_kind(levels, last - first), first, last, levels))
+    return tuple(groups)
 
 
 def _kind(levels: tuple[Level, ...], count: int) -> Kind:
@@ -135,66 +123,50 @@ def _kind(levels: tuple[Level, ...], count: int) -> Kind:
         return Kind.SINGLE
     if len(levels) == 1:
         return Kind.TRAIN
-    if all(_same(one, next_one) for one, next_one in pairwise(levels)):
+    if all(
+        not abs(one.intensity - other.intensity) > _SAME_INTENSITY
+        and abs(one.rate_hz / other.rate_hz - 1.0) <= _SAME_INTERVAL
+        for one, other in pairwise(levels)
+    ):
         return Kind.OVERLAPPING
-    held = sum(level.last - level.first for level in levels if _long(level))
-    return Kind.STAIRCASE if held >= LEVEL_SHARE * count else Kind.MODULATED
-
-
-def _same(one: Level, other: Level) -> bool:
-    return (
-        not abs(one.intensity - other.intensity) > SAME_INTENSITY
-        and abs(one.rate_hz / other.rate_hz - 1.0) <= SAME_INTERVAL
-    )
-
-
-def _long(level: Level) -> bool:
-    return level.last - level.first >= SHORTEST_LEVEL
+    lengths = [level.last - level.first for level in levels]
+    held = sum(length for length in lengths if length >= _SHORTEST_LEVEL)
+    return Kind.STAIRCASE if held >= _LEVEL_SHARE * count else Kind.MODULATED
 
 
 def _levels(pulses: PulseTrain, first: int, last: int) -> tuple[Level, ...]:
-    """Return the runs of equal intensity and equal interval to the next pulse."""
-    intensity = pulses.intensity[first:last]
-    if last - first == 1:
-        return (Level(first, last, float(intensity[0]), float('nan')),)
-    gap = np.diff(pulses.onset_ns[first:last])
-    interval = np.append(gap, gap[-1])
-    edges = _edges(intensity, interval)
-    return tuple(
-        Level(
-            first + int(low),
-            first + int(high),
-            float(intensity[low]),
-            float(NANOSECONDS_PER_SECOND / np.median(interval[low : max(low + 1, high - 1)])),
-        )
-        for low, high in pairwise(edges)
-    )
-
-
-def _edges(intensity: FloatArray, interval: IntArray) -> list[int]:
-    """Return the first pulses of runs of equal pulses, and the end (runs + 1,).
+    """Return the runs of equal intensity and equal interval to the next pulse.
 
     The interval between two levels belongs to neither: a single pulse that differs only by it
     belongs to the level before it.
     """
+    intensity = pulses.intensity[first:last]
+    if last - first == 1:
+        return (Level(first, last, float(intensity[0]), math.nan),)
+    gap = np.diff(pulses.onset_ns[first:last])
+    interval = np.append(gap, gap[-1])
     known = ~np.isnan(intensity)
     other = known[1:] != known[:-1]
-    other |= np.abs(np.nan_to_num(np.diff(intensity))) > SAME_INTENSITY
-    jump = np.abs(interval[1:] / interval[:-1] - 1.0) > SAME_INTERVAL
+    other |= np.abs(np.nan_to_num(np.diff(intensity))) > _SAME_INTENSITY
+    jump = np.abs(interval[1:] / interval[:-1] - 1.0) > _SAME_INTERVAL
     starts = np.flatnonzero(other | jump) + 1
     ends = np.append(starts, len(intensity))[1:]
-    kept = [
-        int(start)
-        for start, end in zip(starts, ends, strict=True)
-        if other[start - 1] or end - start > 1
-    ]
-    return [0, *kept, len(intensity)]
+    kept = starts[other[starts - 1] | (ends - starts > 1)]
+    return tuple(
+        Level(
+            first + low,
+            first + high,
+            float(intensity[low]),
+            float(NANOSECONDS_PER_SECOND / np.median(interval[low : max(low + 1, high - 1)])),
+        )
+        for low, high in pairwise([0, *kept.tolist(), len(intensity)])
+    )
 
 
 # Noise never repeats its extreme value so often in a row; a sensor at the end of its range does.
-SATURATED_RUN = 5
-RATE_CHANGE = 0.1
-RATE_BLOCK = 100
+_SATURATED_RUN = 5
+_RATE_CHANGE = 0.1
+_RATE_BLOCK = 100
 
 
 @dataclass(frozen=True)
@@ -245,30 +217,25 @@ def clean(trace: ForceTrace) -> CleanTrace:
     """
     findings = []
     finite = np.isfinite(trace.force)
-    if not finite.all():
-        count = int((~finite).sum())
-        findings.append(f'{count} force samples are NaN or infinite; they are not used')
+    if missing := int((~finite).sum()):
+        findings.append(f'{missing} force samples are NaN or infinite; they are not used')
     believed = finite & (np.abs(trace.force) <= LARGEST_FORCE)
-    used = int(believed.sum())
-    if used < finite.sum():
-        findings.append(
-            f'{int(finite.sum()) - used} force samples are beyond {LARGEST_FORCE:g}; they are '
-            'not used'
-        )
+    if beyond := int((finite & ~believed).sum()):
+        findings.append(f'{beyond} force samples are beyond {LARGEST_FORCE:g}; they are not used')
     stamps, first = np.unique(trace.stamp_ns[believed], return_index=True)
     force = trace.force[believed][first]
-    if len(stamps) < used:
+    if repeated := int(believed.sum()) - len(stamps):
         findings.append(
-            f'{used - len(stamps)} force samples have the stamp of another; '
-            'the first of each is kept'
+            f'{repeated} force samples have the stamp of another; the first of each is kept'
         )
-    if len(stamps) < RATE_BLOCK:
-        raise IdentificationError(f'expected at least {RATE_BLOCK} samples, got {len(stamps)}')
+    if len(stamps) < _RATE_BLOCK:
+        raise IdentificationError(f'expected at least {_RATE_BLOCK} samples, got {len(stamps)}')
     saturated = _saturated(force)
     if saturated.any():
+        ends = ' and '.join(f'{value:.4g}' for value in np.unique(force[saturated]))
         findings.append(
             f'the sensor is saturated in {int(saturated.sum())} samples '
-            f'(at {_end_values(force, saturated)}); responses with such samples are not used'
+            f'(at {ends}); responses with such samples are not used'
         )
     period = float(np.median(np.diff(stamps))) / NANOSECONDS_PER_SECOND
     findings += _rate_findings(stamps)
@@ -293,27 +260,23 @@ def _saturated(force: FloatArray) -> BoolArray:
         at_end = force == end
         edges = np.flatnonzero(np.diff(np.concatenate(([0], at_end.astype(np.int8), [0]))))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            result[first:last] |= last - first >= SATURATED_RUN
+            result[first:last] |= last - first >= _SATURATED_RUN
     return result
-
-
-def _end_values(force: FloatArray, saturated: BoolArray) -> str:
-    return ' and '.join(f'{value:.4g}' for value in np.unique(force[saturated]))
 
 
 def _rate_findings(stamps: IntArray) -> list[str]:
     """Return a sentence for each change of the sample rate."""
     interval = np.diff(stamps) / NANOSECONDS_PER_SECOND
-    whole = len(interval) // RATE_BLOCK * RATE_BLOCK
-    local = np.median(interval[:whole].reshape(-1, RATE_BLOCK), axis=1)
+    whole = len(interval) // _RATE_BLOCK * _RATE_BLOCK
+    local = np.median(interval[:whole].reshape(-1, _RATE_BLOCK), axis=1)
     if not len(local):
         return []
     findings = []
     current = local[0]
     for block, value in enumerate(local):
-        steady = block + 1 == len(local) or abs(local[block + 1] / value - 1.0) < RATE_CHANGE
-        if abs(value / current - 1.0) > RATE_CHANGE and steady:
-            moment = (stamps[block * RATE_BLOCK] - stamps[0]) / NANOSECONDS_PER_SECOND
+        steady = block + 1 == len(local) or abs(local[block + 1] / value - 1.0) < _RATE_CHANGE
+        if abs(value / current - 1.0) > _RATE_CHANGE and steady:
+            moment = (stamps[block * _RATE_BLOCK] - stamps[0]) / NANOSECONDS_PER_SECOND
             findings.append(
                 f'the sample rate changes from {1 / current:.0f} to {1 / value:.0f} Hz at '
                 f'{moment:.1f} s; fits use the true time of every sample'
@@ -384,10 +347,10 @@ class AnalysisSettings:
 
 
 # Of 40 samples of white noise one in a million trials exceeds six standard deviations.
-STANDS_OUT = 6.0
-LEAST_SHARE = 0.5
-LEAST_OF_RESPONSE = 0.02
-MEDIAN_SPAN = 5
+_STANDS_OUT = 6.0
+_LEAST_SHARE = 0.5
+_LEAST_OF_RESPONSE = 0.02
+_MEDIAN_SPAN = 5
 
 
 @dataclass(frozen=True)
@@ -434,10 +397,10 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Arti
     offset = np.full(len(onset_ns), np.nan)
     reach = _reaches(onset_ns, search)
     noise = max(trace.noise, 1e-12)
-    least = max(STANDS_OUT * noise, LEAST_OF_RESPONSE * float(np.ptp(trace.force)))
+    least = max(_STANDS_OUT * noise, _LEAST_OF_RESPONSE * float(np.ptp(trace.force)))
     for index, onset in enumerate(onset_ns):
         part = trace.between(int(onset - reach[index]), int(onset + reach[index]) + 1)
-        if part.stop - part.start < MEDIAN_SPAN:
+        if part.stop - part.start < _MEDIAN_SPAN:
             continue
         standing = _standing_out(trace.force[part])
         best = int(np.argmax(standing))
@@ -493,8 +456,8 @@ def _reaches(onset_ns: IntArray, search: float) -> IntArray:
 
 def _standing_out(force: FloatArray) -> FloatArray:
     """Return the force minus its running median."""
-    padded = np.pad(force, MEDIAN_SPAN // 2, mode='edge')
-    windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_SPAN)
+    padded = np.pad(force, _MEDIAN_SPAN // 2, mode='edge')
+    windows = np.lib.stride_tricks.sliding_window_view(padded, _MEDIAN_SPAN)
     return force - np.median(windows, axis=1)
 
 
@@ -505,16 +468,16 @@ def _judged(offset: FloatArray, period: float) -> Artifacts:
         return Artifacts(offset, False, float('nan'), float('nan'), 0.0)
     low, median, high = np.percentile(seen, [25, 50, 75])
     steady = np.abs(seen - median) <= 2.0 * period
-    found = len(seen) >= 2 and bool(steady.mean() >= LEAST_SHARE)
+    found = len(seen) >= 2 and bool(steady.mean() >= _LEAST_SHARE)
     # The first sample after the pulse comes half a period late on average.
     shift = float(median - 0.5 * period)
     clock = shift if found and abs(shift) > 1.5 * period else 0.0
     return Artifacts(offset, found, float(median), float((high - low) / 1.349), clock)
 
 
-LEAST_SAMPLES = 50
-LEAST_BEFORE = 10
-GAP = 5.0
+_LEAST_SAMPLES = 50
+_LEAST_BEFORE = 10
+_GAP = 5.0
 
 
 @dataclass(frozen=True)
@@ -535,8 +498,6 @@ class Response:
         Of the first pulse, share of the maximum; NaN if it is not recorded.
     artifact : float
         Time of the artifact of the first pulse after that pulse [s]; NaN without one.
-    start_ns : int
-        Stamp of the first pulse, in the sensor's clock [ns].
     """
 
     onset: FloatArray
@@ -545,7 +506,11 @@ class Response:
     usable: BoolArray
     intensity: float
     artifact: float
-    start_ns: int
+
+    @property
+    def samples(self) -> tuple[FloatArray, FloatArray]:
+        """Lags [s] and forces [N] of the usable samples."""
+        return self.lag[self.usable], self.force[self.usable]
 
     @property
     def baseline(self) -> float:
@@ -553,82 +518,73 @@ class Response:
         return float(np.mean(self.force[self.lag < 0]))
 
 
+@dataclass(frozen=True)
 class Cutter:
     """Cuts responses out of one recording.
 
-    Parameters
+    Attributes
     ----------
     trace : CleanTrace
         Force.
     pulses : PulseTrain
-        Pulses, ascending, in the stimulator's clock.
+        Pulses, ascending, in the sensor's clock.
     artifacts : Artifacts
-        Offset of the two clocks.
+        Of these pulses.
     settings : AnalysisSettings
         Spans.
     """
 
-    def __init__(
-        self,
-        trace: CleanTrace,
-        pulses: PulseTrain,
-        artifacts: Artifacts,
-        settings: AnalysisSettings,
-    ) -> None:
-        self._trace = trace
-        self._artifacts = artifacts
-        self._settings = settings
-        self._intensity = pulses.intensity
-        shift = nanoseconds(artifacts.clock_offset)
-        self.onset_ns = pulses.onset_ns + shift
+    trace: CleanTrace
+    pulses: PulseTrain
+    artifacts: Artifacts
+    settings: AnalysisSettings
 
     def cut(self, group: PulseGroup) -> Response | str:
         """Return the response to a group of pulses, or why it does not qualify."""
-        settings, trace = self._settings, self._trace
-        start = int(self.onset_ns[group.first])
-        before = nanoseconds(settings.before)
-        after = nanoseconds(settings.after)
-        end = int(self.onset_ns[group.last - 1]) + after
-        if group.last < len(self.onset_ns):
-            end = min(end, int(self.onset_ns[group.last]))
-        part = trace.between(start - before, end)
-        stamps = trace.stamp_ns[part]
-        lag = (stamps - start) / NANOSECONDS_PER_SECOND
-        if reason := self._missing(lag, end - start):
+        trace, onset_ns = self.trace, self.pulses.onset_ns
+        start = int(onset_ns[group.first])
+        end = int(onset_ns[group.last - 1]) + nanoseconds(self.settings.after)
+        if group.last < len(onset_ns):
+            end = min(end, int(onset_ns[group.last]))
+        part = trace.between(start - nanoseconds(self.settings.before), end)
+        lag = (trace.stamp_ns[part] - start) / NANOSECONDS_PER_SECOND
+        if reason := _missing(lag, end - start):
             return reason
         if trace.saturated[part].any():
             return 'sensor saturated'
-        usable = self._usable(stamps, self.onset_ns[group.first : group.last])
+        pulses, force = onset_ns[group.first : group.last], trace.force[part]
+        usable = np.ones(len(lag), dtype=np.bool_)
+        if self.artifacts.found:
+            period, blanking = trace.sample_period, self.settings.blanking
+            usable = ~near_pulses(trace.stamp_ns[part], pulses, period, blanking)
         # the fits divide by the spread of the force
-        if not usable.any() or not np.ptp(trace.force[part][usable]):
+        if not usable.any() or not np.ptp(force[usable]):
             return 'the force never changes'
-        onset = (self.onset_ns[group.first : group.last] - start) / NANOSECONDS_PER_SECOND
         return Response(
-            onset,
+            (pulses - start) / NANOSECONDS_PER_SECOND,
             lag,
-            trace.force[part],
+            force,
             usable,
-            float(self._intensity[group.first]),
-            float(self._artifacts.offset[group.first] - self._artifacts.clock_offset),
-            start,
+            float(self.pulses.intensity[group.first]),
+            float(self.artifacts.offset[group.first] - self.artifacts.clock_offset),
         )
 
-    def _missing(self, lag: FloatArray, length_ns: int) -> str:
-        """Return why samples are missing, empty if none is."""
-        if (lag < 0).sum() < LEAST_BEFORE:
-            return 'no force before the pulse'
-        if len(lag) < LEAST_SAMPLES:
-            return 'too few force samples'
-        step = np.diff(lag)
-        if step.max() > GAP * np.median(step):
-            return 'force samples missing'
-        if lag[-1] < length_ns / NANOSECONDS_PER_SECOND - GAP * float(np.median(step)):
-            return 'recording ends within the response'
-        return ''
 
-    def _usable(self, stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
-        """Return the samples (samples,) that no artifact affects."""
-        if not self._artifacts.found:
-            return np.ones(len(stamp_ns), dtype=np.bool_)
-        period, blanking = self._trace.sample_period, self._settings.blanking
-        return ~near_pulses(stamp_ns, onset_ns, period, blanking)
+def _missing(lag: FloatArray, length_ns: int) -> str:
+    """Return why samples of a response are missing, empty if none is."""
+    if (lag < 0).sum() < _LEAST_BEFORE:
+        return 'no force before the pulse'
+    if len(lag) < _LEAST_SAMPLES:
+        return 'too few force samples'
+    step = np.diff(lag)
+    usual = float(np.median(step))
+    if step.max() > _GAP * usual:
+        return 'force samples missing'
+    if lag[-1] < length_ns / NANOSECONDS_PER_SECOND - _GAP * usual:
+        return 'recording ends within the response'
+    return ''
+
+
+def counted_reasons(reasons: Mapping[str, int]) -> str:
+    """Return reasons of rejection with their numbers, for a finding."""
+    return ', '.join(f'{count} x {reason}' for reason, count in reasons.items())

@@ -1,35 +1,34 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A train as superposed twitches (Eq. 6): equal pulses, a gain a pulse, or a law of its history.
+"""Analysis of trains as superposed twitches (Eqs. 6 and 7, Figs. 6 to 8).
 
-Each train has its own latency, T_a, gain and baseline.  For given (latency, T_a) gain and baseline
-follow from linear equations; a least-squares problem in two dimensions remains.
+Three models are fitted to each train: equal pulses, one gain a pulse, and the history law
+(`rpms_ros.identification.model.summation`) behind a series elasticity.  Latency, T_a, gain and
+baseline are each train's own, so the models differ only in the weights of the pulses.  For given
+(latency, T_a) gains and baseline follow from linear equations; a least-squares problem in two
+dimensions remains.
 
-Force of a train by the history law (`rpms_ros.identification.model.summation`), behind a lag.
-
-Force is ``G S(x)`` through a series elasticity, a first-order lag tau_s.  A single twitch has the
+The force of the history law is ``G S(x)`` through a first-order lag tau_s; a single twitch has the
 peak G before the lag.  The linear sum of Eq. (6) is the limit a = 0, h = 1, k to infinity,
-tau_s = 0.
-
-The history law of a muscle, fitted to several trains at once and judged on others.
-
-The law is common; latency, T_a, gain and baseline are each train's own, as for equal pulses, so
-the three models differ only in the weights of the pulses.  A weak prior keeps parameters that the
-trains do not determine, such as the decay of the facilitation if all trains have one rate, near
-their start values.
+tau_s = 0.  The law is common to all trains.  A weak prior keeps parameters that the trains do not
+determine, such as the decay of the facilitation if all trains have one rate, near their start
+values.  It is fitted to the shorter trains and judged on the longest ones if the recording has
+both.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from typing import Any
 
 import numba
 import numpy as np
 from scipy.optimize import least_squares, nnls
-from scipy.sparse import csr_matrix, lil_matrix
+from scipy.sparse import block_diag, coo_array, hstack
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.identification.analysis.twitch_fits import Progress, spread
 from rpms_ros.identification.model.summation import HistoryLaw
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import FloatArray
@@ -37,10 +36,16 @@ from rpms_ros.pulses import FloatArray
 # latency [s], time constant [s] -> force in gains, shape (samples,)
 TrainShape = Callable[[float, float], FloatArray]
 
-LOWEST = (0.0, 1e-3)
-HIGHEST = (0.06, 0.2)
+MOST_PULSES = 60
+_MOST_TRAINS = 32
+_LEAST_PULSES = 3
+# Bounds of latency and time constant [s].
+_LOWEST, _HIGHEST = (0.0, 1e-3), (0.06, 0.2)
 _TIME_SCALE = 1e-3
-STARTS = (0.005, 0.010, 0.020, 0.040)
+_STARTS = (0.005, 0.010, 0.020, 0.040)
+# Samples in a row that have to be so many standard deviations above the baseline.
+_STAYS, _OUTSIDE = 3, 4.0
+_LEAST_BEFORE = 10
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,6 @@ class TrainFit:
 
     Attributes
     ----------
-    model : str
-        ``equal pulses``, ``gain a pulse`` or ``history law``.
     fit : float
         100 (1 - |F - F^| / |F - mean F|) [%].
     latency, time_constant : float
@@ -63,7 +66,6 @@ class TrainFit:
         Force of the model [N].
     """
 
-    model: str
     fit: float
     latency: float
     time_constant: float
@@ -72,10 +74,210 @@ class TrainFit:
     modelled: FloatArray
 
 
-def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
-    """Return 100 (1 - |F - F^| / |F - mean F|), the normalised fit [%]."""
-    spread = float(np.linalg.norm(measured - measured.mean()))
-    return 100.0 * (1.0 - float(np.linalg.norm(measured - modelled)) / max(spread, 1e-300))
+@dataclass(frozen=True)
+class TrainLaw(HistoryLaw):
+    """History law with a series lag.
+
+    Attributes
+    ----------
+    series_lag : float
+        tau_s [s].
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
+    """
+
+    POSITIVE = (*HistoryLaw.POSITIVE, 'series_lag')
+
+    series_lag: float = 0.01
+
+    @classmethod
+    def of_logarithms(cls, logarithms: FloatArray) -> 'TrainLaw':
+        """Return the law from the logarithms (5,) of its parameters, in the order of fields."""
+        return cls(*np.exp(logarithms).tolist())
+
+    @property
+    def logarithms(self) -> FloatArray:
+        """Logarithms (5,) of the parameters, in the order of the fields."""
+        return np.log(np.maximum(astuple(self), 1e-6))
+
+    def gains(self, onset: FloatArray) -> FloatArray:
+        """Return p of pulses at ascending onsets (pulses,) [s]."""
+        decay = np.exp(-np.diff(onset) / self.facilitation_decay)
+        left = np.zeros(len(onset))
+        for index, share in enumerate(decay):
+            left[index + 1] = (left[index] + 1.0) * share
+        return 1.0 + self.facilitation * left
+
+    def force(self, response: Response, order: int, latency: float, constant: float) -> FloatArray:
+        """Return the force of a train in units of G, shape (samples,)."""
+        columns = pulse_twitches(response, order, latency, constant)
+        activation = columns @ self.gains(response.onset)
+        return _lagged(response.lag, self.saturated(activation), self.series_lag)
+
+    def single(self, lag: FloatArray, order: int, latency: float, constant: float) -> FloatArray:
+        """Return the force after a pulse without another before it, in units of G (samples,)."""
+        force = self.saturated(twitch(lag - latency, constant, order))
+        return _lagged(lag, force, self.series_lag)
+
+
+@numba.njit(cache=True)
+def _lagged(time: FloatArray, force: FloatArray, constant: float) -> FloatArray:
+    """Return the force behind a first-order lag, exact for a force linear between samples."""
+    result = np.empty_like(force)
+    result[0] = force[0]
+    for k in range(1, len(force)):
+        step = (time[k] - time[k - 1]) / constant
+        decay = np.exp(-step)
+        mean = (1.0 - decay) / step
+        result[k] = decay * result[k - 1] + (mean - decay) * force[k - 1] + (1.0 - mean) * force[k]
+    return result
+
+
+@dataclass(frozen=True)
+class TrainAnalysis:
+    """One train with three fitted models.
+
+    Attributes
+    ----------
+    response : Response
+        Its pulses and force.
+    equal : TrainFit
+        Equal pulses (Eq. 6).
+    gains : TrainFit
+        One gain a pulse.
+    law : TrainFit or None
+        History law, if one was fitted.
+    held_out : bool
+        Whether the law was fitted without this train.
+    """
+
+    response: Response
+    equal: TrainFit
+    gains: TrainFit
+    law: TrainFit | None
+    held_out: bool
+
+    @property
+    def rate_hz(self) -> float:
+        """Repetition rate [Hz]."""
+        return 1.0 / float(np.median(np.diff(self.response.onset)))
+
+
+@dataclass(frozen=True)
+class SummationAnalysis:
+    """Results of the analysis of trains.
+
+    Attributes
+    ----------
+    order : int
+        Order of the twitch.
+    trains : tuple of TrainAnalysis
+        Those that qualified.
+    law : TrainLaw or None
+        Common law; None if no train has three pulses.
+    latency, latency_spread : float
+        Mean and standard deviation over the trains of the latency of equal pulses, a parameter
+        of that model, not the onset of the force (`onsets`) [s].
+    time_constant, time_constant_spread : float
+        The same of T_a [s].
+    rejected : mapping of str to int
+        Trains that did not qualify, by reason.
+    """
+
+    order: int
+    trains: tuple[TrainAnalysis, ...]
+    law: TrainLaw | None
+    latency: float
+    latency_spread: float
+    time_constant: float
+    time_constant_spread: float
+    rejected: Mapping[str, int]
+
+    @property
+    def onsets(self) -> tuple[float, ...]:
+        """When the force leaves its baseline after the first pulse of each train [s].
+
+        Trains in which noise hides it are not included.
+        """
+        found = (force_onset(train.response) for train in self.trains)
+        return tuple(bounds[1] for bounds in found if bounds is not None)
+
+    def mean_fit(self, model: str, held_out: bool | None = None) -> float:
+        """Return the mean fit [%] of ``equal``, ``gains`` or ``law``; NaN without a train.
+
+        Parameters
+        ----------
+        model : str
+            Name of the model.
+        held_out : bool, optional
+            True: only the trains to which the law was not fitted; False: only the others.
+        """
+        fits = [
+            found.fit
+            for train in self.trains
+            if held_out in (None, train.held_out) and (found := getattr(train, model))
+        ]
+        return float(np.mean(fits)) if fits else math.nan
+
+
+def analyze_trains(
+    responses: Sequence[Response],
+    order: int,
+    rejected: Mapping[str, int] | None = None,
+    progress: Progress | None = None,
+) -> SummationAnalysis:
+    """Fit superposed twitches of one order to trains (at least one).
+
+    Parameters
+    ----------
+    responses : sequence of Response
+        Trains; they may come from several recordings.
+    order : int
+        Order of the twitch.
+    rejected : mapping of str to int, optional
+        Trains that did not qualify, by reason.
+    progress : callable, optional
+        Called with the number of trains done and of all.
+    """
+    equal, gains = [], []
+    for index, response in enumerate(responses):
+        equal.append(fit_equal(response, order))
+        gains.append(fit_gains(response, order, equal[-1]))
+        if progress is not None:
+            progress(index + 1, len(responses))
+    counts = np.array([len(response.onset) for response in responses])
+    # judged on the longest, if shorter ones suffice for a fit
+    judged = counts == counts.max()
+    if not (counts[~judged] >= _LEAST_PULSES).any():
+        judged[:] = False
+    law = None
+    if (counts[~judged] >= _LEAST_PULSES).any():
+        taught = np.flatnonzero(~judged)
+        # evenly spread over the recording; more trains would cost time without improving the fit
+        places = np.linspace(0, len(taught) - 1, _MOST_TRAINS).round().astype(np.int64)
+        picked = taught[np.unique(places)]
+        law = fit_history([responses[k] for k in picked], [equal[k] for k in picked], order)
+    trains = tuple(
+        TrainAnalysis(
+            response, one, each, fit_with_law(law, response, order) if law else None, bool(out)
+        )
+        for response, one, each, out in zip(responses, equal, gains, judged, strict=True)
+    )
+    latency = np.array([fit.latency for fit in equal])
+    constant = np.array([fit.time_constant for fit in equal])
+    return SummationAnalysis(
+        order=order,
+        trains=trains,
+        law=law,
+        latency=float(latency.mean()),
+        latency_spread=spread(latency),
+        time_constant=float(constant.mean()),
+        time_constant_spread=spread(constant),
+        rejected=dict(rejected or {}),
+    )
 
 
 def pulse_twitches(response: Response, order: int, latency: float, constant: float) -> FloatArray:
@@ -83,98 +285,44 @@ def pulse_twitches(response: Response, order: int, latency: float, constant: flo
     return twitch(response.lag[:, None] - response.onset - latency, constant, order)
 
 
+def train_shape(
+    response: Response, order: int, law: TrainLaw | None, latency: float, constant: float
+) -> FloatArray:
+    """Return the force (samples,) of a train in gains: of a law, or of equal pulses (Eq. 6)."""
+    if law is not None:
+        return law.force(response, order, latency, constant)
+    total: FloatArray = pulse_twitches(response, order, latency, constant).sum(axis=1)
+    return total
+
+
 def fit_equal(response: Response, order: int) -> TrainFit:
     """Fit a train whose pulses all have the same twitch (Eq. 6)."""
-
-    def shape(latency: float, constant: float) -> FloatArray:
-        total: FloatArray = pulse_twitches(response, order, latency, constant).sum(axis=1)
-        return total
-
-    return fit_scaled('equal pulses', response, shape)
+    return fit_scaled(response, lambda *theta: train_shape(response, order, None, *theta))
 
 
-def fit_scaled(model: str, response: Response, shape: TrainShape) -> TrainFit:
+def fit_with_law(law: TrainLaw, response: Response, order: int) -> TrainFit:
+    """Fit latency, T_a, gain and baseline of a train with a given law."""
+    return fit_scaled(response, lambda *theta: train_shape(response, order, law, *theta))
+
+
+def fit_scaled(response: Response, shape: TrainShape) -> TrainFit:
     """Fit latency, time constant, one gain and a baseline of a shape to a train."""
+    force = response.force[response.usable]
 
     def residual(theta: FloatArray) -> FloatArray:
-        force = response.force[response.usable]
-        gain, base, force_of = _scaled(shape(*theta)[response.usable], force)
-        del gain, base
-        return force - force_of
+        part = shape(*theta)[response.usable]
+        gain, base = _line(part, force)
+        misfit: FloatArray = force - (base + gain * part)
+        return misfit
 
-    theta = _best(residual)
+    def cost(theta: FloatArray) -> float:
+        return float(np.sum(residual(theta) ** 2))
+
+    starts = sorted((np.array([0.01, constant]) for constant in _STARTS), key=cost)
+    theta = min((_search(residual, start) for start in starts[:2]), key=cost)
     whole = shape(*theta)
-    gain, base, _ = _scaled(whole[response.usable], response.force[response.usable])
-    return _result(model, response, theta, np.array([gain]), base, base + gain * whole)
-
-
-def deviations(
-    model: Callable[[FloatArray], FloatArray],
-    at: FloatArray,
-    residual: FloatArray,
-    prior: FloatArray,
-) -> FloatArray:
-    """Return the standard deviations of the numbers of a model (numbers,).
-
-    Parameters
-    ----------
-    model : callable
-        Force (samples,) of the numbers (numbers,), linear ones included.
-    at : ndarray (numbers,)
-        The fitted parameters; nonlinear ones not 0.
-    residual : ndarray (samples,)
-        Measured minus modelled force [N].
-    prior : ndarray (numbers,)
-        Information of the prior, in units of the residual's variance.
-
-    Notes
-    -----
-    A misfit of the model correlates neighbouring residuals: the variance is multiplied by the sum
-    of their correlations up to the first that is not positive, as for a mean of such residuals.
-    """
-    steps = 1e-4 * np.maximum(np.abs(at), 1e-3)
-    jacobian = np.column_stack(
-        [
-            (model(at + step * unit) - model(at - step * unit)) / (2.0 * step)
-            for step, unit in zip(steps, np.eye(len(at)), strict=True)
-        ]
-    )
-    spare = max(1, len(residual) - len(at))
-    variance = float(residual @ residual) / spare * _correlated(residual)
-    matrix = jacobian.T @ jacobian + np.diag(prior)
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    inverse = np.linalg.pinv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
-    found: FloatArray = np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance)
-    return found
-
-
-def _correlated(residual: FloatArray) -> float:
-    """Return 1 + 2 (r(1) + r(2) + ...), up to the first correlation that is not positive."""
-    centred = residual - residual.mean()
-    power = float(centred @ centred)
-    if not power > 0.0:
-        return 1.0
-    length = 2 * len(centred)
-    spectrum = np.abs(np.fft.rfft(centred, length)) ** 2
-    correlation = np.fft.irfft(spectrum, length)[: len(centred)] / power
-    ends = np.flatnonzero(correlation <= 0.0)
-    last = int(ends[0]) if len(ends) else len(correlation)
-    return float(1.0 + 2.0 * correlation[1:last].sum())
-
-
-def fit_deviations(response: Response, fit: TrainFit, order: int) -> FloatArray:
-    """Return the standard deviations of latency and T_a (2,) of a fit with equal pulses [s]."""
-    chosen = response.usable
-
-    def model(numbers: FloatArray) -> FloatArray:
-        latency, constant, gain, base = numbers
-        columns = pulse_twitches(response, order, latency, constant)
-        total: FloatArray = base + gain * columns.sum(axis=1)
-        return total[chosen]
-
-    at = np.array([fit.latency, fit.time_constant, float(fit.gains[0]), fit.baseline])
-    residual = (response.force - fit.modelled)[chosen]
-    return deviations(model, at, residual, np.zeros(len(at)))[:2]
+    gain, base = _line(whole[response.usable], force)
+    return _train_fit(response, theta, np.array([gain]), base, base + gain * whole)
 
 
 def fit_gains(response: Response, order: int, start: TrainFit) -> TrainFit:
@@ -202,125 +350,45 @@ def fit_gains(response: Response, order: int, start: TrainFit) -> TrainFit:
         found, design = gains(theta)
         return force - design[response.usable] @ found
 
-    begin = np.clip([start.latency, start.time_constant], LOWEST, HIGHEST)
-    theta = _search(residual, begin)
+    theta = _search(residual, np.array([start.latency, start.time_constant]))
     found, design = gains(theta)
-    base = float(found[-2] - found[-1])
-    return _result('gain a pulse', response, theta, found[:-2], base, design @ found)
+    return _train_fit(response, theta, found[:-2], found[-2] - found[-1], design @ found)
 
 
-def _scaled(shape: FloatArray, force: FloatArray) -> tuple[float, float, FloatArray]:
-    """Return gain, baseline and force of the best line through a shape."""
+def _line(shape: FloatArray, force: FloatArray) -> tuple[float, float]:
+    """Return gain and baseline of a shape."""
     centred = shape - shape.mean()
     power = float(centred @ centred)
     gain = float(centred @ force) / power if power > 0 else 0.0
-    base = float(force.mean() - gain * shape.mean())
-    return gain, base, base + gain * shape
+    return gain, float(force.mean() - gain * shape.mean())
 
 
 def _search(residual: Callable[[FloatArray], FloatArray], start: FloatArray) -> FloatArray:
-    inside = np.clip(start, np.array(LOWEST) + 1e-6, np.array(HIGHEST) - 1e-6)
+    inside = np.clip(start, np.array(_LOWEST) + 1e-6, np.array(_HIGHEST) - 1e-6)
     found = least_squares(
-        residual, inside, bounds=(LOWEST, HIGHEST), x_scale=_TIME_SCALE, max_nfev=60
+        residual, inside, bounds=(_LOWEST, _HIGHEST), x_scale=_TIME_SCALE, max_nfev=60
     )
     return np.asarray(found.x)
 
 
-def _best(residual: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Return the best of searches from several time constants."""
-    cost = partial(_cost, residual)
-    starts = sorted((np.array([0.01, constant]) for constant in STARTS), key=cost)
-    return min((_search(residual, start) for start in starts[:2]), key=cost)
-
-
-def _cost(residual: Callable[[FloatArray], FloatArray], theta: FloatArray) -> float:
-    return float(np.sum(residual(theta) ** 2))
-
-
-def _result(
-    model: str,
+def _train_fit(
     response: Response,
     theta: FloatArray,
     gains: FloatArray,
     baseline: float,
     modelled: FloatArray,
 ) -> TrainFit:
-    chosen = response.usable
-    fit = fit_percent(response.force[chosen], modelled[chosen])
-    return TrainFit(model, fit, float(theta[0]), float(theta[1]), gains, float(baseline), modelled)
+    fit = fit_percent(response.force[response.usable], modelled[response.usable])
+    return TrainFit(fit, float(theta[0]), float(theta[1]), gains, float(baseline), modelled)
 
 
-@dataclass(frozen=True)
-class TrainLaw(HistoryLaw):
-    """History law with a series lag.
-
-    Attributes
-    ----------
-    series_lag : float
-        tau_s [s].
-
-    Raises
-    ------
-    IdentificationError
-        If a value is not possible.
-    """
-
-    POSITIVE = (*HistoryLaw.POSITIVE, 'series_lag')
-
-    series_lag: float = 0.01
-
-    @classmethod
-    def of_logarithms(cls, logarithms: FloatArray) -> 'TrainLaw':
-        """Return the law from the logarithms (5,) of its parameters, in the order of fields."""
-        return cls(*(float(value) for value in np.exp(logarithms)))
-
-    @property
-    def logarithms(self) -> FloatArray:
-        """Logarithms (5,) of the parameters, in the order of the fields."""
-        values = [
-            self.half_level,
-            self.cooperation,
-            max(self.facilitation, 1e-6),
-            self.facilitation_decay,
-            self.series_lag,
-        ]
-        return np.log(values)
-
-    def gains(self, onset: FloatArray) -> FloatArray:
-        """Return p of pulses at ascending onsets (pulses,) [s]."""
-        decay = np.exp(-np.diff(onset) / self.facilitation_decay)
-        left = np.zeros(len(onset))
-        for index, share in enumerate(decay):
-            left[index + 1] = (left[index] + 1.0) * share
-        return 1.0 + self.facilitation * left
-
-    def force(self, response: Response, order: int, latency: float, constant: float) -> FloatArray:
-        """Return the force of a train in units of G, shape (samples,)."""
-        columns = pulse_twitches(response, order, latency, constant)
-        activation = columns @ self.gains(response.onset)
-        return _lagged(response.lag, self.saturated(activation), self.series_lag)
-
-    def single(self, lag: FloatArray, order: int, latency: float, constant: float) -> FloatArray:
-        """Return the force after a pulse without another before it, in units of G (samples,)."""
-        return _lagged(
-            lag, self.saturated(twitch(lag - latency, constant, order)), self.series_lag
-        )
+def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
+    """Return 100 (1 - |F - F^| / |F - mean F|), the normalised fit [%]."""
+    spread = float(np.linalg.norm(measured - measured.mean()))
+    return 100.0 * (1.0 - float(np.linalg.norm(measured - modelled)) / max(spread, 1e-300))
 
 
-@numba.njit(cache=True)
-def _lagged(time: FloatArray, force: FloatArray, constant: float) -> FloatArray:
-    """Return the force behind a first-order lag, exact for a force linear between samples."""
-    result = np.empty_like(force)
-    result[0] = force[0]
-    for k in range(1, len(force)):
-        step = (time[k] - time[k - 1]) / constant
-        decay = np.exp(-step)
-        mean = (1.0 - decay) / step
-        result[k] = decay * result[k - 1] + (mean - decay) * force[k - 1] + (1.0 - mean) * force[k]
-    return result
-
-
-NUMBERS = 5
+_NUMBERS = 5
 _REACH = 6.0
 _PRIOR = 0.02
 _FASTEST = 2e-3
@@ -343,7 +411,7 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
     IdentificationError
         If no train has three pulses.
     """
-    if not any(len(train.onset) >= 3 for train in trains):
+    if not any(len(train.onset) >= _LEAST_PULSES for train in trains):
         raise IdentificationError('expected a train of at least 3 pulses, got none')
     centre = TrainLaw().logarithms
     count = len(trains)
@@ -352,58 +420,30 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
     prior = _PRIOR * min(1.0, misfit / 0.1)
 
     def residual(theta: FloatArray) -> FloatArray:
-        law = TrainLaw.of_logarithms(theta[:NUMBERS])
-        own = theta[NUMBERS:].reshape(count, 2)
+        law = TrainLaw.of_logarithms(theta[:_NUMBERS])
+        own = theta[_NUMBERS:].reshape(count, 2)
         parts = [_misfit(law, train, order, *row) for train, row in zip(trains, own, strict=True)]
-        return np.concatenate([*parts, prior * (theta[:NUMBERS] - centre)])
+        return np.concatenate([*parts, prior * (theta[:_NUMBERS] - centre)])
 
     # the law's own saturation and lag take part of what T_a and latency explain for equal pulses
     start = [(0.6 * fit.latency, max(0.7 * fit.time_constant, _FASTEST)) for fit in equal]
-    own = np.clip(np.ravel(start), np.tile(LOWEST, count) + 1e-6, np.tile(HIGHEST, count))
+    lowest, highest = np.tile(_LOWEST, count), np.tile(_HIGHEST, count)
+    lengths = [int(train.usable.sum()) for train in trains]
+    # the law acts on every residual, latency and T_a on those of their train
+    own: Any = block_diag([*(np.ones((k, 2)) for k in lengths), np.zeros((_NUMBERS, 0))])
+    sparsity = hstack((coo_array(np.ones((own.shape[0], _NUMBERS))), own))
     found = least_squares(
         residual,
-        np.concatenate((centre, own)),
+        np.concatenate((centre, np.clip(np.ravel(start), lowest + 1e-6, highest))),
         bounds=(
-            np.concatenate((centre - _REACH, np.tile(LOWEST, count))),
-            np.concatenate((centre + _REACH, np.tile(HIGHEST, count))),
+            np.concatenate((centre - _REACH, lowest)),
+            np.concatenate((centre + _REACH, highest)),
         ),
-        x_scale=np.concatenate((np.full(NUMBERS, 0.3), np.full(2 * count, 1e-3))),
-        jac_sparsity=_sparsity(trains),
+        x_scale=np.concatenate((np.full(_NUMBERS, 0.3), np.full(2 * count, _TIME_SCALE))),
+        jac_sparsity=sparsity,
         max_nfev=60,
     )
-    return TrainLaw.of_logarithms(found.x[:NUMBERS])
-
-
-def fit_with_law(law: TrainLaw, train: Response, order: int) -> TrainFit:
-    """Fit latency, T_a, gain and baseline of a train with a given law."""
-
-    def shape(latency: float, constant: float) -> FloatArray:
-        return law.force(train, order, latency, constant)
-
-    return fit_scaled('history law', train, shape)
-
-
-def law_deviations(law: TrainLaw, train: Response, fit: TrainFit, order: int) -> FloatArray:
-    """Return the standard deviations of latency and T_a (2,) of a train and its law [s].
-
-    The parameters of the law count as unknown too: it may have been fitted to this train.
-    """
-    chosen = train.usable
-
-    def model(numbers: FloatArray) -> FloatArray:
-        latency, constant, gain, base = numbers[:4]
-        shape = TrainLaw.of_logarithms(numbers[4:]).force(train, order, latency, constant)
-        force: FloatArray = base + gain * shape
-        return force[chosen]
-
-    own = [fit.latency, fit.time_constant, float(fit.gains[0]), fit.baseline]
-    force = train.force[chosen]
-    residual = force - fit.modelled[chosen]
-    # the prior of the fit, there relative to the residual divided by the spread of the force
-    weight = float(np.sum(np.square(force - force.mean()))) * _PRIOR**2
-    prior = np.concatenate((np.zeros(4), np.full(NUMBERS, weight)))
-    at = np.concatenate((own, law.logarithms))
-    return deviations(model, at, residual, prior)[:2]
+    return TrainLaw.of_logarithms(found.x[:_NUMBERS])
 
 
 def _misfit(
@@ -414,18 +454,96 @@ def _misfit(
     force = train.force[train.usable]
     shape, force = shape - shape.mean(), force - force.mean()
     gain = float(shape @ force) / max(float(shape @ shape), 1e-300)
-    misfit: FloatArray = (force - gain * shape) / float(np.linalg.norm(force))
+    misfit: FloatArray = (force - gain * shape) / np.linalg.norm(force)
     return misfit
 
 
-def _sparsity(trains: Sequence[Response]) -> csr_matrix:
-    """Return the pattern of the Jacobian."""
-    lengths = [int(train.usable.sum()) for train in trains]
-    pattern = lil_matrix((sum(lengths) + NUMBERS, NUMBERS + 2 * len(trains)), dtype=np.int8)
-    pattern[:, :NUMBERS] = 1
-    first = 0
-    for index, length in enumerate(lengths):
-        place = NUMBERS + 2 * index
-        pattern[first : first + length, place : place + 2] = 1
-        first += length
-    return pattern.tocsr()
+def fit_deviations(
+    response: Response, fit: TrainFit, order: int, law: TrainLaw | None = None
+) -> FloatArray:
+    """Return the standard deviations of latency and T_a (2,) of a fit [s].
+
+    Parameters
+    ----------
+    response : Response
+        The train.
+    fit : TrainFit
+        With equal pulses, or with a law.
+    order : int
+        Order of the twitch.
+    law : TrainLaw, optional
+        Its parameters count as unknown too: it may have been fitted to this train.
+
+    Notes
+    -----
+    A misfit of the model correlates neighbouring residuals: the variance is multiplied by the sum
+    of their correlations up to the first that is not positive, as for a mean of such residuals.
+    """
+
+    def model(numbers: FloatArray) -> FloatArray:
+        latency, constant, gain, base = numbers[:4]
+        one = None if law is None else TrainLaw.of_logarithms(numbers[4:])
+        force: FloatArray = base + gain * train_shape(response, order, one, latency, constant)
+        return force[response.usable]
+
+    own = [fit.latency, fit.time_constant, float(fit.gains[0]), fit.baseline]
+    at = np.array(own if law is None else [*own, *law.logarithms])
+    force = response.force[response.usable]
+    residual = force - fit.modelled[response.usable]
+    # the prior of the law, in its fit relative to the residual divided by the spread of the force
+    prior = np.zeros(len(at))
+    prior[4:] = float(np.sum(np.square(force - force.mean()))) * _PRIOR**2
+    steps = 1e-4 * np.maximum(np.abs(at), 1e-3)
+    jacobian = np.column_stack(
+        [
+            (model(at + step * unit) - model(at - step * unit)) / (2.0 * step)
+            for step, unit in zip(steps, np.eye(len(at)), strict=True)
+        ]
+    )
+    matrix = jacobian.T @ jacobian + np.diag(prior)
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.diag(np.linalg.pinv(matrix / np.outer(scale, scale))) / scale**2
+    spare = max(1, len(residual) - len(at))
+    variance = float(residual @ residual) / spare * _correlated(residual)
+    found: FloatArray = np.sqrt(np.maximum(inverse, 0.0) * variance)[:2]
+    return found
+
+
+def _correlated(residual: FloatArray) -> float:
+    """Return 1 + 2 (r(1) + r(2) + ...), up to the first correlation that is not positive."""
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    if not power > 0.0:
+        return 1.0
+    length = 2 * len(centred)
+    spectrum = np.abs(np.fft.rfft(centred, length)) ** 2
+    correlation = np.fft.irfft(spectrum, length)[: len(centred)] / power
+    ends = np.flatnonzero(correlation <= 0.0)
+    last = int(ends[0]) if len(ends) else len(correlation)
+    return float(1.0 + 2.0 * correlation[1:last].sum())
+
+
+def force_onset(response: Response) -> tuple[float, float] | None:
+    """Return bounds of the onset of the force after the first pulse [s]; None if noise hides it.
+
+    The latency of a fitted twitch is the onset of that twitch; it is later if the force of the
+    muscle rises slower than that of the model.  The upper bound here is measured: the first sample
+    from which on the force stays outside the noise before the pulse, which hides the beginning.
+    The lower bound is the last sample before it that is a standard deviation below the baseline,
+    which is improbable after the force has begun.  Samples that an artifact may affect are not
+    used, neither as force nor as baseline.
+    """
+    lag, force = response.samples
+    before, after = force[lag < 0.0], lag > 0.0
+    lag, force = lag[after], force[after]
+    if len(before) < _LEAST_BEFORE or len(force) < _STAYS:
+        return None
+    deviation = float(np.std(before, ddof=1))
+    above = force - float(np.mean(before))
+    outside = np.lib.stride_tricks.sliding_window_view(above > _OUTSIDE * deviation, _STAYS)
+    stays = outside.all(axis=1)
+    if not stays.any() or (deviation == 0.0 and not above.any()):
+        return None
+    first = int(np.argmax(stays))
+    inside = np.flatnonzero(above[:first] <= -deviation)
+    return float(lag[inside[-1]]) if len(inside) else 0.0, float(lag[first])

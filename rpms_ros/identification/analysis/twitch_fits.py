@@ -1,8 +1,17 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Twitches fitted one by one, at several orders (Eqs. 2 and 3).
+r"""Fits of twitches at several orders, and the choice of the order (Eqs. 2 and 3, Fig. 5).
 
-Choice of the twitch's order by information criterion (Sec. 2.1, Fig. 5).
+Twitches i that share their shape have their own peak a_i and baseline b_i; the onset t_0, the time
+constant T_a and, if asked for, the order n are common,
+
+.. math:: F_i(t) = a_i \hat F(t - t_0; T_a, n) + b_i
+
+with Eq. (2) for the shape.  For given (t_0, ln T_a, n) the best a_i and b_i follow from two
+linear equations; the Jacobian of the residual is the derivative of the shape, scaled by a_i and
+projected orthogonally to shape and constant (Kaufman).  Two or three parameters remain for
+`rpms_ros.identification.model.levenberg_marquardt`, however many twitches there are.  This
+minimises Eq. (3) with its peak, its onset and a baseline free.
 
 The Bayesian information criterion is computed for every twitch at every order; all orders have
 the same number of parameters, so it compares likelihoods, and its sum over the twitches is the
@@ -14,22 +23,243 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
+from numba.extending import register_jitable
 
 from rpms_ros.identification.analysis.responses import Response
-from rpms_ros.identification.analysis.twitch_kernel import coarse_start, linear_parts, shared_fit
+from rpms_ros.identification.model.levenberg_marquardt import Ending, dot, minimiser
 from rpms_ros.identification.model.physiology import TWITCH, twitch_row
 from rpms_ros.pulses import FloatArray, IntArray
 
+_ENDING = Ending(steps=60, tolerance=1e-9, least_cost=1e-18)
+# Bounds of onset [s], ln of the time constant [ln s] and order.
+_LOWER = (-0.02, math.log(1e-3), 1.2)
+_UPPER = (0.2, math.log(0.5), 12.0)
+
+
+class Twitches(NamedTuple):
+    """Twitches that share their shape.
+
+    Attributes
+    ----------
+    lag, force : ndarray (samples,)
+        Time since the pulse [s] and force [N], all twitches in a row.
+    starts : ndarray of int64 (twitches + 1,)
+        Where each twitch begins; the last entry is the number of samples.
+    order : float
+        Order if it is not fitted.
+    """
+
+    lag: FloatArray
+    force: FloatArray
+    starts: IntArray
+    order: float
+
+
+class SharedShape(NamedTuple):
+    """A shape and its residuals; a point of `rpms_ros.identification.model.levenberg_marquardt`.
+
+    Attributes
+    ----------
+    theta : ndarray (2,) or (3,)
+        Onset [s], ln of the time constant [ln s] and, if it is fitted, the order.
+    normal, slope : ndarray (parameters, parameters), (parameters,)
+        Gauss-Newton matrix and minus half the gradient of the cost.  The inverse of the matrix
+        times the variance of the noise is the covariance of theta.
+    linear : ndarray (twitches, 2)
+        Peak and baseline of each twitch [N].
+    rows : ndarray (samples, 5)
+        Scratch: twitch, its derivatives, residual.
+    cost, energy, damping, moved, failures : ndarray (1,)
+        Sum of squared residuals and of squared forces [N^2], and those of the loop.
+    """
+
+    theta: FloatArray
+    normal: FloatArray
+    slope: FloatArray
+    linear: FloatArray
+    rows: FloatArray
+    cost: FloatArray
+    energy: FloatArray
+    damping: FloatArray
+    moved: FloatArray
+    failures: FloatArray
+
+
+@numba.njit(cache=True, nogil=True)
+def _fit_line(
+    lag: FloatArray, force: FloatArray, theta: FloatArray, rows: FloatArray
+) -> tuple[float, float, float]:
+    """Return peak, baseline, squared error; `rows` (samples, 5) gets shapes and residuals."""
+    count = len(lag)
+    sums = np.zeros(4)
+    for k in range(count):
+        twitch_row(lag[k] - theta[0], math.exp(theta[1]), theta[2], rows[k])
+        sums[0] += rows[k, 0]
+        sums[1] += force[k]
+        sums[2] += rows[k, 0] * rows[k, 0]
+        sums[3] += rows[k, 0] * force[k]
+    spread = sums[2] - sums[0] * sums[0] / count
+    peak = 0.0
+    if spread > 1e-12 * (1.0 + sums[2]):
+        peak = (sums[3] - sums[0] * sums[1] / count) / spread
+    base = (sums[1] - peak * sums[0]) / count
+    error = 0.0
+    for k in range(count):
+        rows[k, 4] = force[k] - base - peak * rows[k, 0]
+        error += rows[k, 4] * rows[k, 4]
+    return peak, base, error
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_normal(rows: FloatArray, peak: float, normal: FloatArray, slope: FloatArray) -> None:
+    """Add one twitch to the normal equations of (onset, ln T_a, order)."""
+    free = len(slope)
+    centred = np.empty((free + 1, len(rows)))
+    for i in range(free + 1):
+        centred[i] = rows[:, i] - np.mean(rows[:, i])
+    power = dot(centred[0], centred[0])
+    if power <= 0.0:
+        return
+    residual = rows[:, 4]
+    for i in range(free):
+        derivative = centred[i + 1]
+        derivative -= dot(derivative, centred[0]) / power * centred[0]
+        slope[i] += peak * dot(derivative, residual)
+        for j in range(i + 1):
+            normal[i, j] += peak * peak * dot(derivative, centred[j + 1])
+            normal[j, i] = normal[i, j]
+
+
+@numba.njit(cache=True, nogil=True)
+def _measure(twitches: Twitches, shape: SharedShape) -> None:
+    """Write linear parts, cost, normal equations and residuals of a shape."""
+    theta = np.full(3, twitches.order)
+    theta[: len(shape.theta)] = shape.theta
+    shape.normal[:] = 0.0
+    shape.slope[:] = 0.0
+    shape.cost[0] = 0.0
+    for index in range(len(twitches.starts) - 1):
+        first, last = twitches.starts[index], twitches.starts[index + 1]
+        rows = shape.rows[first:last]
+        peak, base, error = _fit_line(
+            twitches.lag[first:last], twitches.force[first:last], theta, rows
+        )
+        shape.linear[index, 0] = peak
+        shape.linear[index, 1] = base
+        shape.cost[0] += error
+        _add_normal(rows, peak, shape.normal, shape.slope)
+
+
+@register_jitable
+def _linearise(
+    _twitches: Twitches,
+    shape: SharedShape,
+    _ready: bool,
+    hessian: FloatArray,
+    gradient: FloatArray,
+) -> bool:
+    hessian[:] = shape.normal
+    gradient[:] = shape.slope
+    return True
+
+
+@register_jitable
+def _room(_twitches: Twitches, shape: SharedShape, low: FloatArray, high: FloatArray) -> None:
+    for place in range(len(shape.theta)):
+        low[place] = _LOWER[place] - shape.theta[place]
+        high[place] = _UPPER[place] - shape.theta[place]
+
+
+@register_jitable
+def _move(twitches: Twitches, shape: SharedShape, step: FloatArray, trial: SharedShape) -> None:
+    trial.theta[:] = shape.theta + step
+    _measure(twitches, trial)
+
+
+@register_jitable
+def _accept(shape: SharedShape, trial: SharedShape) -> None:
+    shape.theta[:] = trial.theta
+    shape.normal[:] = trial.normal
+    shape.slope[:] = trial.slope
+    shape.linear[:] = trial.linear
+    shape.cost[0] = trial.cost[0]
+
+
+_minimise = minimiser(_linearise, _room, _move, _accept)
+
+
+@numba.njit(cache=True, nogil=True)
+def _begin(twitches: Twitches, start: FloatArray, rows: FloatArray) -> SharedShape:
+    free = len(start)
+    return SharedShape(
+        start.copy(),
+        np.zeros((free, free)),
+        np.zeros(free),
+        np.zeros((len(twitches.starts) - 1, 2)),
+        rows,
+        np.zeros(1),
+        np.full(1, dot(twitches.force, twitches.force)),
+        np.full(1, 1e-3),
+        np.zeros(1),
+        np.zeros(1),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def shared_fit(
+    lag: FloatArray,
+    force: FloatArray,
+    starts: IntArray,
+    start: FloatArray,
+    free: int,
+) -> SharedShape:
+    """Return the shape that twitches share.
+
+    Parameters
+    ----------
+    lag, force : ndarray (samples,)
+        As in `Twitches`.
+    starts : ndarray of int64 (twitches + 1,)
+        As in `Twitches`.
+    start : ndarray (3,)
+        Onset [s], ln of the time constant [ln s] and order to start from.
+    free : int
+        2 keeps the order, 3 fits it as a real number.
+    """
+    twitches = Twitches(lag, force, starts, start[2])
+    rows = np.empty((len(lag), 5))
+    shape = _begin(twitches, start[:free], rows)
+    _measure(twitches, shape)
+    _minimise(twitches, shape, _begin(twitches, start[:free], rows), _ENDING, True)
+    return shape
+
+
+@numba.njit(cache=True, nogil=True)
+def coarse_start(lag: FloatArray, force: FloatArray, order: float) -> FloatArray:
+    """Return the best (onset, ln T_a, order) of a coarse grid for one twitch (samples,)."""
+    rows = np.empty((len(lag), 5))
+    best = np.empty(3)
+    least = math.inf
+    for constant in (0.004, 0.007, 0.012, 0.02, 0.03, 0.042, 0.06, 0.09):
+        for onset in (0.002, 0.008, 0.014, 0.022, 0.032):
+            theta = np.array([onset, math.log(2.0 * constant / (order - 1.0)), order])
+            error = _fit_line(lag, force, theta, rows)[2]
+            if error < least:
+                least = error
+                best = theta
+    return best
+
+
 Progress = Callable[[int, int], None]
 
-ONSET, CONSTANT, PEAK, BASELINE, ERROR, HELD_OUT, ONSET_SD, CONSTANT_SD = range(8)
-COLUMNS = 8
+ONSET, CONSTANT, PEAK, BASELINE, ERROR, HELD_OUT = range(6)
+DECISIVE = 10.0
 _STRIDE = 4
 _WORKERS = 2
-_CHUNK = 25
 
 
 @dataclass(frozen=True)
@@ -44,9 +274,9 @@ class TwitchFits:
         Shares of the maximum; NaN where it is not recorded.
     samples : ndarray of int64, shape (twitches,)
         Samples fitted.
-    table : ndarray, shape (twitches, orders, 8)
+    table : ndarray, shape (twitches, orders, 6)
         Onset [s], time constant [s], peak [N], baseline [N], squared error [N^2], squared error
-        on samples that were held out [N^2], standard deviations of onset and time constant [s].
+        on samples that were held out [N^2].
     free_order : ndarray, shape (twitches,)
         Order fitted as a real number.
     """
@@ -77,84 +307,48 @@ class TwitchFits:
 
     def chosen(self, mask: FloatArray) -> 'TwitchFits':
         """Return the twitches of a mask or of indices."""
-        return TwitchFits(
-            self.orders,
-            self.intensity[mask],
-            self.samples[mask],
-            self.table[mask],
-            self.free_order[mask],
-        )
-
-
-@numba.njit(cache=True, nogil=True)
-def _errors_on(
-    lag: FloatArray, force: FloatArray, theta: FloatArray, peak: float, base: float
-) -> float:
-    total = 0.0
-    row = np.empty(4)
-    for k in range(len(lag)):
-        twitch_row(lag[k] - theta[0], np.exp(theta[1]), theta[2], row)
-        total += (force[k] - (base + peak * row[TWITCH])) ** 2
-    return total
+        arrays = self.intensity, self.samples, self.table, self.free_order
+        return TwitchFits(self.orders, *(array[mask] for array in arrays))
 
 
 @numba.njit(cache=True, nogil=True)
 def _held_out(lag: FloatArray, force: FloatArray, theta: FloatArray) -> float:
     """Return the squared error of each half of the samples under the fit to the other [N^2]."""
     total = 0.0
+    row = np.empty(4)
     for part in range(2):
-        seen_lag, seen = lag[part::2].copy(), force[part::2].copy()
-        starts = np.array([0, len(seen)])
-        fitted, _, _ = shared_fit(seen_lag, seen, starts, theta, 2)
-        parts = linear_parts(seen_lag, seen, starts, fitted)
-        rest = 1 - part
-        total += _errors_on(lag[rest::2], force[rest::2], fitted, parts[0, 0], parts[0, 1])
+        seen = lag[part::2].copy()
+        fit = shared_fit(seen, force[part::2].copy(), np.array([0, len(seen)]), theta, 2)
+        constant = math.exp(fit.theta[1])
+        for k in range(1 - part, len(lag), 2):
+            twitch_row(lag[k] - fit.theta[0], constant, theta[2], row)
+            total += (force[k] - fit.linear[0, 1] - fit.linear[0, 0] * row[TWITCH]) ** 2
     return total
 
 
 @numba.njit(cache=True, nogil=True)
-def fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArray) -> float:
-    """Fit one twitch at each order into `row` (orders, 8); return the free order.
-
-    Parameters
-    ----------
-    lag : ndarray, shape (samples,)
-        Time since the pulse [s].
-    force : ndarray, shape (samples,)
-        Force [N].
-    orders : ndarray of int64, shape (orders,)
-        Orders to try.
-    row : ndarray, shape (orders, 8)
-        Filled in, as in `TwitchFits`.
-    """
+def _fit_one(lag: FloatArray, force: FloatArray, orders: IntArray, row: FloatArray) -> float:
+    """Fit one twitch at each order into `row` (orders, 6) of the table; return the free order."""
     starts = np.array([0, len(lag)])
-    best = np.inf
+    best = math.inf
     best_theta = np.zeros(3)
-    start = coarse_start(lag, force, starts, float(orders[0]), _STRIDE)
+    start = coarse_start(lag[::_STRIDE].copy(), force[::_STRIDE].copy(), float(orders[0]))
     for index in range(len(orders)):
         # keep the time of the peak, (n - 1) T_a after the onset, from one order to the next
-        start[1] += np.log((start[2] - 1.0) / (orders[index] - 1.0))
+        start[1] += math.log((start[2] - 1.0) / (orders[index] - 1.0))
         start[2] = orders[index]
-        theta, normal, error = shared_fit(lag, force, starts, start, 2)
-        parts = linear_parts(lag, force, starts, theta)
-        scale = error / max(1, len(lag) - 4)
+        fit = shared_fit(lag, force, starts, start, 2)
+        theta = np.array([fit.theta[0], fit.theta[1], start[2]])
         row[index, ONSET] = theta[0]
-        row[index, CONSTANT] = np.exp(theta[1])
-        row[index, PEAK] = parts[0, 0]
-        row[index, BASELINE] = parts[0, 1]
-        row[index, ERROR] = error
+        row[index, CONSTANT] = math.exp(theta[1])
+        row[index, PEAK] = fit.linear[0, 0]
+        row[index, BASELINE] = fit.linear[0, 1]
+        row[index, ERROR] = fit.cost[0]
         row[index, HELD_OUT] = _held_out(lag, force, theta)
-        determinant = normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2
-        if determinant > 0.0:
-            row[index, ONSET_SD] = np.sqrt(scale * normal[1, 1] / determinant)
-            row[index, CONSTANT_SD] = np.exp(theta[1]) * np.sqrt(
-                scale * normal[0, 0] / determinant
-            )
-        if error < best:
-            best = error
+        if fit.cost[0] < best:
+            best = fit.cost[0]
             best_theta = theta
-    free, _, _ = shared_fit(lag, force, starts, best_theta, 3)
-    return float(free[2])
+    return float(shared_fit(lag, force, starts, best_theta, 3).theta[2])
 
 
 def fit_twitches(
@@ -173,31 +367,22 @@ def fit_twitches(
     progress : callable, optional
         Called with the number of twitches done and of all.
     """
-    tried = np.array(orders, dtype=np.int64)
-    table = np.zeros((len(responses), len(orders), COLUMNS))
-    free = np.full(len(responses), np.nan)
-    samples = np.array([int(item.usable.sum()) for item in responses], dtype=np.int64)
+    table = np.zeros((len(responses), len(orders), 6))
 
-    def work(first: int) -> int:
-        chunk = range(first, min(first + _CHUNK, len(responses)))
-        for index in chunk:
-            item = responses[index]
-            lag, force = item.lag[item.usable], item.force[item.usable]
-            free[index] = fit_one(lag, force, tried, table[index])
-        return len(chunk)
+    def fit(index: int) -> float:
+        lag, force = responses[index].samples
+        return _fit_one(lag, force, np.array(orders, dtype=np.int64), table[index])
 
-    done = 0
+    free = np.empty(len(responses))
     # The compiled fits release the interpreter lock, so threads use both cores without copies.
     with ThreadPoolExecutor(_WORKERS) as pool:
-        for count in pool.map(work, range(0, len(responses), _CHUNK)):
-            done += count
+        for index, found in enumerate(pool.map(fit, range(len(responses)))):
+            free[index] = found
             if progress is not None:
-                progress(done, len(responses))
+                progress(index + 1, len(responses))
     intensity = np.array([item.intensity for item in responses])
+    samples = np.array([int(item.usable.sum()) for item in responses], dtype=np.int64)
     return TwitchFits(orders, intensity, samples, table, free)
-
-
-DECISIVE = 10.0
 
 
 @dataclass(frozen=True)
@@ -287,12 +472,6 @@ def choose_order(fits: TwitchFits) -> OrderChoice:
     )
 
 
-def spread(values: np.ndarray) -> float:
+def spread(values: FloatArray) -> float:
     """Return the standard deviation of a sample, NaN for a single value."""
-    return float(np.std(values, ddof=1)) if len(values) > 1 else float('nan')
-
-
-def signal_to_noise(fits: TwitchFits, order: int) -> np.ndarray:
-    """Return peak over standard deviation of the residual (twitches,)."""
-    noise = np.sqrt(fits.column(ERROR, order) / fits.samples)
-    return np.asarray(fits.column(PEAK, order) / np.maximum(noise, 1e-300))
+    return float(np.std(values, ddof=1)) if len(values) > 1 else math.nan

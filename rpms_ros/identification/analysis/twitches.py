@@ -1,15 +1,26 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of single pulses: latency, time constant, order, peaks (Tables 1 and 2)."""
+"""Analysis of single pulses: latency, time constant, order, peaks (Tables 1 and 2).
 
+The latency is found in two ways: by a fit of the whole twitch, and as in the paper (Sec. 2.1) by
+the derivative of a filtered force.  There a moving average of nine samples, divided by nine (the
+printed filter lacks the division), is applied forwards and backwards; the onset is the last
+instant at which the derivative passes zero upwards before the steepest rise.  The paper says 'the
+last positive zero crossing'; noise causes more of them near the flat top, which are no onsets.
+
+The average, applied twice, extends over eight samples on either side: it moves the onset earlier
+by up to that much, and noise moves the crossing later.  The joint fit has neither bias;
+`docs/analysis.md` has the figures.
+"""
+
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rpms_ros.identification.analysis.latency import LatencyTable, crossing_latency, latency_table
-from rpms_ros.identification.analysis.responses import AnalysisSettings, Response
+from rpms_ros.identification.analysis.responses import AnalysisSettings, Response, counted_reasons
 from rpms_ros.identification.analysis.twitch_fits import (
     CONSTANT,
     ERROR,
@@ -20,11 +31,62 @@ from rpms_ros.identification.analysis.twitch_fits import (
     TwitchFits,
     choose_order,
     fit_twitches,
-    signal_to_noise,
+    shared_fit,
     spread,
 )
-from rpms_ros.identification.analysis.twitch_kernel import shared_fit
 from rpms_ros.pulses import FloatArray
+
+_INTENSITY_STEP = 1e-3
+_EVENNESS = 0.01
+
+
+@dataclass(frozen=True)
+class LatencyRow:
+    """Latencies at one intensity.
+
+    Attributes
+    ----------
+    intensity : float
+        Share of the maximum; NaN if it is not recorded.
+    count : int
+        Twitches.
+    mean, spread : float
+        Mean and standard deviation [s].
+    """
+
+    intensity: float
+    count: int
+    mean: float
+    spread: float
+
+
+@dataclass(frozen=True)
+class LatencyTable:
+    """Latencies found with one method, as in Table 1.
+
+    Attributes
+    ----------
+    method : str
+        ``joint fit`` or ``zero crossing``.
+    reference : str
+        Definition of the stimulus instant: ``stamp`` or ``artifact``.
+    rows : tuple of LatencyRow
+        One for each intensity, ascending.
+    count : int
+        Twitches of all rows.
+    mean, spread : float
+        Over all twitches [s].
+    rejected : mapping of str to int
+        Twitches that did not qualify, by reason.
+    """
+
+    method: str
+    reference: str
+    rows: tuple[LatencyRow, ...]
+    count: int
+    mean: float
+    spread: float
+    rejected: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -113,96 +175,166 @@ def analyze_twitches(
         Called with the number of twitches done and of all.
     """
     reasons = Counter(rejected)
-    if not responses:
-        return _none_left(reasons)
     fits = fit_twitches(responses, settings.orders, progress)
-    verdict = _verdicts(fits, responses, settings)
+    verdict = [_verdict(item, table, settings) for item, table in
+               zip(responses, fits.table, strict=True)]  # fmt: skip
     reasons.update(reason for reason in verdict if reason)
-    kept = np.array([not reason for reason in verdict])
-    if not kept.any():
-        return _none_left(reasons)
-    good = [item for item, keep in zip(responses, kept, strict=True) if keep]
-    return _summary(good, fits.chosen(kept), dict(reasons), sample_period, settings)
-
-
-def _none_left(reasons: Mapping[str, int]) -> str:
-    why = ', '.join(f'{count} x {reason}' for reason, count in reasons.items())
-    return f'no response to a single pulse qualifies ({why})'
-
-
-def _summary(
-    responses: Sequence[Response],
-    fits: TwitchFits,
-    rejected: Mapping[str, int],
-    sample_period: float,
-    settings: AnalysisSettings,
-) -> TwitchAnalysis:
+    good = [item for item, reason in zip(responses, verdict, strict=True) if not reason]
+    if not good:
+        return f'no response to a single pulse qualifies ({counted_reasons(reasons)})'
+    fits = fits.chosen(np.array([not reason for reason in verdict]))
     choice = choose_order(fits)
-    constants = fits.column(CONSTANT, choice.order)
-    marked = any(np.isfinite(item.artifact) for item in responses)
-    crossing = np.array(
-        [crossing_latency(item, settings.filter_span, sample_period, marked) for item in responses]
+    onset, constant, peak = (
+        fits.column(column, choice.order) for column in (ONSET, CONSTANT, PEAK)
     )
+    marked = any(np.isfinite(item.artifact) for item in good)
+    crossing = np.array(
+        [crossing_latency(item, settings.filter_span, sample_period, marked) for item in good]
+    )
+    reference = 'artifact' if marked else 'stamp'
     return TwitchAnalysis(
         fits=fits,
         choice=choice,
-        shared=shared_twitch(responses, fits, choice.order),
-        time_constant=float(constants.mean()),
-        time_constant_spread=spread(constants),
-        latency=latency_table(
-            'joint fit', 'stamp', fits.column(ONSET, choice.order), fits.intensity, rejected
-        ),
+        shared=_shared_twitch(good, fits, choice.order),
+        time_constant=float(constant.mean()),
+        time_constant_spread=spread(constant),
+        latency=latency_table('joint fit', 'stamp', onset, fits.intensity, reasons),
         crossing_latency=latency_table(
-            'zero crossing',
-            'artifact' if marked else 'stamp',
-            crossing,
-            fits.intensity,
-            rejected,
+            'zero crossing', reference, crossing, fits.intensity, reasons
         ),
-        rejected=rejected,
-        example=responses[int(np.argmax(fits.column(PEAK, choice.order)))],
+        rejected=dict(reasons),
+        example=good[int(np.argmax(peak))],
     )
 
 
-def _verdicts(
-    fits: TwitchFits, responses: Sequence[Response], settings: AnalysisSettings
-) -> list[str]:
-    """Return for each twitch why it does not qualify, empty if it does."""
-    best = np.argmin(fits.table[:, :, ERROR], axis=1)
-    row = np.arange(len(fits))
-    strength = np.stack([signal_to_noise(fits, order) for order in fits.orders], axis=1)
-    verdicts = []
-    for index, item in enumerate(responses):
-        onset, error = fits.table[row[index], best[index]][[ONSET, ERROR]]
-        force = item.force[item.usable]
-        explained = 1.0 - np.sqrt(error / max(float(np.sum((force - force.mean()) ** 2)), 1e-300))
-        if not strength[index, best[index]] >= settings.least_response:
-            verdicts.append(f'peak below {settings.least_response:g} x noise')
-        elif not 0.0 <= onset <= settings.longest_latency:
-            verdicts.append(f'onset not within {settings.longest_latency * 1e3:g} ms')
-        elif explained < settings.least_fit:
-            verdicts.append(f'fit below {settings.least_fit:.0%}')
-        else:
-            verdicts.append('')
-    return verdicts
+def _verdict(item: Response, table: FloatArray, settings: AnalysisSettings) -> str:
+    """Return why a twitch does not qualify, empty if it does; `table` is its (orders, 6)."""
+    best = table[np.argmin(table[:, ERROR])]
+    _, force = item.samples
+    noise = max(math.sqrt(best[ERROR] / len(force)), 1e-300)
+    power = max(float(np.sum((force - force.mean()) ** 2)), 1e-300)
+    if not best[PEAK] / noise >= settings.least_response:
+        return f'peak below {settings.least_response:g} x noise'
+    if not 0.0 <= best[ONSET] <= settings.longest_latency:
+        return f'onset not within {settings.longest_latency * 1e3:g} ms'
+    if 1.0 - math.sqrt(best[ERROR] / power) < settings.least_fit:
+        return f'fit below {settings.least_fit:.0%}'
+    return ''
 
 
-def shared_twitch(responses: Sequence[Response], fits: TwitchFits, order: int) -> SharedTwitch:
+def _shared_twitch(responses: Sequence[Response], fits: TwitchFits, order: int) -> SharedTwitch:
     """Return one onset and time constant for all responses."""
-    lag = np.concatenate([item.lag[item.usable] for item in responses])
-    force = np.concatenate([item.force[item.usable] for item in responses])
-    starts = np.concatenate(([0], np.cumsum(fits.samples)))
-    onset = float(np.median(fits.column(ONSET, order)))
-    constant = float(np.median(fits.column(CONSTANT, order)))
-    start = np.array([onset, np.log(constant), float(order)])
-    theta, normal, error = shared_fit(lag, force, starts, start, 2)
-    free = max(1, len(lag) - 2 * len(responses) - 2)
-    covariance = np.linalg.pinv(normal) * (error / free)
-    constant = float(np.exp(theta[1]))
-    return SharedTwitch(
-        order,
-        float(theta[0]),
-        float(np.sqrt(covariance[0, 0])),
-        constant,
-        constant * float(np.sqrt(covariance[1, 1])),
+    lag, force = (
+        np.concatenate(part) for part in zip(*(item.samples for item in responses), strict=True)
     )
+    start = np.array(
+        [
+            np.median(fits.column(ONSET, order)),
+            np.log(np.median(fits.column(CONSTANT, order))),
+            float(order),
+        ]
+    )
+    found = shared_fit(lag, force, np.append(0, np.cumsum(fits.samples)), start, 2)
+    free = max(1, len(lag) - 2 * len(responses) - 2)
+    deviation = np.sqrt(np.diag(np.linalg.pinv(found.normal)) * found.cost[0] / free)
+    onset, constant = float(found.theta[0]), float(np.exp(found.theta[1]))
+    return SharedTwitch(
+        order, onset, float(deviation[0]), constant, constant * float(deviation[1])
+    )
+
+
+def latency_table(
+    method: str,
+    reference: str,
+    latency: FloatArray,
+    intensity: FloatArray,
+    rejected: Mapping[str, int],
+) -> LatencyTable:
+    """Return the table of latencies (twitches,) [s] at intensities (twitches,).
+
+    Latencies that are NaN count as rejected, because there is no crossing.
+    """
+    known = np.isfinite(latency)
+    reasons = dict(rejected)
+    if not known.all():
+        reasons['no zero crossing before the steepest rise'] = int((~known).sum())
+    latency, intensity = latency[known], intensity[known]
+    level = np.round(intensity / _INTENSITY_STEP) * _INTENSITY_STEP
+    rows = []
+    for value in np.unique(level):
+        same = latency[np.isnan(level) if np.isnan(value) else level == value]
+        rows.append(LatencyRow(float(value), len(same), float(same.mean()), spread(same)))
+    mean = float(latency.mean()) if len(latency) else math.nan
+    return LatencyTable(
+        method, reference, tuple(rows), len(latency), mean, spread(latency), reasons
+    )
+
+
+def crossing_latency(
+    response: Response, filter_span: float, period: float, to_artifact: bool
+) -> float:
+    """Return the latency as the paper defines it [s]; NaN without a crossing.
+
+    Parameters
+    ----------
+    response : Response
+        A twitch.
+    filter_span : float
+        Span of the moving average [s].
+    period : float
+        Sample period [s]; uneven samples are interpolated to it.
+    to_artifact : bool
+        Measure from the maximum of the artifact if there is one, else from the stamp.
+    """
+    lag, force = response.lag, response.force
+    if np.ptp(np.diff(lag)) > _EVENNESS * period:
+        even = np.arange(lag[0], lag[-1], period)
+        lag, force = even, np.interp(even, lag, force)
+    zero = response.artifact if to_artifact and np.isfinite(response.artifact) else 0.0
+    return crossing_onset(lag - zero, force, max(2, round(filter_span / period)))
+
+
+def crossing_onset(lag: FloatArray, force: FloatArray, samples: int) -> float:
+    """Return the onset by the derivative [s], or NaN if there is no upward crossing.
+
+    Parameters
+    ----------
+    lag : ndarray, shape (samples,)
+        Time since the stimulus [s], evenly spaced; only an onset after 0 is returned.
+    force : ndarray, shape (samples,)
+        Force [N].
+    samples : int
+        Length of the moving average.
+
+    Returns
+    -------
+    float
+        Lag at which the derivative passes zero, interpolated between samples [s].
+    """
+    filtered = smoothed(force, samples)
+    slope = np.diff(filtered)
+    middle = 0.5 * (lag[1:] + lag[:-1])
+    after = np.flatnonzero(middle > 0)
+    if len(after) < 2:
+        return math.nan
+    first = after[0]
+    peak = first + int(np.argmax(filtered[first + 1 :]))
+    steepest = first + int(np.argmax(slope[first : peak + 1]))
+    before = slope[first : steepest + 1]
+    upward = np.flatnonzero((before[:-1] <= 0) & (before[1:] > 0))
+    if not len(upward):
+        return math.nan
+    at = first + int(upward[-1])
+    share = -slope[at] / (slope[at + 1] - slope[at])
+    return float(middle[at] + share * (middle[at + 1] - middle[at]))
+
+
+def smoothed(force: FloatArray, samples: int) -> FloatArray:
+    """Return the force (samples,) [N] after a moving average forwards and backwards.
+
+    Before its beginning the force is taken as constant.
+    """
+    for _ in range(2):
+        padded = np.pad(force, (samples - 1, 0), mode='edge')
+        force = np.convolve(padded, np.full(samples, 1.0 / samples), mode='valid')[::-1]
+    return force

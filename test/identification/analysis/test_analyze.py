@@ -9,9 +9,9 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis import AnalysisSettings, analyze
-from rpms_ros.identification.analysis.simulated import SensorShares, simulated_force
 from rpms_ros.identification.analysis.twitch_fits import CONSTANT, ONSET
 from rpms_ros.muscle import average_subject
+from rpms_ros.muscle.simulation import simulated_force
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.stimulation.schedule.protocols import recruitment, trains, twitches
 
@@ -26,9 +26,9 @@ def singles(count=12, interval=1.0, start=1.0):
     return PulseTrain(onset, intensity, np.arange(count), np.full(count, 1e-4))
 
 
-def force_of(pulses, shares=None, **options):
+def force_of(pulses, **options):
     duration = float(pulses.onset_ns[-1]) / 1e9 + 1.5
-    return simulated_force(SUBJECT, pulses, duration, shares, **options)
+    return simulated_force(SUBJECT, pulses, duration, **options)
 
 
 @pytest.fixture(scope='module')
@@ -38,7 +38,9 @@ def twitch_session():
 
 
 def test_twitches_tell_latency_time_constant_and_order(twitch_session):
-    found = analyze(*twitch_session)
+    seen = []
+    found = analyze(*twitch_session, progress=lambda *step: seen.append(step))
+    assert seen[-1] == ('twitches', 12, 12)
     assert found.contents == {'single pulse': 12}
     assert found.twitches.choice.order == 3
     onset = found.twitches.fits.column(ONSET, 3) - SUBJECT.latency
@@ -70,20 +72,13 @@ def test_a_staircase_tells_the_recruitment_field():
         rates_hz=(15.0, 25.0, 35.0), levels=tuple(np.linspace(0, 1, 9).round(3)), rest_s=1.0
     )
     pulses = schedule.pulses()
-    shares = SensorShares(drift=0.1)
-    found = analyze(pulses, simulated_force(SUBJECT, pulses, schedule.length_s, shares))
+    found = analyze(pulses, simulated_force(SUBJECT, pulses, schedule.length_s, drift=0.1))
     assert found.contents == {'staircase': 3}
     u, f = np.meshgrid(np.linspace(0, 1, 51), [15.0, 20.0, 25.0, 35.0])
     true = SUBJECT.steady_force(u, f)
     field = found.recruitment
     error = np.abs(field.recruitment(u, f) * field.maximum_force.value - true).max() / true.max()
     assert error < 0.02
-
-
-def test_progress_is_told(twitch_session):
-    seen = []
-    analyze(*twitch_session, progress=lambda *step: seen.append(step))
-    assert seen[-1] == ('twitches', 12, 12)
 
 
 def sentence(found, part):
@@ -100,7 +95,7 @@ def test_no_pulses():
 
 def test_no_artifact():
     pulses = singles()
-    found = analyze(pulses, force_of(pulses, SensorShares(artifact=0.0)))
+    found = analyze(pulses, force_of(pulses, artifact=0.0))
     assert sentence(found, 'no stimulation artifact')
     assert found.twitches.crossing_latency.reference == 'stamp'
     assert len(found.twitches.fits) == 12
@@ -116,7 +111,7 @@ def test_one_twitch_only():
 
 def test_a_saturated_sensor_leaves_the_weaker_twitches():
     pulses = singles()
-    clean_force = force_of(pulses, SensorShares(artifact=0.0))
+    clean_force = force_of(pulses, artifact=0.0)
     limit = 0.9 * clean_force.force.max()
     found = analyze(pulses, ForceTrace(clean_force.stamp_ns, np.minimum(clean_force.force, limit)))
     assert sentence(found, 'the sensor is saturated')
@@ -127,7 +122,7 @@ def test_a_saturated_sensor_leaves_the_weaker_twitches():
 def test_twitches_that_run_into_the_next_are_left_out():
     quick = singles(2, interval=0.42)
     slow = singles(6, start=3.0)
-    pulses = joined(quick, slow)
+    pulses = PulseTrain.joined([quick, slow])
     subject = replace(SUBJECT, time_constant=60e-3)
     force = simulated_force(subject, pulses, 10.0)
     found = analyze(pulses, force)
@@ -140,7 +135,7 @@ def test_twitches_that_run_into_the_next_are_left_out():
 def test_trains_that_overlap_are_said_and_the_rest_is_analysed():
     train = PulseTrain.regular(np.ones(10), 50.0, start_ns=1_000_000_000)
     again = replace(train, onset_ns=train.onset_ns + 450_000_000)
-    pulses = joined(joined(train, again), singles(6, start=5.0))
+    pulses = PulseTrain.joined([train, again, singles(6, start=5.0)])
     found = analyze(pulses, force_of(pulses))
     assert sentence(found, 'begin before the train before has decayed')
     assert len(found.twitches.fits) == 6
@@ -173,30 +168,31 @@ def test_a_sample_rate_that_changes():
     assert found.twitches.time_constant == pytest.approx(SUBJECT.time_constant, rel=0.01)
 
 
-def test_force_that_is_missing_costs_only_its_twitch():
+def kept(first_ns, last_ns):
+    """Return twitches and their force, without the samples between two times."""
     pulses = singles()
     force = force_of(pulses)
-    gap = (force.stamp_ns > 5_100_000_000) & (force.stamp_ns < 5_200_000_000)
-    found = analyze(pulses, ForceTrace(force.stamp_ns[~gap], force.force[~gap]))
-    assert found.twitches.rejected == {'force samples missing': 1}
+    part = (force.stamp_ns < first_ns) | (force.stamp_ns >= last_ns)
+    return analyze(pulses, ForceTrace(force.stamp_ns[part], force.force[part]))
+
+
+@pytest.mark.parametrize(
+    ('first_ns', 'last_ns', 'reason'),
+    [
+        (5_100_000_000, 5_200_000_000, 'force samples missing'),
+        (12_100_000_000, 20_000_000_000, 'recording ends within the response'),
+    ],
+)
+def test_force_that_is_missing_costs_only_its_twitch(first_ns, last_ns, reason):
+    found = kept(first_ns, last_ns)
+    assert found.twitches.rejected == {reason: 1}
     assert len(found.twitches.fits) == 11
 
 
 def test_pulses_outside_the_force_are_left_out():
-    pulses = singles()
-    force = force_of(pulses)
-    part = force.stamp_ns < 6_600_000_000
-    found = analyze(pulses, ForceTrace(force.stamp_ns[part], force.force[part]))
+    found = kept(6_600_000_000, 20_000_000_000)
     assert sentence(found, '6 of 12 pulses lie outside the span of the force')
     assert len(found.twitches.fits) == 6
-
-
-def test_a_recording_that_ends_within_a_twitch():
-    pulses = singles()
-    force = force_of(pulses)
-    part = force.stamp_ns < 12_100_000_000
-    found = analyze(pulses, ForceTrace(force.stamp_ns[part], force.force[part]))
-    assert found.twitches.rejected == {'recording ends within the response': 1}
 
 
 def test_pulses_without_an_answer():
@@ -238,9 +234,7 @@ def test_modulated_trains_are_left_to_identification():
 
 def test_order_of_samples_and_pulses_does_not_matter(twitch_session):
     pulses, force = twitch_session
-    turned = PulseTrain(*(getattr(pulses, name)[::-1] for name in
-                          ('onset_ns', 'intensity', 'sequence', 'width')))  # fmt: skip
-    back = analyze(turned, ForceTrace(force.stamp_ns[::-1], force.force[::-1]))
+    back = analyze(pulses[::-1], ForceTrace(force.stamp_ns[::-1], force.force[::-1]))
     assert back.twitches.shared == analyze(pulses, force).twitches.shared
 
 
@@ -262,8 +256,3 @@ def test_protocol_of_twitches_is_analysed_whole():
     pulses = schedule.pulses()
     found = analyze(pulses, simulated_force(SUBJECT, pulses, schedule.length_s))
     assert [row.count for row in found.twitches.latency.rows] == [2, 2]
-
-
-def joined(one, other):
-    return PulseTrain(*(np.concatenate((getattr(one, name), getattr(other, name))) for name in
-                        ('onset_ns', 'intensity', 'sequence', 'width')))  # fmt: skip

@@ -11,8 +11,8 @@ import pytest
 
 from rpms_ros.identification.analysis import analyze
 from rpms_ros.identification.analysis.dynamics import TrainDynamics, train_dynamics
-from rpms_ros.identification.analysis.latency import force_onset
 from rpms_ros.identification.analysis.responses import Response
+from rpms_ros.identification.analysis.trains import force_onset
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording.importing import read_csv
@@ -97,7 +97,7 @@ def test_recordings_without_a_train_have_none() -> None:
 
 def response(force: np.ndarray, lag: np.ndarray) -> Response:
     usable = np.ones(len(lag), dtype=np.bool_)
-    return Response(np.zeros(1), lag, force, usable, 1.0, np.nan, 0)
+    return Response(np.zeros(1), lag, force, usable, 1.0, np.nan)
 
 
 def test_the_onset_is_that_of_the_force_and_no_single_outlier() -> None:
@@ -107,9 +107,10 @@ def test_the_onset_is_that_of_the_force_and_no_single_outlier() -> None:
     force[130] += 1.0
     found = force_onset(response(force, lag))
     assert found is not None
+    lower, upper = found
     # a slope of 1 N/s passes 4 deviations, 4 mN, 4 ms later, and lies above the baseline soon
-    assert found.lower < 0.020 + 1e-3
-    assert 0.020 < found.value < 0.020 + 6e-3
+    assert lower < 0.020 + 1e-3
+    assert 0.020 < upper < 0.020 + 6e-3
 
 
 def test_noise_hides_an_onset() -> None:
