@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import Topics, read_facts, read_recording, write_recording
 from rpms_ros.recording.rosbag.definitions import FLOAT64, PULSE, WRENCH, WRENCH_STAMPED
-from rpms_ros.recording.rosbag.mcap_files import CHUNK, MAGIC, walk
+from rpms_ros.recording.rosbag.mcap_files import MAGIC, walk
 
 Session = tuple[PulseTrain, ForceTrace]
 WriteWithRosbags = Callable[..., Path]
@@ -129,9 +130,9 @@ def test_wrong_checksum_leaves_the_chunk_out(session: Session, tmp_path: Path) -
     write_recording(path, *session)
     file = storage_file(path)
     content = bytearray(file.read_bytes())
-    frame = walk(np.frombuffer(content, np.uint8), len(MAGIC))
+    frame, _ = walk(np.frombuffer(content, np.uint8), len(MAGIC))
     # Behind the times and the size of the content.
-    place = frame.of_kind(CHUNK)[0][0] + 24
+    place = frame.of_kind(Opcode.CHUNK)[0][0] + 24
     content[place : place + 4] = b'\1\2\3\4'
     file.write_bytes(content)
     with pytest.raises(RecordingError, match=r'expected messages in .*, got none'):

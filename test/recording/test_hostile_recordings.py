@@ -15,12 +15,13 @@ from types import ModuleType
 
 import pytest
 from backports import zstd
+from mcap.opcode import Opcode
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_facts, read_recording, write_recording
 from rpms_ros.recording.importing import read_csv
-from rpms_ros.recording.rosbag.mcap_files import CHANNEL, CHUNK, MAGIC, SCHEMA
+from rpms_ros.recording.rosbag.mcap_files import MAGIC
 from rpms_ros.recording.rosbag.records import Findings
 
 Session = tuple[PulseTrain, ForceTrace]
@@ -39,7 +40,7 @@ def chunk(content_size: int, packed: bytes, compression: str) -> bytes:
     name = compression.encode()
     head = struct.pack('<QQQII', 0, 0, content_size, 0, len(name)) + name
     body = head + struct.pack('<Q', len(packed)) + packed
-    return struct.pack('<BQ', CHUNK, len(body)) + body
+    return struct.pack('<BQ', Opcode.CHUNK, len(body)) + body
 
 
 @cache
@@ -103,14 +104,14 @@ def test_rows_that_are_no_messages_count_too(session: Session, tmp_path: Path) -
         read_facts(file, memory=2_000_000)
 
 
-@pytest.mark.parametrize('kind', [SCHEMA, CHANNEL])
+@pytest.mark.parametrize('kind', [Opcode.SCHEMA, Opcode.CHANNEL])
 def test_so_do_schemas_and_channels(tmp_path: Path, kind: int) -> None:
     path = tmp_path / 'bag.mcap'
     text = struct.pack('<I', 5000) + 5000 * b'x'
     records = []
     for number in range(1, 1001):
         body = struct.pack('<H', number) + text + 2 * struct.pack('<I', 0)
-        if kind == CHANNEL:
+        if kind == Opcode.CHANNEL:
             body = struct.pack('<HH', number, 0) + text + 2 * struct.pack('<I', 0)
         records.append(struct.pack('<BQ', kind, len(body)) + body)
     path.write_bytes(MAGIC + b''.join(records))

@@ -30,9 +30,9 @@ def database(rows: dict[int, tuple[int, int, Any]]) -> apsw.Connection:
 
 def read(connection: apsw.Connection) -> list[tuple[int, int, bytes]]:
     return [
-        (int(batch.topic[index]), int(batch.records.time_ns[index]), batch.records.message(index))
-        for batch in batches(connection)
-        for index in range(len(batch))
+        (int(topic[index]), int(records.time_ns[index]), records.message(index))
+        for topic, records in batches(connection)
+        for index in range(len(records))
     ]
 
 

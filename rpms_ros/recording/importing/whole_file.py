@@ -20,7 +20,7 @@ from rpms_ros.recording.importing.matlab import read_matlab
 from rpms_ros.recording.importing.signals import SignalFile
 from rpms_ros.recording.importing.text import read_text, unused
 from rpms_ros.recording.importing.xdf import read_xdf
-from rpms_ros.recording.rosbag.files import READERS
+from rpms_ros.recording.rosbag.scan import READERS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -353,13 +353,13 @@ def _facts(
 ) -> RecordingFacts:
     return RecordingFacts(
         scan.path,
-        scan.files.storage,
+        scan.storage,
         tuple(scan.topics[key] for key in sorted(scan.topics)),
         frame_ids or {},
-        scan.files.custom,
+        scan.custom,
         dict(scan.findings.counts),
         tuple(scan.findings.remarks),
-        tuple(path.name for path in scan.files.paths),
+        tuple(path.name for path in scan.paths),
         schedules.schedules,
     )
 

@@ -1,25 +1,30 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Raw records: bytes of many messages of one topic, not yet decoded.
+"""What a reader of a recording gives: raw messages, not yet decoded, and what is wrong with them.
 
-Raw messages of several topics in one order, ready to be written.
-
-What was found wrong with a recording while reading what can be read.
-
-How much may be made of a recording: small files that unpack into enormous ones are refused.
+How much may be made of a recording is bounded: small files that unpack into enormous ones are
+refused.  Of a part that is cut off or damaged, as much is unpacked as comes before the damage.
 """
 
+import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from lz4 import frame as lz4  # type: ignore[import-untyped]
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
 from rpms_ros.pulses import IntArray
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
 
 ByteArray = npt.NDArray[np.uint8]
 
@@ -96,12 +101,6 @@ class Records:
         return cls(np.frombuffer(b''.join(messages), np.uint8), start, end, time_ns, place)
 
 
-def windows(buffer: ByteArray, kind: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return a view with one value of type `kind` from every byte on, aligned or not."""
-    kind = np.dtype(kind)
-    return np.ndarray((max(0, len(buffer) - kind.itemsize + 1),), kind, buffer, strides=(1,))
-
-
 def gather(buffer: ByteArray, position: IntArray, kind: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return the values of type `kind` that start at these positions, aligned or not.
 
@@ -118,68 +117,19 @@ def gather(buffer: ByteArray, position: IntArray, kind: npt.DTypeLike) -> npt.ND
     -------
     ndarray of `kind`, shape (values,)
     """
-    return windows(buffer, kind)[position]
+    kind = np.dtype(kind)
+    count = max(0, len(buffer) - kind.itemsize + 1)
+    return np.ndarray((count,), kind, buffer, strides=(1,))[position]
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Messages with the numbers of their topics.
-
-    Attributes
-    ----------
-    topic : ndarray of int64, shape (messages,)
-        Number of the topic that the writer gave.
-    records : Records
-        The messages.
-    """
-
-    topic: IntArray
-    records: Records
-
-    def __len__(self) -> int:
-        return len(self.topic)
-
-
-def merged(topics: Mapping[int, Records]) -> Batch:
-    """Return the messages of several topics in the order of reception.
-
-    The order within a topic is kept, also where its clock was set back.  If that happened equally
-    often in every topic, what came after it is merged by the times after it.  At equal times the
-    topic that comes first in `topics` is first: give pulses before forces.
-    """
-    records = list(topics.values())
-    shift = np.cumsum([0, *(len(part.buffer) for part in records)])
-    number = [np.full(len(part), key, np.int64) for key, part in topics.items()]
-    time_ns = _joined([part.time_ns for part in records])
-    order = _order_of_reception([part.time_ns for part in records])
-    begins = [part.start + offset for part, offset in zip(records, shift, strict=False)]
-    ends = [part.end + offset for part, offset in zip(records, shift, strict=False)]
-    whole = Records(
-        np.concatenate([part.buffer for part in records]), _joined(begins), _joined(ends), time_ns
-    )
-    return Batch(_joined(number)[order], whole.select(order))
-
-
-def _order_of_reception(times_ns: Sequence[IntArray]) -> IntArray:
-    """Return what sorts the joined times of all topics without changing the order within one."""
-    lines = [
-        np.cumsum(np.diff(times, prepend=times[:1]) < 0, dtype=np.int64) for times in times_ns
-    ]
-    if len({int(line[-1]) for line in lines if len(line)}) > 1:
-        rising = [np.maximum.accumulate(times) for times in times_ns]
-        return np.argsort(_joined(rising), kind='stable')
-    return np.lexsort((_joined(times_ns), _joined(lines)))
-
-
-def _joined(parts: Sequence[IntArray]) -> IntArray:
-    return np.concatenate(parts) if parts else np.empty(0, np.int64)
+Batch = tuple[IntArray, Records]
+"""Numbers of the topics that the writer gave (messages,), and the messages."""
 
 
 # A file of damaged chunks must not become a screen full of lines, nor a memory full of them.
 _MOST_REMARKS = 10
 
 
-@dataclass
 class Findings:
     """Faults by kind, and one line for people on each.
 
@@ -189,9 +139,10 @@ class Findings:
         How often each kind of fault was met, such as ``truncated_file``.
     """
 
-    counts: Counter[str] = field(default_factory=Counter)
-    _remarks: dict[str, list[str]] = field(default_factory=dict)
-    _left_out: Counter[str] = field(default_factory=Counter)
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self._remarks: dict[str, list[str]] = {}
+        self._left_out: Counter[str] = Counter()
 
     def add(self, kind: str, remark: str, count: int = 1) -> None:
         """Count a fault and note it in words."""
@@ -207,9 +158,8 @@ class Findings:
         """Lines that name what is missing or odd, a few of each kind."""
         lines: list[str] = []
         for kind, remarks in self._remarks.items():
-            lines += remarks
-            if more := self._left_out[kind]:
-                lines.append(f'{more} more of {kind}')
+            more = self._left_out[kind]
+            lines += [*remarks, *([f'{more} more of {kind}'] if more else [])]
         return lines
 
 
@@ -298,3 +248,69 @@ class Budget:
             f'expected a recording that can be read within {self.memory / 1e9:.3g} GB '
             f'(--max-memory allows more), got {found}'
         )
+
+
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+_BLOCK = 1 << 20
+# Of a damaged frame, so much at once: no more than this is lost before the damage.
+_STEP = 1 << 16
+_ERRORS = (zstd.ZstdError, RuntimeError, EOFError, MemoryError)
+
+DECOMPRESSORS: dict[str, Callable[[], Any]] = {
+    'lz4': lz4.LZ4FrameDecompressor,
+    'zstd': zstd.ZstdDecompressor,
+}
+"""What unpacks a chunk, by the name that mcap has for its compression."""
+
+
+def unpacked(data: bytes | memoryview, compression: str, limit: int) -> bytes:
+    """Return the content, at most `limit` bytes; of damaged data what comes before the damage.
+
+    Parameters
+    ----------
+    data : bytes
+        Packed bytes, of one frame or several.
+    compression : str
+        A key of `DECOMPRESSORS`.
+    limit : int
+        Never more than this is made, whatever the data say [bytes].
+    """
+    parts: list[bytes] = []
+    decompressor = DECOMPRESSORS[compression]()
+    for begin in range(0, len(data), _STEP):
+        packed = data[begin : begin + _STEP]
+        while packed and limit > 0:
+            try:
+                parts.append(decompressor.decompress(packed, max_length=limit))
+            except _ERRORS:
+                return b''.join(parts)
+            limit -= len(parts[-1])
+            packed = b''
+            if decompressor.eof:
+                packed = decompressor.unused_data or b''
+                decompressor = DECOMPRESSORS[compression]()
+    return b''.join(parts)
+
+
+def unpack_file(packed: Path, target: Path, limit: int) -> bool | None:
+    """Write the content of a zstd file to `target`.
+
+    Returns
+    -------
+    bool or None
+        Whether the file was complete; None if its content is larger than `limit` [bytes], in
+        which case no more than that was written.
+    """
+    written = 0
+    with zstd.open(packed, 'rb') as source, target.open('wb') as sink:
+        while True:
+            try:
+                block = source.read1(_BLOCK)
+            except _ERRORS:
+                return False
+            if not block:
+                return True
+            written += len(block)
+            if written > limit:
+                return None
+            sink.write(block)

@@ -1,24 +1,42 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""All messages of a recording, block by block, with what is found about its topics on the way."""
+"""One pass over a recording: its files, and all messages with what is found about its topics.
 
+A recording is a folder with metadata.yaml, one without, or a file by itself.
+"""
+
+import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording.rosbag.checksums import file_crc32
-from rpms_ros.recording.rosbag.compression import ZSTD_MAGIC, unpacked
-from rpms_ros.recording.rosbag.files import RecordingFiles, find_files, opened
-from rpms_ros.recording.rosbag.metadata import NAME as METADATA
-from rpms_ros.recording.rosbag.records import Batch, Budget, Channel, Findings, Records, gather
+from rpms_ros.recording.rosbag.mcap_files import McapFile
+from rpms_ros.recording.rosbag.metadata import CRC_KEY, NAME as METADATA, read_metadata
+from rpms_ros.recording.rosbag.records import (
+    ZSTD_MAGIC,
+    Batch,
+    Budget,
+    Channel,
+    Findings,
+    Records,
+    gather,
+    unpack_file,
+    unpacked,
+)
+from rpms_ros.recording.rosbag.sqlite_files import SqliteFile
 
 Progress = Callable[[int], None]
 """Is told how many messages were read since the last call."""
-
+READERS: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
+_PACKED_SUFFIX = '.zstd'
 _SILENT_NS = NANOSECONDS_PER_SECOND // 2
 
 
@@ -60,31 +78,57 @@ class TopicFacts:
         )
 
 
-@dataclass
 class Scan:
     """One pass over a recording.
 
-    Attributes
+    Parameters
     ----------
     path : Path
         Folder or file.
     memory : int or None
         What reading may take [bytes]; None for 1 GB and four times the size of the recording.
+
+    Attributes
+    ----------
+    paths : list of Path
+        Storage files that are there, in their order.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    custom : dict of str to str
+        What the writer noted for people.
     findings : Findings
         Faults, complete after the pass.
     topics : dict of (topic, type) to TopicFacts
-        Complete after the pass.
+        Complete after the pass; with topics without messages, as metadata.yaml tells.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing that could be read.
     """
 
-    path: Path
-    memory: int | None = None
-    findings: Findings = field(default_factory=Findings)
-    topics: dict[tuple[str, str], TopicFacts] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
+    def __init__(self, path: Path, memory: int | None = None) -> None:
+        self.path = path
+        self.findings = Findings()
         self._count = 0
-        self.files: RecordingFiles = find_files(self.path, self.findings)
-        self.budget = Budget(self.files.size, self.memory)
+        try:
+            self.paths, metadata = _found(path, self.findings)
+            size = sum(file.stat().st_size for file in self.paths)
+        except OSError as error:
+            raise RecordingError(f'expected a recording that may be read, got {error}') from error
+        self.budget = Budget(size, memory)
+        self.storage = 'mcap' if _suffix(self.paths[0]) == '.mcap' else 'sqlite3'
+        named = metadata.get('storage_identifier', self.storage)
+        if named != self.storage:
+            remark = f'{METADATA} names the storage {named!r:.40}, got files of {self.storage}'
+            self.findings.add('damaged_metadata', remark)
+        custom = metadata.get('custom_data') or {}
+        self.custom = {str(key): str(value) for key, value in custom.items()}
+        self._crc32 = self.custom.pop(CRC_KEY, '')
+        self._stated = metadata.get('message_count')
+        entries = [one['topic_metadata'] for one in metadata.get('topics_with_message_count', [])]
+        keys = [(entry['name'], entry['type']) for entry in entries]
+        self.topics: dict[tuple[str, str], TopicFacts] = {key: TopicFacts(*key) for key in keys}
 
     def blocks(self, progress: Progress | None = None) -> Iterator[tuple[Channel, Records]]:
         """Yield the messages in the order of the files.
@@ -94,62 +138,65 @@ class Scan:
         RecordingError
             If no file of the recording can be read.
         """
-        for name, type_name in self.files.topics.items():
-            self.topics[name, type_name] = TopicFacts(name, type_name)
-        for path in self.files.paths:
+        for path in self.paths:
             try:
                 yield from self._file(path, progress)
             except (RecordingError, OSError) as error:
-                if len(self.files.paths) == 1:
-                    raise _one_class(error) from error
+                if len(self.paths) == 1:
+                    raise RecordingError(str(error)) from error
                 self.findings.add('unreadable_file', f'{path.name} left out: {error}')
-        stated = self.files.message_count
-        if stated not in (None, self._count) and not self.findings.counts:
-            remark = f'{METADATA} states {stated} messages, got {self._count}'
+        if self._stated not in (None, self._count) and not self.findings.counts:
+            remark = f'{METADATA} states {self._stated} messages, got {self._count}'
             self.findings.add('wrong_count', remark)
 
     def _file(self, path: Path, progress: Progress | None) -> Iterator[tuple[Channel, Records]]:
-        self._check_sum(path)
-        with opened(path, self.findings, self.budget) as file:
+        # mcap has checksums of its own
+        stated = re.fullmatch('[0-9a-f]{8}', self._crc32)
+        if stated and file_crc32(path) != int(self._crc32, 16):
+            self.findings.add('wrong_checksum', f'the checksum of {path.name} does not fit')
+        with self._opened(path) as file:
             for batch in file.batches():
                 for number, records in self._placed(batch):
                     if number not in file.channels:
-                        self._unknown(path, number, len(records))
+                        remark = f'messages of topic number {number} left out: {path.name} '
+                        remark += 'does not describe it'
+                        self.findings.add('unknown_channel', remark, len(records))
                         continue
                     channel = file.channels[number]
-                    self._facts(channel)
                     key = channel.topic, channel.type_name
-                    self.topics[key] = self.topics[key].with_records(records)
+                    facts = self.topics.get(key, TopicFacts(*key))
+                    self.topics[key] = facts.with_records(records)
                     if progress:
                         progress(len(records))
                     yield channel, _unpacked(records, self.budget)
             for channel in file.channels.values():
-                self._facts(channel)
+                key = channel.topic, channel.type_name
+                self.topics.setdefault(key, TopicFacts(*key))
+
+    @contextmanager
+    def _opened(self, path: Path) -> Iterator[McapFile | SqliteFile]:
+        """Open one file, unpacked first if it is packed as a whole."""
+        reader = READERS[_suffix(path)]
+        if path.suffix != _PACKED_SUFFIX:
+            yield reader(path, self.findings, self.budget)
+            return
+        with TemporaryDirectory() as folder:
+            plain = Path(folder, path.stem)
+            complete = unpack_file(path, plain, self.budget.memory)
+            if complete is None:
+                raise self.budget.exceeded(f'{path.name}, which unpacks into more')
+            if not complete:
+                self.findings.add('truncated_file', f'{path.name} is cut off or damaged')
+            yield reader(plain, self.findings, self.budget)
 
     def _placed(self, batch: Batch) -> Iterator[tuple[int, Records]]:
         """Yield the messages of each topic with its number, and count their places."""
-        place = np.arange(self._count, self._count + len(batch), dtype=np.int64)
-        self._count += len(batch)
-        whole = replace(batch.records, place=place)
-        for number in np.unique(batch.topic).tolist():
-            yield number, whole.select(batch.topic == number)
-
-    def _check_sum(self, path: Path) -> None:
-        """Compare a sqlite3 file, which has no checksums of its own, with the stated one."""
-        if self.files.crc32 is not None and file_crc32(path) != self.files.crc32:
-            self.findings.add('wrong_checksum', f'the checksum of {path.name} does not fit')
-
-    def _unknown(self, path: Path, number: int, count: int) -> None:
-        remark = f'messages of topic number {number} left out: {path.name} does not describe it'
-        self.findings.add('unknown_channel', remark, count)
-
-    def _facts(self, channel: Channel) -> None:
-        key = channel.topic, channel.type_name
-        self.topics.setdefault(key, TopicFacts(*key))
-
-
-def _one_class(error: Exception) -> RecordingError:
-    return error if isinstance(error, RecordingError) else RecordingError(str(error))
+        topic, records = batch
+        place = np.arange(self._count, self._count + len(topic), dtype=np.int64)
+        self._count += len(topic)
+        whole = replace(records, place=place)
+        for number in np.unique(topic).tolist():
+            yield number, whole.select(topic == number)
 
 
 def _unpacked(records: Records, budget: Budget) -> Records:
@@ -166,3 +213,53 @@ def _unpacked(records: Records, budget: Budget) -> Records:
             budget.unpack(len(message), 'a message')
         messages.append(message)
     return Records.of(messages, records.time_ns, records.place)
+
+
+def _found(path: Path, findings: Findings) -> tuple[list[Path], dict[str, Any]]:
+    """Return the storage files, and what metadata.yaml tells."""
+    if not path.exists():
+        raise RecordingError(f'expected a recording at {path}, got no such file or folder')
+    metadata: dict[str, Any] = {}
+    paths = [path] if _is_storage(path) else []
+    if path.is_dir():
+        metadata = read_metadata(path / METADATA, findings)
+        paths = _listed(path, metadata, findings)
+        # Part 2 before part 10.
+        paths = paths or sorted(filter(_is_storage, path.iterdir()), key=_natural_order)
+    elif paths:
+        # Of the metadata beside a file only the notes, and only if they are its own.
+        beside = read_metadata(path.with_name(METADATA), Findings())
+        if beside.get('relative_file_paths') == [path.name] and 'custom_data' in beside:
+            metadata = {'custom_data': beside['custom_data']}
+    if not paths:
+        named = metadata.get('storage_identifier')
+        other = f' ({METADATA} names the storage {named!r:.40})' if named else ''
+        if path.is_file():
+            other = '; `rpms import` makes a recording of a table or of a file of other software'
+        raise RecordingError(f'expected .mcap or .db3 files at {path}, got none{other}')
+    return paths, metadata
+
+
+def _listed(folder: Path, metadata: dict[str, Any], findings: Findings) -> list[Path]:
+    """Return the files that the metadata name and that exist."""
+    paths = [folder / Path(name).name for name in metadata.get('relative_file_paths', [])]
+    for path in paths:
+        if not _is_storage(path):
+            findings.add('missing_file', f'{path.name} is named in {METADATA} but not there')
+    return [path for path in paths if _is_storage(path)]
+
+
+def _natural_order(path: Path) -> list[tuple[int, str]]:
+    parts = re.split(r'(\d+)', path.name)
+    return [(int(part), '') if part.isdigit() else (-1, part) for part in parts]
+
+
+def _is_storage(path: Path) -> bool:
+    # Not a pipe, which would be waited for, nor a device.
+    return bool(_suffix(path)) and path.is_file()
+
+
+def _suffix(path: Path) -> str:
+    """Return the suffix of the storage, or nothing."""
+    name = path.name.removesuffix(_PACKED_SUFFIX)
+    return next((suffix for suffix in READERS if name.endswith(suffix)), '')

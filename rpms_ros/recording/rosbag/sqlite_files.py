@@ -1,15 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Topics and raw messages of a sqlite3 file of rosbag2, complete, hot or cut off.
+"""Topics and raw messages of a sqlite3 file of rosbag2, complete, hot or cut off; files written.
 
-Messages out of a sqlite3 file, thousands at a time.
-
-A row that becomes Python objects costs a microsecond.  Concatenated by SQLite, a batch is a few
-objects: the data of all its rows in one, and their lengths, times, topics and ids as text.  Every
-aggregate of a query sees the rows in the same order, whichever it is, and the ids tell it.  A
-batch that does not add up, or is damaged, is read row by row.
-
-A sqlite3 file of rosbag2; what was committed survives a killed writer.
+A row that becomes Python objects costs a microsecond: reading an hour at 1 kHz row by row takes
+more than twice as long.  Concatenated by SQLite, a batch is a few objects: the data of all its
+rows in one, and their lengths, times, topics and ids as text.  Every aggregate of a query sees the
+rows in the same order, whichever it is, and the ids tell it.  A batch that does not add up, or is
+damaged, is read row by row.  The SQLite of apsw, which rosbags needs too, is the quicker one.
 """
 
 import os
@@ -35,7 +32,6 @@ _SINGLE_ROWS = 1000
 # Larger batches, as of images beside the force, are read row by row.
 _LARGEST = 1 << 25
 _RANGE = 'FROM messages WHERE id BETWEEN ? AND ?'
-_NEXT = 'SELECT min(id) FROM messages WHERE id > ?'
 _PACKED = (
     "SELECT CAST(group_concat(data, '') AS BLOB), group_concat(length(data)), "
     f'group_concat(timestamp), group_concat(topic_id), group_concat(id) {_RANGE}'
@@ -52,7 +48,7 @@ def batches(connection: apsw.Connection) -> Iterator[Batch]:
     apsw.Error
         Where the file is damaged, after what comes before it.
     """
-    begin = _one(connection, 'SELECT min(id) FROM messages')[0]
+    ((begin,),) = connection.execute('SELECT min(id) FROM messages')
     while begin is not None:
         end = min(begin + _ROWS - 1, _LAST_ID)
         packed = _packed(connection, begin, end)
@@ -60,18 +56,14 @@ def batches(connection: apsw.Connection) -> Iterator[Batch]:
             yield from _singly(connection, begin, end)
         else:
             yield packed
-        begin = _one(connection, _NEXT, end)[0]
-
-
-def _one(connection: apsw.Connection, query: str, *values: int) -> tuple[Any, ...]:
-    return tuple(connection.execute(query, values).fetchall()[0])
+        ((begin,),) = connection.execute('SELECT min(id) FROM messages WHERE id > ?', (end,))
 
 
 def _packed(connection: apsw.Connection, begin: int, end: int) -> Batch | None:
     """Return a batch, or None if it has to be read row by row."""
     usual = connection.limit(apsw.SQLITE_LIMIT_LENGTH, _LARGEST)
     try:
-        data, *texts = _one(connection, _PACKED, begin, end)
+        ((data, *texts),) = connection.execute(_PACKED, (begin, end))
     except apsw.Error:
         return None
     finally:
@@ -85,37 +77,35 @@ def _packed(connection: apsw.Connection, begin: int, end: int) -> Batch | None:
     stop = np.cumsum(length)
     records = Records(np.frombuffer(data, np.uint8), stop - length, stop, time_ns)
     order = np.argsort(number, kind='stable')
-    return Batch(topic[order], records.select(order))
+    return topic[order], records.select(order)
 
 
 def _singly(connection: apsw.Connection, begin: int, end: int) -> Iterator[Batch]:
+    """Yield rows; what is not of its type cannot be decoded, or belongs nowhere."""
     cursor = connection.execute(_SINGLE, (begin, end))
-    while True:
+    failure: apsw.Error | None = None
+    while failure is None:
         rows: list[tuple[Any, ...]] = []
         try:
             rows.extend(islice(cursor, _SINGLE_ROWS))
-        except apsw.Error:
-            if rows:
-                yield _of_rows(rows)
-            raise
-        if not rows:
+        except apsw.Error as error:
+            failure = error
+        if rows:
+            topics, times, messages = zip(*rows, strict=True)
+            data = [message if isinstance(message, bytes) else b'' for message in messages]
+            yield _whole(topics), Records.of(data, _whole(times))
+        elif failure is None:
             return
-        yield _of_rows(rows)
-
-
-def _of_rows(rows: list[tuple[Any, ...]]) -> Batch:
-    """Return rows as a batch; what is not of its type cannot be decoded, or belongs nowhere."""
-    topics, times, messages = zip(*rows, strict=True)
-    data = [message if isinstance(message, bytes) else b'' for message in messages]
-    return Batch(_whole(topics), Records.of(data, _whole(times)))
+    raise failure
 
 
 def _whole(values: tuple[Any, ...]) -> IntArray:
     return np.array([value if isinstance(value, int) else -1 for value in values], np.int64)
 
 
-MAGIC = b'SQLite format 3\0'
-JOURNALS = ('-journal', '-wal')
+_MAGIC = b'SQLite format 3\0'
+_JOURNALS = ('-journal', '-wal')
+_TABLES_READ = 'topics', 'messages', 'message_definitions', 'metadata', 'schema'
 # A topic as objects, without its texts [bytes].
 _ROW = 1000
 
@@ -152,118 +142,89 @@ class SqliteFile:
         self._budget = budget
         self.channels: dict[int, Channel] = {}
         with path.open('rb') as file:
-            magic = file.read(len(MAGIC))
-        if magic != MAGIC:
+            head = file.read(32)
+        magic = head[: len(_MAGIC)]
+        if magic != _MAGIC:
             found = repr(magic) if magic else 'an empty file'
             raise RecordingError(f'expected a sqlite3 file at {path}, got {found}')
+        size = int.from_bytes(head[16:18], 'big')
+        # 1 stands for 65536.
+        self._page_size = 65536 if size < 2 else size
+        self._promised_size = int.from_bytes(head[28:], 'big') * self._page_size
 
     def batches(self) -> Iterator[Batch]:
         """Yield the messages in the order of the file."""
-        hot = [name for name in JOURNALS if _size(_beside(self._path, name))]
-        size, promised = _size(self._path), _promised_size(self._path)
-        if not hot and size >= promised:
+        journals = [self._path.with_name(self._path.name + name) for name in _JOURNALS]
+        hot = [path for path in journals if path.exists() and path.stat().st_size]
+        size = self._path.stat().st_size
+        if not hot and size >= self._promised_size:
             yield from self._read(f'{self._path.resolve().as_uri()}?mode=ro&immutable=1')
             return
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder, self._path.name)
-            shutil.copyfile(self._path, copy)
+            for path in (self._path, *hot):
+                shutil.copyfile(path, copy.with_name(path.name))
             if hot:
-                self._findings.add(
-                    'hot_journal',
-                    f'{self._path.name} was not closed: recovered from its {hot[0][1:]}',
-                )
-                for name in hot:
-                    shutil.copyfile(_beside(self._path, name), _beside(copy, name))
+                suffix = hot[0].name.rpartition('-')[2]
+                found = f'{self._path.name} was not closed: recovered from its {suffix}'
+                self._findings.add('hot_journal', found)
             else:
-                self._findings.add(
-                    'truncated_file', f'{self._path.name} has {size} of {promised} bytes'
-                )
+                found = f'{self._path.name} has {size} of {self._promised_size} bytes'
+                self._findings.add('truncated_file', found)
                 # Half a page would read as messages full of zeros.
-                os.truncate(copy, size - size % _page_size(self._path))
+                os.truncate(copy, size - size % self._page_size)
             yield from self._read(copy.as_uri(), cut_off=not hot)
 
     def _read(self, uri: str, cut_off: bool = False) -> Iterator[Batch]:
         flags = apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_URI
+        name = self._path.name
         try:
             with closing(apsw.Connection(uri, flags)) as connection:
                 if cut_off:
                     # Lets SQLite open a file that is shorter than its header says.
                     connection.execute('PRAGMA writable_schema = ON')
-                _expect_tables(connection)
-                self.channels = _channels(connection, self._budget)
-                if not cut_off and not _is_finished(connection):
-                    self._findings.add(
-                        'truncated_file', f'{self._path.name} has no end: its writer stopped'
-                    )
-                yield from self._messages(connection)
+                tables = _tables(connection)
+                self.channels = _channels(connection, tables, self._budget)
+                if 'metadata' in tables and not cut_off:
+                    # The writer puts them behind the last message.
+                    ((count,),) = connection.execute('SELECT count(*) FROM metadata')
+                    if not count:
+                        found = f'{name} has no end: its writer stopped'
+                        self._findings.add('truncated_file', found)
+                try:
+                    yield from batches(connection)
+                except (apsw.Error, ValueError) as error:
+                    found = f'{name} cannot be read to its end: {error}'
+                    self._findings.add('truncated_file', found)
         except (apsw.Error, TypeError, ValueError) as error:
             raise RecordingError(
                 f'expected tables of rosbag2 in {self._path}, got {error}'
             ) from error
 
-    def _messages(self, connection: apsw.Connection) -> Iterator[Batch]:
-        try:
-            yield from batches(connection)
-        except (apsw.Error, ValueError) as error:
-            self._findings.add(
-                'truncated_file', f'{self._path.name} cannot be read to its end: {error}'
-            )
 
-
-def _beside(path: Path, suffix: str) -> Path:
-    return path.with_name(path.name + suffix)
-
-
-def _size(path: Path) -> int:
-    return path.stat().st_size if path.exists() else 0
-
-
-def _page_size(path: Path) -> int:
-    """Return the page size that the header states [bytes]; 1 stands for 65536."""
-    with path.open('rb') as file:
-        size = int.from_bytes(file.read(18)[16:], 'big')
-    return 65536 if size < 2 else size
-
-
-def _promised_size(path: Path) -> int:
-    """Return the size of the file that the header states [bytes]."""
-    with path.open('rb') as file:
-        return int.from_bytes(file.read(32)[28:], 'big') * _page_size(path)
-
-
-def _expect_tables(connection: apsw.Connection) -> None:
-    """Refuse views and virtual tables, which may have rows without end."""
-    kinds = dict(connection.execute('SELECT name, type FROM sqlite_master ORDER BY type'))
-    virtual = [
-        name
-        for (name,) in connection.execute(
-            "SELECT name FROM sqlite_master WHERE sql LIKE 'create virtual%'"
-        )
-    ]
-    for name in ('topics', 'messages', 'message_definitions', 'metadata', 'schema'):
-        if kinds.get(name, 'table') != 'table' or name in virtual:
+def _tables(connection: apsw.Connection) -> set[str]:
+    """Return the names of all tables; refuse views and virtual ones, which may never end."""
+    virtual = "coalesce(sql, '') LIKE 'create virtual%'"
+    found = list(connection.execute(f'SELECT name, type, {virtual} FROM sqlite_master'))
+    for name, kind, is_virtual in found:
+        if name in _TABLES_READ and (kind != 'table' or is_virtual):
             raise apsw.SQLError(f'{name} is no plain table')
+    return {name for name, _, _ in found}
 
 
-def _is_finished(connection: apsw.Connection) -> bool:
-    """Tell whether the writer came to its end, where it says so behind the last message."""
-    tables = {name for (name,) in connection.execute('SELECT name FROM sqlite_master')}
-    return 'metadata' not in tables or bool(
-        connection.execute('SELECT count(*) FROM metadata').fetchall()[0][0]
-    )
-
-
-def _channels(connection: apsw.Connection, budget: Budget) -> dict[int, Channel]:
+def _channels(connection: apsw.Connection, tables: set[str], budget: Budget) -> dict[int, Channel]:
     definitions: dict[str, tuple[str, str]] = {}
-    tables = {name for (name,) in connection.execute('SELECT name FROM sqlite_master')}
     if 'message_definitions' in tables:
         query = 'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions'
-        definitions = {
-            name: (text, encoding) for name, text, encoding in _rows(connection, query, budget)
-        }
+        definitions = {name: (text, how) for name, text, how in _rows(connection, query, budget)}
     query = 'SELECT id, name, type, serialization_format FROM topics'
     return {
-        number: Channel(topic, kind, *definitions.get(kind, ('', 'ros2msg')), serialization)
+        number: Channel(
+            topic,
+            kind,
+            *definitions.get(kind, ('', 'ros2msg')),
+            serialization,
+        )
         for number, topic, kind, serialization in _rows(connection, query, budget)
     }
 
@@ -322,23 +283,17 @@ class SqliteFileWriter:
         channel = topic.channel
         if channel.type_name not in self._types:
             self._types.add(channel.type_name)
-            self._connection.execute(
-                'INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, ?)',
-                (channel.type_name, channel.definition_encoding, channel.definition, topic.digest),
-            )
-        cursor = self._connection.execute(
-            'INSERT INTO topics VALUES (NULL, ?, ?, ?, ?, ?)',
-            (
-                channel.topic,
-                channel.type_name,
-                channel.serialization,
-                qos_text(topic.qos),
-                topic.digest,
-            ),
-        )
-        number = int(cursor.lastrowid or 0)
+            described = channel.type_name, channel.definition_encoding, channel.definition
+            self._insert('message_definitions', None, *described, topic.digest)
+        named = channel.topic, channel.type_name, channel.serialization
+        number = self._insert('topics', None, *named, qos_text(topic.qos), topic.digest)
         self._connection.commit()
         return number
+
+    def _insert(self, table: str, *row: str | int | None) -> int:
+        places = ', '.join('?' * len(row))
+        cursor = self._connection.execute(f'INSERT INTO {table} VALUES ({places})', row)
+        return int(cursor.lastrowid or 0)
 
     def append(self, topic: int, time_ns: int, message: bytes | memoryview) -> None:
         """Take one message; it is written with the next `flush`, or earlier if many wait."""
@@ -356,9 +311,7 @@ class SqliteFileWriter:
         """Write what waits, the metadata and the index, and close the file."""
         try:
             self.flush()
-            self._connection.execute(
-                'INSERT INTO metadata VALUES (NULL, ?, ?)', (VERSION, metadata)
-            )
+            self._insert('metadata', None, VERSION, metadata)
             self._connection.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
             self._connection.commit()
             # One file at rest, as ros2 bag leaves it.

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One topic out of a recording, decoded while the recording is read.
 
-Numbers out of many CDR records at once, with the slow way for records that are not alike.
-
-Records that are laid out alike, found without decoding them.
+Records that are laid out alike are found without decoding them, and read as an array; the others
+are decoded by rosbags, one by one.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,106 +17,27 @@ from rosbags.serde import SerdeError
 
 from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.recording.rosbag.definitions import (
-    ENCAPSULATION,
     FLOAT64,
-    LENGTH_SIZE,
+    LENGTH,
     PULSE,
     WRENCH,
     WRENCH_STAMPED,
-    Layout,
+    Field,
     differs_from_known,
-    field_paths,
-    layout_of,
+    fields_of,
+    has_fixed_places,
+    record_type,
     types_of,
 )
 from rpms_ros.recording.rosbag.records import Channel, Records, gather
 from rpms_ros.recording.rosbag.scan import Scan
 
 # Middlewares round the length of a message up to a multiple of four.
-LARGEST_PADDING = 3
-ByteOrder = Literal['<', '>']
-# Second byte of the encapsulation: plain CDR in either byte order.
-_BYTE_ORDERS: tuple[tuple[int, ByteOrder], ...] = ((1, '<'), (0, '>'))
-
-
-@dataclass(frozen=True)
-class Group:
-    """Records of one byte order whose string has one length.
-
-    Attributes
-    ----------
-    chosen : slice or ndarray of int64
-        Which records.
-    order : str
-        ``<`` or ``>``, as NumPy writes it.
-    string_length : int
-        Length of the string with its closing NUL [bytes]; 0 where the message has none.
-    """
-
-    chosen: slice | IntArray
-    order: ByteOrder
-    string_length: int
-
-
-def alike(records: Records, layout: Layout) -> Iterator[Group]:
-    """Yield groups of well-formed records; those that belong to no group are malformed.
-
-    Parameters
-    ----------
-    records : Records
-        Messages of one type.
-    layout : Layout
-        Of that type.
-    """
-    if not len(records):
-        return
-    first_need = max(ENCAPSULATION, layout.string_length_at + LENGTH_SIZE if layout.string else 0)
-    readable = np.flatnonzero(records.end - records.start >= first_need)
-    encapsulation = gather(records.buffer, records.start[readable], '>u2')
-    for code, order in _BYTE_ORDERS:
-        index = readable[encapsulation == code]
-        length = _string_lengths(records, layout, index, order)
-        for value in _different(length):
-            chosen = _well_formed(records, layout, index[length == value], value)
-            if len(chosen):
-                whole = len(chosen) == len(records)
-                yield Group(slice(None) if whole else chosen, order, value)
-
-
-def _string_lengths(
-    records: Records, layout: Layout, index: IntArray, order: ByteOrder
-) -> IntArray:
-    """Return the lengths of the string (index,) [bytes]; what cannot be is -1."""
-    if not layout.string:
-        return np.zeros(len(index), np.int64)
-    start = records.start[index]
-    length = gather(records.buffer, start + layout.string_length_at, f'{order}u4').astype(np.int64)
-    possible = (length > 0) & (length <= records.end[index] - start)
-    return np.where(possible, length, -1)
-
-
-def _different(length: IntArray) -> list[int]:
-    if len(length) and (length == length[0]).all():
-        length = length[:1]
-    return [int(value) for value in np.unique(length) if value >= 0]
-
-
-def _well_formed(
-    records: Records, layout: Layout, index: IntArray, string_length: int
-) -> IntArray:
-    """Return those of the records that end where they should and close their string."""
-    places = layout.places(string_length)
-    spare = records.end[index] - records.start[index] - places.end
-    index = index[(spare >= 0) & (spare <= LARGEST_PADDING)]
-    if layout.string:
-        last = records.start[index] + (places.offset[layout.string] + string_length - 1)
-        index = index[gather(records.buffer, last, 'u1') == 0]
-    return index
-
-
-BoolArray = npt.NDArray[np.bool_]
+_LARGEST_PADDING = 3
+# Plain CDR in either byte order.
+_BYTE_ORDERS: tuple[tuple[int, Literal['<', '>']], ...] = ((1, '<'), (0, '>'))
 
 
 @dataclass
@@ -163,77 +83,85 @@ class Decoder:
                 f'expected serialization cdr on topic {channel.topic}, '
                 f'got {channel.serialization or "none"}'
             )
-        self._channel = channel
+        self._type_name = channel.type_name
         self._types = types_of(channel.type_name, channel.definition, channel.definition_encoding)
-        self._wanted = tuple(wanted)
         self._string = string
-        self._layout = layout_of(self._types, channel.type_name)
+        self._fields = fields_of(self._types, channel.type_name)
         self.differs = differs_from_known(channel.type_name, self._types)
-        self._expect_fields()
-
-    def _expect_fields(self) -> None:
-        paths = field_paths(self._types, self._channel.type_name)
-        named = [*self._wanted, *([self._string] if self._string else [])]
-        if missing := [path for path in named if path not in paths]:
+        plain = {one.path: one for one in self._fields if one.count == 1}
+        self._kinds = {path: plain[path].number for path in wanted if path in plain}
+        missing = [path for path in wanted if self._kinds.get(path) is None]
+        missing += [string] if string and string not in plain else []
+        if missing:
             raise RecordingError(
                 f'expected fields {", ".join(missing)} in the definition of '
-                f'{self._channel.type_name} on topic {self._channel.topic}, '
-                f'got {", ".join(paths)}'
+                f'{channel.type_name} on topic {channel.topic}, '
+                f'got {", ".join(one.path for one in self._fields)}'
             )
 
     def decode(self, records: Records) -> Columns:
         """Return the wanted numbers of every message."""
         count = len(records)
-        columns = Columns(
-            {path: np.zeros(count, self._kind(path)) for path in self._wanted},
-            np.zeros(count, np.bool_),
-        )
-        if self._layout is not None:
-            for group in alike(records, self._layout):
-                self._decode_group(records, self._layout, group, columns)
+        number = {path: np.zeros(count, kind) for path, kind in self._kinds.items()}
+        columns = Columns(number, np.zeros(count, np.bool_))
+        if count and has_fixed_places(self._fields):
+            for chosen, kind in _alike(records, self._fields):
+                rows = gather(records.buffer, records.start[chosen], f'V{kind.itemsize}')
+                rows = rows.view(kind)
+                for path, column in number.items():
+                    column[chosen] = rows[path]
+                if self._string:
+                    columns.strings |= _distinct(rows[self._string])
+                columns.good[chosen] = True
         for index in np.flatnonzero(~columns.good).tolist():
             self._decode_one(records.message(index), index, columns)
         return columns
 
-    def _kind(self, path: str) -> npt.DTypeLike:
-        return np.float64 if self._layout is None else self._layout.kind(path)
-
-    def _decode_group(
-        self, records: Records, layout: Layout, group: Group, columns: Columns
-    ) -> None:
-        places = layout.places(group.string_length)
-        start = records.start[group.chosen]
-        for path in self._wanted:
-            kind = layout.kind(path).newbyteorder(group.order)
-            at = start + places.offset[path]
-            columns.number[path][group.chosen] = gather(records.buffer, at, kind)
-        if self._string:
-            at = start + places.offset[self._string]
-            columns.strings |= _distinct(records, at, group.string_length - 1)
-        columns.good[group.chosen] = True
-
     def _decode_one(self, message: bytes, index: int, columns: Columns) -> None:
         """Decode one message with rosbags; leave it out if that fails."""
         try:
-            value = self._types.deserialize_cdr(message, self._channel.type_name)
+            value = self._types.deserialize_cdr(message, self._type_name)
         except SerdeError:
             return
-        for path in self._wanted:
-            columns.number[path][index] = _attribute(value, path)
+        for path, column in columns.number.items():
+            column[index] = _attribute(value, path)
         if self._string:
             columns.strings.add(_attribute(value, self._string))
         columns.good[index] = True
+
+
+def _alike(
+    records: Records, fields: tuple[Field, ...]
+) -> Iterator[tuple[slice | IntArray, np.dtype[Any]]]:
+    """Yield well-formed records of one byte order and length of the string, and their type."""
+    size = records.end - records.start
+    places: Mapping[str, Any] = record_type(fields, '<', 1).fields or {}
+    length_at = places[LENGTH][1] if LENGTH in places else None
+    readable = np.flatnonzero(size >= (4 if length_at is None else length_at + 4))
+    encoding = gather(records.buffer, records.start[readable], '>u2')
+    for code, order in _BYTE_ORDERS:
+        index = readable[encoding == code]
+        length = np.ones(len(index), np.int64)
+        if length_at is not None:
+            length[:] = gather(records.buffer, records.start[index] + length_at, f'{order}u4')
+        index, length = (one[(length > 0) & (length <= size[index])] for one in (index, length))
+        same = (length == length[:1]).all()
+        for value in np.unique(length[:1] if same else length).tolist():
+            kind = record_type(fields, order, value)
+            spare = size[index] - kind.itemsize
+            chosen = index[(length == value) & (spare >= 0) & (spare <= _LARGEST_PADDING)]
+            if length_at is not None:
+                closing = records.start[chosen] + (length_at + 4 + value - 1)
+                chosen = chosen[gather(records.buffer, closing, 'u1') == 0]
+            if len(chosen):
+                yield slice(None) if len(chosen) == len(records) else chosen, kind
 
 
 def _attribute(message: object, path: str) -> Any:
     return reduce(getattr, path.split('.'), message)
 
 
-def _distinct(records: Records, at: npt.NDArray[np.int64], size: int) -> set[str]:
-    """Return the distinct strings of `size` bytes that start at these places."""
-    if size <= 0:
-        return {''}
-    values = gather(records.buffer, at, f'S{size}')
+def _distinct(values: npt.NDArray[np.bytes_]) -> set[str]:
     if (values == values[0]).all():
         values = values[:1]
     return {value.decode('utf-8', 'replace') for value in np.unique(values)}
@@ -436,8 +364,8 @@ def _joined(
         scan.findings.add('mixed_frame_ids', f'{topic} has frame ids {names}', len(frame_ids) - 1)
     place = np.concatenate(candidate.place)
     order = slice(None) if good.all() else np.flatnonzero(good)
-    if len(candidate.decoders) > 1:
-        # Channels were read one after the other.
+    if (np.diff(place) < 0).any():
+        # Channels of one topic were read one after the other.
         sorted_places = np.argsort(place, kind='stable')
         order = sorted_places[good[sorted_places]]
     number = {

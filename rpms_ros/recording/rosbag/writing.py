@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings written: raw messages as they come, or arrays at once.
 
-Many CDR records at once, equal in every byte to what rosbags serialises one by one.
+Arrays become records equal in every byte to what rosbags serialises one by one.
 """
 
 import os
@@ -24,19 +24,21 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntA
 from rpms_ros.recording.rosbag import metadata
 from rpms_ros.recording.rosbag.checksums import file_crc32, write_checksums
 from rpms_ros.recording.rosbag.definitions import (
+    ENCODING,
+    LENGTH,
     PULSE,
     WRENCH_STAMPED,
     direction_of,
+    fields_of,
     known_types,
-    layout_of,
+    record_type,
     written_definition,
 )
 from rpms_ros.recording.rosbag.mcap_files import McapFileWriter
 from rpms_ros.recording.rosbag.metadata import CRC_KEY, TopicEntry
-from rpms_ros.recording.rosbag.records import Channel, Records, merged
+from rpms_ros.recording.rosbag.records import Batch, Channel, Records
 from rpms_ros.recording.rosbag.sqlite_files import SqliteFileWriter
 
-_LITTLE_ENDIAN = (0, 1, 0, 0)
 _LARGEST_SECOND = 2**31 - 1
 
 
@@ -78,29 +80,16 @@ def _encode(
     values: Mapping[str, npt.NDArray[Any]],
 ) -> Records:
     """Return records of a message with a header; fields that are not given are zero."""
-    layout = layout_of(known_types(), type_name)
-    assert layout is not None, f'{type_name} has no fixed layout'
-    text = np.frombuffer(frame_id.encode() + b'\0', np.uint8)
-    places = layout.places(len(text))
-    rows = np.zeros((len(stamp_ns), places.end), np.uint8)
-    rows[:, : len(_LITTLE_ENDIAN)] = _LITTLE_ENDIAN
-
-    def put(path: str, value: npt.ArrayLike) -> None:
-        kind = layout.kind(path).newbyteorder('<')
-        begin = places.offset[path]
-        column = np.ascontiguousarray(value, kind).view(np.uint8)
-        rows[:, begin : begin + kind.itemsize] = column.reshape(len(rows), kind.itemsize)
-
+    fields = fields_of(known_types(), type_name)
+    text = frame_id.encode()
+    rows = np.zeros(len(stamp_ns), record_type(fields, '<', len(text) + 1))
     second, nanosecond = _split(stamp_ns)
-    put('header.stamp.sec', second)
-    put('header.stamp.nanosec', nanosecond)
-    begin = places.offset['header.frame_id']
-    rows[:, begin - 4 : begin] = np.frombuffer(np.array(len(text), '<u4').tobytes(), np.uint8)
-    rows[:, begin : begin + len(text)] = text
-    for path, value in values.items():
-        put(path, value)
-    start = np.arange(len(rows), dtype=np.int64) * places.end
-    return Records(rows.reshape(-1), start, start + places.end, stamp_ns)
+    own = {ENCODING: 1, LENGTH: len(text) + 1, 'header.frame_id': text}
+    stamp = {'header.stamp.sec': second, 'header.stamp.nanosec': nanosecond}
+    for path, value in {**own, **stamp, **values}.items():
+        rows[path] = value
+    end = np.arange(1, len(rows) + 1, dtype=np.int64) * rows.itemsize
+    return Records(np.frombuffer(rows, np.uint8), end - rows.itemsize, end, stamp_ns)
 
 
 def _split(stamp_ns: IntArray) -> tuple[IntArray, IntArray]:
@@ -305,6 +294,37 @@ class RecordingWriter:
             self.close()
 
 
+def _merged(topics: Mapping[int, Records]) -> Batch:
+    """Return the messages of several topics in the order of reception.
+
+    The order within a topic is kept, also where its clock was set back.  If that happened equally
+    often in every topic, what came after it is merged by the times after it.  At equal times the
+    topic that comes first in `topics` is first: give pulses before forces.
+    """
+    parts = list(topics.values())
+    shift = np.cumsum([0, *(len(part.buffer) for part in parts)])
+    order = _order_of_reception([part.time_ns for part in parts])
+    whole = Records(
+        np.concatenate([part.buffer for part in parts]),
+        np.concatenate([part.start + offset for part, offset in zip(parts, shift, strict=False)]),
+        np.concatenate([part.end + offset for part, offset in zip(parts, shift, strict=False)]),
+        np.concatenate([part.time_ns for part in parts]),
+    )
+    number = np.repeat(list(topics), [len(part) for part in parts])
+    return number[order], whole.select(order)
+
+
+def _order_of_reception(times_ns: Sequence[IntArray]) -> IntArray:
+    """Return what sorts the joined times of all topics without changing the order within one."""
+    lines = [
+        np.cumsum(np.diff(times, prepend=times[:1]) < 0, dtype=np.int64) for times in times_ns
+    ]
+    if len({int(line[-1]) for line in lines if len(line)}) > 1:
+        rising = [np.maximum.accumulate(times) for times in times_ns]
+        return np.argsort(np.concatenate(rising), kind='stable')
+    return np.lexsort((np.concatenate(times_ns), np.concatenate(lines)))
+
+
 def write_recording(
     path: Path | str,
     pulses: PulseTrain,
@@ -355,12 +375,11 @@ def write_recording(
         for topic in further:
             number = writer.add_topic(topic.name, topic.type_name)
             topics[number] = Records.of(topic.messages, np.asarray(topic.time_ns, np.int64))
-        batch = merged(topics)
-        records = batch.records
+        numbers, records = _merged(topics)
         # Not a copy of each message but a view: a thousand of them are a small part of the work.
         view = records.buffer.data
         for topic, time_ns, start, end in zip(
-            batch.topic.tolist(),
+            numbers.tolist(),
             records.time_ns.tolist(),
             records.start.tolist(),
             records.end.tolist(),

@@ -32,8 +32,8 @@ from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.quality.verdict import VerdictSettings
 from rpms_ros.printable import spreadsheet_text
 from rpms_ros.recording import Recording, Topics, read_recording
-from rpms_ros.recording.rosbag.files import READERS
 from rpms_ros.recording.rosbag.reading import held_bytes
+from rpms_ros.recording.rosbag.scan import READERS
 from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import (
     IdentificationOptions,
