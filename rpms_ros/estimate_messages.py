@@ -21,8 +21,8 @@ from rpms_ros.messages import (
     header_message,
     nanoseconds,
 )
+from rpms_ros.muscle.contraction import MuscleState
 from rpms_ros.muscle.simulation import Truth
-from rpms_ros.muscle.state import MuscleState
 from rpms_ros.pulses import FloatArray
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from rpms_ros.identification.model.estimate import CURVE_INTENSITY
 from rpms_ros.muscle import simulation_subject
-from rpms_ros.muscle.effort import Tremor, VoluntaryEffort
-from rpms_ros.muscle.scenario import Scenario
+from rpms_ros.muscle.scenario import Scenario, Tremor, VoluntaryEffort
 from rpms_ros.muscle.sensor import Disturbances
 from rpms_ros.muscle.simulation import Surroundings
 from rpms_ros.muscle.time_varying import Change, LivingContraction, LivingSettings

@@ -16,18 +16,70 @@ gets its exact onset and repetition rate; older ones are added to the moments.
 """
 
 import math
+from typing import NamedTuple, Protocol
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle.state import MuscleState
 from rpms_ros.muscle.subject import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, nanoseconds
 
 # A motor axon is absolutely refractory for about a millisecond: shorter intervals count as this.
 REFRACTORY_PERIOD = 1e-3
+
+
+class MuscleState(NamedTuple):
+    """True state of a muscle at one time.
+
+    Attributes
+    ----------
+    gain : float
+        Steady force relative to the rested, unchanged subject, by scripted changes, fatigue and
+        potentiation together.
+    time_constant : float
+        T_a [s].
+    latency : float
+        From the pulse to the onset of its twitch [s].
+    threshold, saturation : float
+        u_thr and u_sat, share of the maximum intensity.
+    fatigue : float
+        Steady force relative to the rested muscle, by fatigue alone.
+    potentiation : float
+        Growth of the twitch, as a share of the rested one.
+    """
+
+    gain: float
+    time_constant: float
+    latency: float
+    threshold: float
+    saturation: float
+    fatigue: float
+    potentiation: float
+
+
+class Muscle(Protocol):
+    """Pulses in, isometric force out."""
+
+    @property
+    def subject(self) -> Subject:
+        """The muscle at rest."""
+
+    def begin(self, start_ns: int) -> None:
+        """Count the times of scripted changes from `start_ns` [ns]."""
+
+    def add_pulses(self, onset_ns: npt.ArrayLike, intensity: npt.ArrayLike) -> None:
+        """Add pulses (pulses,) at onsets [ns] with intensities (share 0..1)."""
+
+    def force(self, stamp_ns: npt.ArrayLike) -> FloatArray:
+        """Return the force [N] (samples,) at times [ns]."""
+
+    def state(self, stamp_ns: int) -> MuscleState:
+        """Return the true state at a time [ns]."""
+
+    def steady_force(self, stamp_ns: int, intensity: FloatArray, rate_hz: float) -> FloatArray:
+        """Return the true recruitment curve at a time: steady mean force [N] (intensities,)."""
 
 
 @numba.njit(cache=True)
@@ -98,6 +150,12 @@ def twitch_peak_factor(order: int) -> float:
     return 1.0 if power == 0 else (math.e / power) ** power
 
 
+def check_rate(rate_hz: float | None) -> None:
+    """Raise `MuscleError` if a fixed repetition rate is not above 0 Hz."""
+    if rate_hz is not None and not 0.0 < rate_hz < math.inf:
+        raise MuscleError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+
+
 def checked_pulses(
     onset_ns: npt.ArrayLike, intensity: npt.ArrayLike
 ) -> tuple[IntArray, FloatArray]:
@@ -150,9 +208,8 @@ class Contraction:
         fixed_rate_hz: float | None = None,
         window: float = 2.0,
     ) -> None:
-        if fixed_rate_hz is not None and not (math.isfinite(fixed_rate_hz) and fixed_rate_hz > 0):
-            raise MuscleError(f'expected a repetition rate above 0 Hz, got {fixed_rate_hz}')
-        if not (math.isfinite(window) and window > 0):
+        check_rate(fixed_rate_hz)
+        if not 0.0 < window < math.inf:
             raise MuscleError(f'expected a window above 0 s, got {window}')
         self.subject = subject
         self._fixed_rate = fixed_rate_hz
@@ -204,9 +261,13 @@ class Contraction:
             If an intensity is not between 0 and 1; nothing is added then.
         """
         onsets, values = checked_pulses(onset_ns, intensity)
-        begun = self._begun(onsets)
+        begun = np.zeros(len(onsets), dtype=np.bool_)
+        if self._reference_ns is not None:
+            begun = onsets + self._latency_ns <= self._reference_ns
         if begun.any():
-            self._add_late(onsets[begun], values[begun])
+            # late ones each have the weight of a single pulse
+            weight = self.subject.pulse_weight(values[begun], self._fixed_rate or 0.0)
+            self._fold(onsets[begun] + self._latency_ns, weight)
         merged = np.concatenate((self._onset_ns, onsets[~begun]))
         order = np.argsort(merged, kind='stable')
         self._onset_ns = merged[order]
@@ -235,7 +296,7 @@ class Contraction:
             return np.empty(0)
         order = np.argsort(stamps, kind='stable')
         ascending = stamps[order]
-        effective = self._effective()
+        effective = self._onset_ns + self._latency_ns
         reference = self._reference_ns
         if reference is None:
             # The moments hold no pulse yet: they are zero at any time.
@@ -255,15 +316,6 @@ class Contraction:
         self._fold_before(int(ascending[-1]) - self._window_ns)
         return result
 
-    def _effective(self) -> IntArray:
-        """Return the onsets of the twitches of the separate pulses (pulses,) [ns]."""
-        return self._onset_ns + self._latency_ns
-
-    def _begun(self, onset_ns: IntArray) -> npt.NDArray[np.bool_]:
-        if self._reference_ns is None:
-            return np.zeros(len(onset_ns), dtype=np.bool_)
-        return onset_ns + self._latency_ns <= self._reference_ns
-
     def _weights(self) -> FloatArray:
         """Return the peak force of each separate pulse's twitch (pulses,) [N]."""
         if self._fixed_rate is not None:
@@ -276,14 +328,9 @@ class Contraction:
             rate[0] = 1.0 / max(since, REFRACTORY_PERIOD)
         return self.subject.pulse_weight(self._intensity, rate)
 
-    def _add_late(self, onset_ns: IntArray, intensity: FloatArray) -> None:
-        """Add pulses from before the separate ones, each with the weight of a single pulse."""
-        rate = self._fixed_rate if self._fixed_rate is not None else 0.0
-        self._fold(onset_ns + self._latency_ns, self.subject.pulse_weight(intensity, rate))
-
     def _fold_before(self, limit_ns: int) -> None:
         """Add the pulses whose twitch began before `limit_ns` to the moments."""
-        effective = self._effective()
+        effective = self._onset_ns + self._latency_ns
         count = int(np.searchsorted(effective, limit_ns))
         if not count:
             return

@@ -5,9 +5,8 @@
 ``rho(u, f) = rho_u(u) rho_f(f)`` (Eq. 8).  Eq. (9) is printed with beta_2 inside the product
 with beta_1; only outside does Table 3 give rho_u(0) = 0 and rho_u(1) = 1.
 
-The recruitment curve in the form that is identified, Eq. (30), with its derivatives.
-
-Its gain is 1 (the gain is part of the linear dynamics), its offset that for which rho(0) = 0::
+In the form that is identified, Eq. (30), the gain is 1 (it is part of the linear dynamics) and the
+offset that for which rho(0) = 0::
 
     rho(u) = T(u - u_thr, a_thr) - T(u - u_sat, a_sat) - T(-u_thr, a_thr) + T(-u_sat, a_sat)
     T(x, a) = x atan(a x)
@@ -176,9 +175,6 @@ class RecruitmentField:
         return self.by_intensity(intensity) * self.by_rate(rate_hz)
 
 
-PARAMETER_NAMES = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')
-
-
 class RecruitmentParameters(NamedTuple):
     """Nonlinear parameters theta_rho of Eq. (30), in the order of the start values.
 
@@ -194,6 +190,9 @@ class RecruitmentParameters(NamedTuple):
     u_sat: float
     alpha_sat: float
     alpha_thr: float = 6.0
+
+
+PARAMETER_NAMES = RecruitmentParameters._fields
 
 
 @numba.njit(cache=True)

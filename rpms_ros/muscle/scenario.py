@@ -2,19 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenarios: what happens to a simulated muscle and its sensor in a session, as a YAML file.
 
-Times count from the start of the session.  See docs/scenarios.md for the keys.
+Times count from the start of the session.  See docs/scenarios.md for the keys.  Efforts are
+forces that the stimulation does not cause: voluntary effort, spasm, tremor, a bumped sensor.  Each
+depends on time alone, so the result does not depend on how samples are cut into blocks.
 """
 
+import math
 import typing
-from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
+
+import numpy as np
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle.effort import EFFORTS, Effort
 from rpms_ros.muscle.sensor import Disturbances, SensorFault
 from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings, Potentiation
+from rpms_ros.pulses import FloatArray
 from rpms_ros.strict_yaml import YamlError, join, read_yaml, shown
 
 T = TypeVar('T')
@@ -23,6 +28,182 @@ _KEYS = (
     'name', 'description', 'fatigue', 'potentiation', 'changes', 'efforts', 'disturbances',
     'sensor_faults',
 )  # fmt: skip
+
+
+class Effort(Protocol):
+    """One kind of force that the stimulation does not cause."""
+
+    kind: ClassVar[str]
+    """Name in a scenario."""
+
+    def force(self, time: FloatArray) -> FloatArray:
+        """Return the force [N] at times from the start of the session (samples,) [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _HalfSine:
+    """Rises and falls as a power of a sine.
+
+    Attributes
+    ----------
+    at : float
+        Beginning [s].
+    peak : float
+        Largest force [N], of either sign.
+    duration : float
+        Length [s].
+    every : float or None
+        Repeats with this period [s]; None for once.
+    """
+
+    POWER: ClassVar[int] = 1
+    at: float
+    peak: float
+    duration: float
+    every: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_event(self.at, self.duration, self.every)
+        _require_finite('peak', self.peak)
+
+    def force(self, time: FloatArray) -> FloatArray:
+        """Return the force [N] (samples,)."""
+        since = _since(time, self.at, self.every)
+        inside = (since >= 0.0) & (since < self.duration)
+        wave = np.where(inside, np.sin(math.pi * since / self.duration), 0.0)
+        force: FloatArray = self.peak * wave**self.POWER
+        return force
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoluntaryEffort(_HalfSine):
+    """A voluntary contraction that rises and falls as a squared sine."""
+
+    kind: ClassVar[str] = 'voluntary'
+    POWER: ClassVar[int] = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bump(_HalfSine):
+    """A knock on the sensor: half a sine."""
+
+    kind: ClassVar[str] = 'bump'
+    duration: float = 0.03
+
+
+@dataclass(frozen=True)
+class Spasm:
+    """An involuntary contraction: a fast rise, then an exponential decay.
+
+    Attributes
+    ----------
+    at : float
+        Beginning [s].
+    peak : float
+        Largest force [N].
+    rise : float
+        Time to the peak [s].
+    decay : float
+        Time constant after the peak [s].
+    every : float or None
+        Repeats with this period [s]; None for once.
+    """
+
+    kind: ClassVar[str] = 'spasm'
+    at: float
+    peak: float
+    rise: float = 0.15
+    decay: float = 1.0
+    every: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_event(self.at, self.rise, self.every, 'rise')
+        _require_finite('peak', self.peak)
+        if not 0.0 < self.decay < math.inf:
+            raise MuscleError(f'expected a finite decay above 0 s, got {self.decay}')
+
+    def force(self, time: FloatArray) -> FloatArray:
+        """Return the force [N] (samples,)."""
+        since = _since(time, self.at, self.every)
+        rising = self.peak * np.sin(0.5 * math.pi * np.clip(since / self.rise, 0.0, 1.0)) ** 2
+        falling = np.exp(-np.maximum(since - self.rise, 0.0) / self.decay)
+        return np.where(since >= 0.0, rising * falling, 0.0)
+
+
+@dataclass(frozen=True)
+class Tremor:
+    """A sinusoidal force.
+
+    Attributes
+    ----------
+    amplitude : float
+        Half of the peak-to-peak force [N].
+    frequency : float
+        [Hz].
+    at : float
+        Beginning [s].
+    duration : float or None
+        Length [s]; None: to the end of the session.
+    """
+
+    kind: ClassVar[str] = 'tremor'
+    amplitude: float
+    frequency: float = 8.0
+    at: float = 0.0
+    duration: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_event(self.at, 1.0 if self.duration is None else self.duration, None)
+        _require_finite('amplitude', self.amplitude)
+        if not 0.0 < self.frequency <= 1000.0:
+            raise MuscleError(f'expected a frequency above 0 up to 1000 Hz, got {self.frequency}')
+
+    def force(self, time: FloatArray) -> FloatArray:
+        """Return the force [N] (samples,)."""
+        since = time - self.at
+        length = math.inf if self.duration is None else self.duration
+        inside = (since >= 0.0) & (since < length)
+        wave = self.amplitude * np.sin(2.0 * math.pi * self.frequency * since)
+        return np.where(inside, wave, 0.0)
+
+
+EFFORTS: dict[str, type[Effort]] = {
+    effort.kind: effort for effort in (VoluntaryEffort, Spasm, Tremor, Bump)
+}
+"""Kinds of effort by their names in a scenario."""
+
+
+def total_effort(efforts: Sequence[Effort], time: FloatArray) -> FloatArray:
+    """Return the sum of all efforts [N] at times from the start (samples,) [s]."""
+    total = np.zeros(len(time))
+    for effort in efforts:
+        total += effort.force(time)
+    return total
+
+
+def _since(time: FloatArray, at: float, every: float | None) -> FloatArray:
+    """Return the time since the newest beginning (samples,) [s]; negative before the first."""
+    since: FloatArray = time - at
+    if every is None:
+        return since
+    return np.where(since >= 0.0, np.mod(since, every), since)
+
+
+def _require_event(
+    at: float, duration: float, every: float | None, name: str = 'duration'
+) -> None:
+    """Raise `MuscleError` unless an event is possible; `name` is the key of its length."""
+    if not 0.0 <= at < math.inf:
+        raise MuscleError(f'expected a finite at of at least 0 s, got {at}')
+    if not 0.0 < duration < math.inf:
+        raise MuscleError(f'expected a finite {name} above 0 s, got {duration}')
+    if every is not None and not duration <= every < math.inf:
+        raise MuscleError(f'expected a finite every of at least {duration:g} s, got {every}')
+
+
+def _require_finite(name: str, value: float) -> None:
+    if not math.isfinite(value):
+        raise MuscleError(f'expected a finite {name}, got {value}')
 
 
 @dataclass(frozen=True)
@@ -107,51 +288,46 @@ class _Fault(MuscleError):
 
 def _scenario(content: object) -> Scenario:
     keys = _mapping(content, '', _KEYS)
-    efforts = tuple(
-        _effort(item, f'efforts[{index}]') for index, item in enumerate(_several(keys, 'efforts'))
-    )
+    for name in ('name', 'description'):
+        _check(str, keys.get(name, ''), name)
     return Scenario(
-        name=_text(keys, 'name', 'scenario'),
-        description=_text(keys, 'description', ''),
+        name=keys.get('name', 'scenario'),
+        description=keys.get('description', ''),
         living=LivingSettings(
             _built(Fatigue, keys.get('fatigue', {}), 'fatigue'),
             _built(Potentiation, keys.get('potentiation', {}), 'potentiation'),
-            _all_built(Change, keys, 'changes'),
+            tuple(_built(Change, item, place) for item, place in _several(keys, 'changes')),
         ),
-        efforts=efforts,
+        efforts=tuple(_effort(item, place) for item, place in _several(keys, 'efforts')),
         disturbances=_built(Disturbances, keys.get('disturbances', {}), 'disturbances'),
-        sensor_faults=_all_built(SensorFault, keys, 'sensor_faults'),
+        sensor_faults=tuple(
+            _built(SensorFault, item, place) for item, place in _several(keys, 'sensor_faults')
+        ),
     )
 
 
 def _effort(content: object, place: str) -> Effort:
-    if not isinstance(content, Mapping):
-        raise _Fault(place, f'expected keys and values, got {shown(content)}')
-    kind = content.get('kind')
+    keys = _mapping(content, place)
+    kind = keys.get('kind')
     if not isinstance(kind, str) or kind not in EFFORTS:
         raise _Fault(
-            join(place, 'kind') if 'kind' in content else place,
+            join(place, 'kind') if 'kind' in keys else place,
             f'expected a kind of {", ".join(EFFORTS)}, got {shown(kind)}',
         )
-    rest = {key: value for key, value in content.items() if key != 'kind'}
+    rest = {key: value for key, value in keys.items() if key != 'kind'}
     return _built(EFFORTS[kind], rest, place)
-
-
-def _all_built(cls: type[T], keys: Mapping[str, Any], name: str) -> tuple[T, ...]:
-    return tuple(
-        _built(cls, item, f'{name}[{index}]') for index, item in enumerate(_several(keys, name))
-    )
 
 
 def _built(cls: type[T], content: object, place: str) -> T:
     """Return a dataclass made from the numbers and texts of a mapping."""
-    declared = _declared(cls)
-    keys = _mapping(content, place, tuple(declared))
+    hints = typing.get_type_hints(cls)
+    declared = fields(cls)  # type: ignore[arg-type]
+    keys = _mapping(content, place, tuple(one.name for one in declared))
     for key, value in keys.items():
-        _check(declared[key][1], value, join(place, key))
-    for name, (one, _) in declared.items():
-        if one.default is MISSING and one.default_factory is MISSING and name not in keys:
-            raise _Fault(place, f'expected the key {name}, got {", ".join(keys) or "nothing"}')
+        _check(hints[key], value, join(place, key))
+    for one in declared:
+        if one.default is MISSING and one.name not in keys:
+            raise _Fault(place, f'expected the key {one.name}, got {", ".join(keys) or "nothing"}')
     values = {
         key: value if value is None or isinstance(value, str) else float(value)
         for key, value in keys.items()
@@ -160,12 +336,6 @@ def _built(cls: type[T], content: object, place: str) -> T:
         return cls(**values)
     except MuscleError as fault:
         raise _Fault(place, str(fault)) from fault
-
-
-def _declared(cls: type) -> dict[str, tuple[Field[Any], Any]]:
-    """Return the fields of a dataclass with their types."""
-    hints = typing.get_type_hints(cls)
-    return {one.name: (one, hints[one.name]) for one in fields(cls)}
 
 
 def _check(hint: Any, value: object, place: str) -> None:
@@ -180,26 +350,22 @@ def _check(hint: Any, value: object, place: str) -> None:
         raise _Fault(place, f'expected a number, got {shown(value)}')
 
 
-def _mapping(content: object, place: str, known: tuple[str, ...]) -> Mapping[str, Any]:
+def _mapping(
+    content: object, place: str, known: tuple[str, ...] | None = None
+) -> Mapping[str, Any]:
     if not isinstance(content, Mapping):
         raise _Fault(place, f'expected keys and values, got {shown(content)}')
     for key in content:
-        if key not in known:
+        if known is not None and key not in known:
             raise _Fault(
                 join(place, key), f'expected a key of {", ".join(known)}, got {shown(key)}'
             )
     return content
 
 
-def _several(keys: Mapping[str, Any], name: str) -> list[Any]:
+def _several(keys: Mapping[str, Any], name: str) -> list[tuple[Any, str]]:
+    """Return the items of a list with their places."""
     found = keys.get(name, [])
     if not isinstance(found, list):
         raise _Fault(name, f'expected a list, got {shown(found)}')
-    return found
-
-
-def _text(keys: Mapping[str, Any], name: str, default: str) -> str:
-    found = keys.get(name, default)
-    if not isinstance(found, str):
-        raise _Fault(name, f'expected a text, got {shown(found)}')
-    return found
+    return [(item, f'{name}[{index}]') for index, item in enumerate(found)]

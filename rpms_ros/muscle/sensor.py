@@ -1,10 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a force sensor adds to the force: noise, slow drift, stimulation artifact, saturation.
+"""What a force sensor adds to the force: noise, slow drift, stimulation artifact, and its faults.
 
 Each disturbance is reproducible: noise by its seed, drift and artifact by the time stamps alone.
-
-Faults of a force sensor: frozen, clipped, scaled, samples that are lost or sent twice.
 """
 
 import math
@@ -56,13 +54,13 @@ class Disturbances:
     saturation: float = float('inf')
 
     def __post_init__(self) -> None:
-        if not (self.noise >= 0 and np.isfinite(self.noise)):
+        if not 0.0 <= self.noise < math.inf:
             raise MuscleError(f'expected a noise of at least 0 N, got {self.noise}')
         for name in ('drift_period', 'artifact_decay', 'saturation'):
             if not getattr(self, name) > 0:
                 raise MuscleError(f'expected a {name} above 0, got {getattr(self, name)}')
         for name in ('offset', 'drift', 'artifact'):
-            if not np.isfinite(getattr(self, name)):
+            if not math.isfinite(getattr(self, name)):
                 raise MuscleError(f'expected a finite {name}, got {getattr(self, name)}')
 
 
@@ -114,7 +112,8 @@ class Sensor:
             Measured force [N].
         """
         settings = self.disturbances
-        measured = force + settings.offset + settings.noise * self._noise(len(stamp_ns))
+        noise = self._generator.standard_normal(len(stamp_ns))
+        measured = force + settings.offset + settings.noise * noise
         if settings.drift and len(stamp_ns):
             if self._origin_ns is None:
                 self._origin_ns = int(stamp_ns[0])
@@ -123,9 +122,6 @@ class Sensor:
         if settings.artifact and len(onset_ns):
             measured += self._artifact(stamp_ns, onset_ns, intensity)
         return np.clip(measured, -settings.saturation, settings.saturation)
-
-    def _noise(self, count: int) -> FloatArray:
-        return self._generator.standard_normal(count)
 
     def _artifact(
         self,

@@ -1,12 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulation of a whole session: samples and true state for given pulses, muscle and sensor.
+"""Simulation of a muscle with its surroundings: samples of the sensor, and the true state.
 
-Voluntary and other forces beside a simulated muscle, and the sensor with its faults.
-
-A simulated plant: pulses in, force samples on an exact grid out.
-
-True state of a simulated muscle, for comparison with what was identified.
+A whole session at once (`simulate_session`), or pulses in and force samples on an exact grid out
+(`SampledPlant`).
 """
 
 import math
@@ -17,11 +14,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from rpms_ros.muscle.contraction import Contraction
-from rpms_ros.muscle.effort import total_effort
-from rpms_ros.muscle.scenario import Scenario
+from rpms_ros.muscle.contraction import Contraction, Muscle, MuscleState
+from rpms_ros.muscle.scenario import Scenario, total_effort
 from rpms_ros.muscle.sensor import Disturbances, FaultySensor, Sensor
-from rpms_ros.muscle.state import Muscle, MuscleState
 from rpms_ros.muscle.subject import REFERENCE_RATE, Subject
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -167,13 +162,9 @@ def simulate_session(
             truths.append(truth_at(muscle, surroundings, int(part[-1])))
         done = due
         advance(len(part))
-    stamps = [trace.stamp_ns for trace in traces]
-    force = [trace.force for trace in traces]
-    empty = ForceTrace(np.empty(0, dtype=np.int64), np.empty(0))
-    return (
-        ForceTrace(np.concatenate(stamps), np.concatenate(force)) if traces else empty,
-        truths,
-    )
+    stamps = np.concatenate([stamp_ns[:0], *(trace.stamp_ns for trace in traces)])
+    force = np.concatenate([np.empty(0), *(trace.force for trace in traces)])
+    return ForceTrace(stamps, force), truths
 
 
 def _blocks(stamp_ns: IntArray, truth_rate: float) -> list[IntArray]:
@@ -273,8 +264,12 @@ class SampledPlant:
         An invalid pulse has no effect.  A late one, whose twitch should have begun before samples
         that were already produced, acts exactly on the samples still to come.
         """
-        fault = _fault_of(pulse)
-        if fault is None:
+        fault = None
+        if not 0.0 <= pulse.intensity <= 1.0:
+            fault = INTENSITY
+        elif not 0.0 <= pulse.width < math.inf:
+            fault = WIDTH
+        else:
             self._muscle.add_pulses(pulse.onset_ns, pulse.intensity)
             self._recent.append(pulse)
             latency_ns = nanoseconds(self._muscle.subject.latency)
@@ -310,11 +305,3 @@ class SampledPlant:
             limit = int(stamps[0]) - _ARTIFACT_MEMORY_NS
             self._recent = sorted(pulse for pulse in self._recent if pulse.onset_ns >= limit)
         return PulseTrain.of(self._recent)
-
-
-def _fault_of(pulse: Pulse) -> str | None:
-    if not 0.0 <= pulse.intensity <= 1.0:
-        return INTENSITY
-    if not 0.0 <= pulse.width < math.inf:
-        return WIDTH
-    return None

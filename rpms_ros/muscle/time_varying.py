@@ -15,8 +15,6 @@ A pulse has the recruitment of its onset, and the gain of the time at which its 
 proportion.  A pulse that is added after samples on which it should have acted acts from its own
 onset on, with the present T_a.
 
-Effects of use on a muscle: fatigue, recovery and potentiation.
-
 Fatigue has the form of Ding, Wexler and Binder-Macleod (J Electromyogr Kinesiol 13, 2003): the
 scaling of the force and a time constant move away from their rested values in proportion to the
 force, and return with one time constant,
@@ -32,14 +30,12 @@ Their value for human quadriceps is tau_fat = 127 s; their rates are per newton 
 Potentiation is the growth of the twitch with the number of preceding pulses, which fades within
 minutes (Rassier and MacIntosh, Braz J Med Biol Res 33, 2000): each pulse adds a share of the
 difference to the largest potentiation, in proportion to its recruitment; it decays exponentially.
-
-Scripted changes of a simulated muscle: the coil moves, the gain changes.
 """
 
 import bisect
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numba
@@ -50,12 +46,14 @@ from rpms_ros.errors import MuscleError
 from rpms_ros.muscle.contraction import (
     REFRACTORY_PERIOD,
     Contraction,
+    Muscle,
+    MuscleState,
+    check_rate,
     checked_pulses,
     move_moments,
     twitch_peak_factor,
 )
 from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION
-from rpms_ros.muscle.state import Muscle, MuscleState
 from rpms_ros.muscle.subject import Subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
@@ -178,19 +176,20 @@ class Change:
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:
                 raise MuscleError(f'expected a finite {name} of at least 0, got {value}')
-        for name, most in (('gain', _LARGEST_GAIN), ('latency', _LONGEST_S)):
+        for name, least, most in (
+            ('gain', 0.0, _LARGEST_GAIN),
+            ('latency', 0.0, _LONGEST_S),
+            ('threshold', -1.0, 3.0),
+            ('saturation', -1.0, 3.0),
+        ):
             value = getattr(self, name)
-            if value is not None and not 0.0 <= value <= most:
-                raise MuscleError(f'expected a {name} from 0 to {most:g}, got {value}')
+            if value is not None and not least <= value <= most:
+                raise MuscleError(f'expected a {name} from {least:g} to {most:g}, got {value}')
         if self.time_constant is not None and not 0.0 < self.time_constant <= _LONGEST_S:
             raise MuscleError(
                 f'expected a time_constant above 0 s, at most {_LONGEST_S:g} s, '
                 f'got {self.time_constant}'
             )
-        for name in ('threshold', 'saturation'):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and -1.0 <= value <= 3.0):
-                raise MuscleError(f'expected a {name} from -1 to 3, got {value}')
         if self.threshold is not None and self.saturation is not None:
             _require_apart(self.at + self.over, self.threshold, self.saturation)
         if all(getattr(self, name) is None for name in CHANGEABLE):
@@ -296,8 +295,8 @@ class LivingSettings:
         Scripted changes.
     """
 
-    fatigue: Fatigue = field(default_factory=Fatigue)
-    potentiation: Potentiation = field(default_factory=Potentiation)
+    fatigue: Fatigue = Fatigue()
+    potentiation: Potentiation = Potentiation()
     changes: tuple[Change, ...] = ()
 
 
@@ -389,21 +388,13 @@ class LivingContraction:
         start_ns: int,
         fixed_rate_hz: float | None = None,
     ) -> None:
-        if fixed_rate_hz is not None and not 0.0 < fixed_rate_hz < np.inf:
-            raise MuscleError(f'expected a repetition rate above 0 Hz, got {fixed_rate_hz}')
+        check_rate(fixed_rate_hz)
         self.subject = subject
         self.settings = settings
         self._start_ns = start_ns
         self._fixed_rate = fixed_rate_hz
-        curve = subject.recruitment
-        start = {
-            'gain': 1.0,
-            'time_constant': subject.time_constant,
-            'latency': subject.latency,
-            'threshold': curve.threshold,
-            'saturation': curve.saturation,
-        }
-        self._timeline = Timeline(start, settings.changes)
+        rested = Contraction(subject).state(0)._asdict()
+        self._timeline = Timeline({name: rested[name] for name in CHANGEABLE}, settings.changes)
         self._peak = twitch_peak_factor(subject.order)
         self._moments = np.zeros(subject.order)
         self._state = np.array([1.0, 1.0, 0.0])
@@ -472,18 +463,12 @@ class LivingContraction:
 
     def state(self, stamp_ns: int) -> MuscleState:
         """Return the state at a time [ns]; fatigue and potentiation as of the last `force`."""
-        at = np.array((stamp_ns - self._start_ns) / NANOSECONDS_PER_SECOND)
+        at = self._elapsed(np.array(stamp_ns))
         script = {name: float(self._timeline(name, at)) for name in CHANGEABLE}
         fatigue, slow, potentiation = self._state.tolist()
-        return MuscleState(
-            gain=script['gain'] * fatigue * (1.0 + potentiation),
-            time_constant=script['time_constant'] * slow,
-            latency=script['latency'],
-            threshold=script['threshold'],
-            saturation=script['saturation'],
-            fatigue=fatigue,
-            potentiation=potentiation,
-        )
+        script['gain'] *= fatigue * (1.0 + potentiation)
+        script['time_constant'] *= slow
+        return MuscleState(**script, fatigue=fatigue, potentiation=potentiation)
 
     def steady_force(self, stamp_ns: int, intensity: FloatArray, rate_hz: float) -> FloatArray:
         """Return the true recruitment curve at a time: steady mean force [N] (intensities,)."""

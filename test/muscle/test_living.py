@@ -58,7 +58,7 @@ def test_a_muscle_that_does_not_change_is_the_steady_one() -> None:
     np.testing.assert_allclose(living(LivingSettings()).force(grid(3.0)), expected, rtol=1e-11)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 2500), max_size=5))
 def test_block_length_changes_no_bit(cuts: list[int]) -> None:
     stamps = grid(2.5)
@@ -245,35 +245,6 @@ def test_times_only_go_forwards() -> None:
         muscle.force(grid(0.5))
     with pytest.raises(MuscleError, match='expected ascending times'):
         muscle.force(grid(2.0)[::-1])
-
-
-@pytest.mark.parametrize(
-    ('make', 'fault'),
-    [
-        (lambda: Fatigue(force_loss=-1.0), 'expected a finite force_loss of at least 0, got -1'),
-        (lambda: Fatigue(recovery=0.0), 'expected a finite recovery above 0 s, got 0'),
-        (lambda: Fatigue(lowest_gain=0.0), 'expected a lowest_gain above 0 up to 1, got 0'),
-        (lambda: Potentiation(per_pulse=2.0), 'expected a per_pulse from 0 to 1, got 2'),
-        (lambda: Potentiation(decay=float('nan')), 'expected a finite decay above 0 s, got nan'),
-        (lambda: Change(-1.0, gain=1.0), 'expected a finite at of at least 0, got -1'),
-        (lambda: Change(1.0, time_constant=0.0), 'a time_constant above 0 s, at most 1 s, got 0'),
-        (
-            lambda: Change(1.0, time_constant=38.0),
-            'a time_constant above 0 s, at most 1 s, got 38',
-        ),
-        (lambda: Change(1.0, gain=1e308), r'expected a gain from 0 to 100, got 1e\+308'),
-        (lambda: Change(1.0, latency=9.0), 'expected a latency from 0 to 1, got 9'),
-        (lambda: Change(1.0, threshold=9.0), 'expected a threshold from -1 to 3, got 9'),
-        (
-            lambda: Change(1.0, 2.0, threshold=0.9, saturation=0.3),
-            r'expected a saturation at least 0\.05 above the threshold, got 0\.3 and 0\.9 at 3 s',
-        ),
-        (lambda: Change(1.0), 'expected a change of gain, time_constant, .*, got none'),
-    ],
-)
-def test_bad_settings_are_refused(make, fault) -> None:
-    with pytest.raises(MuscleError, match=fault):
-        make()
 
 
 def test_a_pulse_that_comes_late_has_the_weight_of_its_own_interval() -> None:

@@ -7,8 +7,13 @@ import re
 import pytest
 
 from rpms_ros.errors import MuscleError
-from rpms_ros.muscle.effort import Tremor, VoluntaryEffort
-from rpms_ros.muscle.scenario import load_scenario, scenario_from_text, scenario_names
+from rpms_ros.muscle.scenario import (
+    Tremor,
+    VoluntaryEffort,
+    load_scenario,
+    scenario_from_text,
+    scenario_names,
+)
 from rpms_ros.muscle.sensor import SensorFault
 from rpms_ros.muscle.time_varying import Change, Fatigue
 
@@ -45,7 +50,10 @@ def test_a_scenario_is_what_its_file_says() -> None:
     assert scenario.living.fatigue == Fatigue(0.02, 0.01)
     assert scenario.living.potentiation.largest == 0.1
     assert scenario.living.changes == (Change(40.0, 2.0, gain=0.8, threshold=0.56),)
-    assert scenario.efforts == (VoluntaryEffort(8.0, 1.5, 2.0, 12.0), Tremor(0.3))
+    assert scenario.efforts == (
+        VoluntaryEffort(at=8.0, duration=1.5, peak=2.0, every=12.0),
+        Tremor(0.3),
+    )
     assert scenario.disturbances.noise == 0.05
     assert scenario.sensor_faults == (SensorFault('clipped', 1.0, 2.0, 6.0),)
 

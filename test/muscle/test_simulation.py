@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.muscle import Contraction, simulation_subject
-from rpms_ros.muscle.effort import VoluntaryEffort
-from rpms_ros.muscle.scenario import Scenario
+from rpms_ros.muscle.scenario import Scenario, VoluntaryEffort
 from rpms_ros.muscle.sensor import Disturbances, SensorFault
 from rpms_ros.muscle.simulation import Surroundings, simulate_session
 from rpms_ros.muscle.time_varying import Change, LivingSettings, muscle_of
@@ -19,7 +18,7 @@ STAMP_NS = START_NS + 1_000_000 * np.arange(1000 * SECONDS, dtype=np.int64)
 PULSES = PulseTrain.regular(np.linspace(0.2, 1.0, 20 * SECONDS), 20.0, START_NS)
 SCENARIO = Scenario(
     living=LivingSettings(changes=(Change(2.0, gain=0.5, threshold=0.55),)),
-    efforts=(VoluntaryEffort(1.0, 1.0, 2.0),),
+    efforts=(VoluntaryEffort(at=1.0, duration=1.0, peak=2.0),),
     disturbances=Disturbances(noise=0.02, artifact=0.5),
     sensor_faults=(SensorFault('lost', 3.0, 0.1), SensorFault('frozen', 3.5, 0.2)),
 )

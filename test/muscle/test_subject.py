@@ -4,9 +4,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
-from rpms_ros.errors import MuscleError
 from rpms_ros.muscle import (
     SUBJECTS,
     Modality,
@@ -33,19 +32,7 @@ def test_presets(name: str, time_constant: float, latency: float) -> None:
     assert subject.time_constant == time_constant
     assert subject.latency == latency
     assert subject.order == 3
-
-
-def test_every_preset_can_be_named() -> None:
-    assert [subject_by_name(name) for name in SUBJECTS] == [
-        average_subject(Modality.MAGNETIC),
-        average_subject(Modality.ELECTRICAL),
-        simulation_subject(),
-    ]
-
-
-def test_an_unknown_preset_lists_the_known_ones() -> None:
-    with pytest.raises(MuscleError, match="expected a subject of rpms, fes, simulation, got 'x'"):
-        subject_by_name('x')
+    assert subject_by_name(name) == subject
 
 
 def test_the_simulation_is_a_plant_of_the_identified_form() -> None:
@@ -63,7 +50,6 @@ def test_full_intensity_gives_the_maximum_force(name: str) -> None:
     assert subject_by_name(name).steady_force(1.0, 20.0) == pytest.approx(10.0, rel=3e-4)
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 1.0), st.floats(15.0, 100.0))
 def test_a_pulse_weighs_what_eq_11_says(intensity: float, rate_hz: float) -> None:
     subject = average_subject()
@@ -73,7 +59,6 @@ def test_a_pulse_weighs_what_eq_11_says(intensity: float, rate_hz: float) -> Non
     assert subject.pulse_weight(intensity, rate_hz) == pytest.approx(expected, rel=1e-13)
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 15.0))
 def test_slow_pulses_weigh_all_the_same(rate_hz: float) -> None:
     subject = average_subject()
@@ -91,11 +76,6 @@ def test_maximum_force_holds_even_if_20_hz_was_not_measured() -> None:
     assert subject.steady_force(1.0, 20.0) == pytest.approx(float(expected), rel=1e-14)
 
 
-def test_weights_broadcast() -> None:
-    weights = average_subject().pulse_weight(np.array([0.5, 1.0])[:, None], [10.0, 20.0, 30.0])
-    assert weights.shape == (2, 3)
-
-
 @pytest.mark.parametrize(
     ('modality', 'latency', 'time_constant'),
     [
@@ -103,7 +83,6 @@ def test_weights_broadcast() -> None:
         (Modality.ELECTRICAL, (20.83e-3, 28.24e-3), (22.58e-3, 53.22e-3)),
     ],
 )
-@settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_subjects_stay_within_the_tables(
     seed: int,
@@ -129,33 +108,3 @@ def test_random_subjects_never_push() -> None:
         assert (np.diff(force) >= -1e-12).all()
         assert force[0] == 0.0
         assert force[-1] == pytest.approx(subject.maximum_force, rel=1e-12)
-
-
-def test_a_seed_gives_one_subject() -> None:
-    first, again, other = (random_subject(np.random.default_rng(seed)) for seed in (1, 1, 2))
-    assert first == again
-    assert first != other
-
-
-@pytest.mark.parametrize('latency', [-1e-3, float('nan'), float('inf')])
-def test_latency_is_a_delay(latency: float) -> None:
-    with pytest.raises(MuscleError, match='expected a latency of at least 0 s, got'):
-        Subject(latency=latency)
-
-
-@pytest.mark.parametrize('order', [0, 7, -1])
-def test_order_is_a_small_whole_number(order: int) -> None:
-    with pytest.raises(MuscleError, match=f'expected a whole order from 1 to 6, got {order}'):
-        Subject(order=order)
-
-
-@pytest.mark.parametrize('force', [0.0, -1.0, float('nan'), float('inf')])
-def test_maximum_force_is_above_zero(force: float) -> None:
-    with pytest.raises(MuscleError, match='expected a maximum force above 0 N, got'):
-        Subject(maximum_force=force)
-
-
-@pytest.mark.parametrize('time_constant', [0.0, -1.0, float('nan'), float('inf')])
-def test_time_constant_is_above_zero(time_constant: float) -> None:
-    with pytest.raises(MuscleError, match='expected a time constant above 0 s, got'):
-        Subject(time_constant=time_constant)

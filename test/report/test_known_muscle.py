@@ -12,8 +12,8 @@ import pytest
 
 from rpms_ros.cli import main
 from rpms_ros.muscle import simulation_subject, twitch
+from rpms_ros.muscle.contraction import MuscleState
 from rpms_ros.muscle.simulation import Truth
-from rpms_ros.muscle.state import MuscleState
 from rpms_ros.recording import read_recording
 from rpms_ros.report.course import course_of
 from rpms_ros.report.known_muscle import known_muscle, of_subject, of_truths

@@ -1,0 +1,150 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Values of simulated muscles, efforts and sensors that are refused."""
+
+import math
+from functools import partial as of
+
+import pytest
+
+from rpms_ros.errors import MuscleError
+from rpms_ros.muscle import (
+    Contraction,
+    Disturbances,
+    IntensityRecruitment,
+    RateRecruitment,
+    Subject,
+    average_subject,
+    steady_mean,
+    subject_by_name,
+    summed_twitches,
+    twitch,
+    twitch_area,
+)
+from rpms_ros.muscle.scenario import Spasm, Tremor, VoluntaryEffort
+from rpms_ros.muscle.sensor import SensorFault
+from rpms_ros.muscle.time_varying import (
+    Change,
+    Fatigue,
+    LivingContraction,
+    LivingSettings,
+    Potentiation,
+)
+
+NAN, INF = math.nan, math.inf
+IMPOSSIBLE = (0.0, -1.0, NAN, INF)
+SLOPES = ('threshold_slope', 'saturation_slope')
+
+
+@pytest.mark.parametrize(
+    ('make', 'fault'),
+    [
+        (of(IntensityRecruitment, 0.9, 0.5), r'threshold < saturation, got 0\.9 and 0\.5'),
+        *((of(IntensityRecruitment, **{name: 0.0}), 'slopes above 0, got') for name in SLOPES),
+        *(
+            (of(IntensityRecruitment, **{name: value}), 'finite parameters of rho_u, got')
+            for name in ('threshold', 'saturation', *SLOPES, 'gain', 'offset')
+            for value in (NAN, INF)
+        ),
+        (IntensityRecruitment(0.1, 0.2, 0.1, 50.0).normalised, r'rho_u\(1\) > rho_u\(0\), got'),
+        *(
+            (of(RateRecruitment, **{name: value}), 'finite parameters of rho_f, got')
+            for name in ('saturation', 'slope', 'gain', 'offset', 'lowest_rate')
+            for value in (NAN, INF)
+        ),
+        *(
+            (
+                of(RateRecruitment, lowest_rate=low, highest_rate=high),
+                'expected 0 < lowest_rate < highest_rate, got',
+            )
+            for low, high in ((0.0, 35.0), (35.0, 15.0), (20.0, 20.0))
+        ),
+        (of(RateRecruitment, slope=-0.05), 'slope and gain above 0, got'),
+        (of(RateRecruitment, gain=-0.05), 'slope and gain above 0, got'),
+        (of(RateRecruitment, offset=-2.0), r'rho_f above 0 at 15\.0 Hz, got -0\.89'),
+        *(
+            (of(Subject, latency=value), 'latency of at least 0 s, got')
+            for value in (-1, NAN, INF)
+        ),
+        *((of(Subject, order=value), f'order from 1 to 6, got {value}') for value in (0, 7, -1)),
+        *((of(Subject, maximum_force=value), 'force above 0 N, got') for value in IMPOSSIBLE),
+        (of(subject_by_name, 'x'), "a subject of rpms, fes, simulation, got 'x'"),
+        *(
+            (make, 'expected a time constant above 0 s, got')
+            for value in IMPOSSIBLE
+            for make in (
+                of(Subject, time_constant=value),
+                of(twitch, 0.1, value),
+                of(twitch_area, value),
+                of(steady_mean, 20.0, value),
+            )
+        ),
+        *(
+            (of(twitch, 0.1, 0.04, value), 'order of at least 1, got')
+            for value in (0.99, -1.0, NAN, INF)
+        ),
+        *(
+            (make, 'expected a repetition rate above 0 Hz, got')
+            for value in IMPOSSIBLE
+            for make in (
+                of(summed_twitches, 0.1, value, 0.04),
+                of(Contraction, average_subject(), value),
+                of(LivingContraction, average_subject(), LivingSettings(), 0, value),
+            )
+        ),
+        *(
+            (of(Contraction, average_subject(), window=value), 'window above 0 s, got')
+            for value in IMPOSSIBLE
+        ),
+        (
+            of(Contraction(average_subject()).add_pulses, [0, 1], [0.5]),
+            'as many intensities as onsets, got 1 and 2',
+        ),
+        (of(Fatigue, force_loss=-1.0), 'finite force_loss of at least 0, got -1'),
+        (of(Fatigue, recovery=0.0), 'finite recovery above 0 s, got 0'),
+        (of(Fatigue, lowest_gain=0.0), 'lowest_gain above 0 up to 1, got 0'),
+        (of(Potentiation, per_pulse=2.0), 'per_pulse from 0 to 1, got 2'),
+        (of(Potentiation, decay=NAN), 'finite decay above 0 s, got nan'),
+        (of(Change, -1.0, gain=1.0), 'finite at of at least 0, got -1'),
+        (of(Change, 1.0, time_constant=0.0), 'time_constant above 0 s, at most 1 s, got 0'),
+        (of(Change, 1.0, time_constant=38.0), 'time_constant above 0 s, at most 1 s, got 38'),
+        (of(Change, 1.0, gain=1e308), r'a gain from 0 to 100, got 1e\+308'),
+        (of(Change, 1.0, latency=9.0), 'a latency from 0 to 1, got 9'),
+        (of(Change, 1.0, threshold=9.0), 'a threshold from -1 to 3, got 9'),
+        (of(Change, 1.0, saturation=NAN), 'a saturation from -1 to 3, got nan'),
+        (
+            of(Change, 1.0, 2.0, threshold=0.9, saturation=0.3),
+            r'saturation at least 0\.05 above the threshold, got 0\.3 and 0\.9 at 3 s',
+        ),
+        (of(Change, 1.0), 'expected a change of gain, time_constant, .*, got none'),
+        (of(VoluntaryEffort, at=-1.0, duration=1.0, peak=1.0), 'at of at least 0 s, got -1'),
+        (of(VoluntaryEffort, at=0.0, duration=0.0, peak=1.0), 'duration above 0 s, got 0'),
+        (
+            of(VoluntaryEffort, at=0.0, duration=2.0, peak=1.0, every=1.0),
+            'a finite every of at least 2 s, got 1',
+        ),
+        (of(Spasm, 0.0, 1.0, rise=0.0), 'finite rise above 0 s, got 0'),
+        (of(Spasm, 0.0, NAN), 'finite peak, got nan'),
+        (of(Spasm, 0.0, 1.0, decay=0.0), 'finite decay above 0 s, got 0'),
+        (of(Tremor, 0.1, 0.0), 'frequency above 0 up to 1000 Hz, got 0'),
+        (of(SensorFault, 'melted', 0.0, 1.0), "a fault of frozen, .* got 'melted'"),
+        (of(SensorFault, 'lost', -1.0, 1.0), 'finite at of at least 0 s, got -1'),
+        (of(SensorFault, 'lost', 0.0, 0.0), 'finite duration above 0 s, got 0'),
+        (of(SensorFault, 'clipped', 0.0, 1.0), 'a value for a clipped sensor, got 0'),
+        (of(SensorFault, 'clipped', 0.0, 1.0, INF), 'a finite value, got inf'),
+        *((of(Disturbances, noise=value), 'noise of at least 0 N') for value in (-0.1, NAN, INF)),
+        *(
+            (of(Disturbances, **{name: value}), f'expected a {name} above 0, got')
+            for name in ('drift_period', 'artifact_decay', 'saturation')
+            for value in (0.0, -1.0, NAN)
+        ),
+        *(
+            (of(Disturbances, **{name: value}), f'expected a finite {name}, got')
+            for name in ('offset', 'drift', 'artifact')
+            for value in (NAN, INF)
+        ),
+    ],
+)
+def test_values_that_cannot_be_are_refused(make, fault) -> None:
+    with pytest.raises(MuscleError, match=fault):
+        make()
