@@ -33,8 +33,7 @@ from soak_laboratory import FAULTS, STEP_NS, Laboratory
 from rpms_ros.identification import StreamSettings
 from rpms_ros.identification.stream import faults
 from rpms_ros.recording import read_recording
-from rpms_ros.report.agreement import differences
-from rpms_ros.report.recorded import recorded_messages
+from rpms_ros.report.recorded import differences, recorded_messages
 from rpms_ros.report.result import IdentificationOptions, identified
 
 FAULT_SHARE = 0.1

@@ -1,12 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What was found of the muscle: curve, response, parameters, figure, tables.
-
-Results as tables of pandas and data sets of xarray, where these are installed.
-"""
+"""What was found of the muscle: curve, response, parameters, figure, tables, data sets."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +15,9 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.verdict import Verdict
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.result import Curve, IdentificationResult, ImpulseResponse, Stated
-from rpms_ros.report.text import interval_of, with_interval
+from rpms_ros.report.text import with_interval, write_text
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
@@ -121,18 +118,18 @@ class Identification:
         of the model that stands for them.
         """
         found = {}
-        flags, deviations = self.result.identifiability or {}, self.result.deviation or {}
+        flags = self.result.identifiability or {}
         for name, value in (self.result.recruitment or {}).items():
-            ends = interval_of(name, value, deviations.get(name), self.result.confidence)
-            found[name] = Parameter(value, *(ends or (NAN, NAN)), '1', flags.get(name, ''))
+            ends = self.result.interval(name) or (NAN, NAN)
+            found[name] = Parameter(value, *ends, '1', flags.get(name, ''))
         for name, stated in (self.result.physiology or {}).items():
-            found[name] = Parameter(
-                stated.value, stated.lower, stated.upper, _unit(name, self.result.unit)
-            )
-        dynamics = self.result.dynamics
-        for name in () if dynamics is None else ('twitch_time_constant_s', 'latency_s'):
-            ends = getattr(dynamics, name)
-            found[name] = Parameter(ends.value, ends.lower, ends.upper, 's')
+            # the name ends with the unit
+            unit = {'s': 's', 'n': self.result.unit}.get(name.rpartition('_')[2], '1')
+            found[name] = Parameter(stated.value, stated.lower, stated.upper, unit)
+        if (trains := self.result.dynamics) is not None:
+            for name in ('twitch_time_constant_s', 'latency_s'):
+                one = getattr(trains, name)
+                found[name] = Parameter(one.value, one.lower, one.upper, 's')
         return found
 
     def force_at(self, intensity: float) -> Stated:
@@ -158,14 +155,9 @@ class Identification:
             raise ReportError(f'expected one intensity, got {given.size}; `curve` has 101 of them')
         if given.dtype.kind not in 'buif' or not 0 <= given <= 1:
             raise ReportError(f'expected an intensity from 0 to 1, got {intensity!r}')
-        curve = self.curve
-        if curve is None:
+        if self.curve is None:
             raise ReportError(self.result.without_curve)
-
-        def at(values: FloatArray | None) -> float:
-            return NAN if values is None else float(np.interp(intensity, curve.intensity, values))
-
-        return Stated(at(curve.force), at(curve.lower), at(curve.upper))
+        return self.curve.at(float(given))
 
     def plot(self, figure: 'Figure | None' = None) -> 'Figure':
         """Draw time courses, force, recruitment curve and response; return the figure.
@@ -178,8 +170,8 @@ class Identification:
             An empty figure to draw into; else one is made by ``matplotlib.pyplot``, which shows
             it in a notebook, and in a script with ``plt.show()``.
         """
+        from rpms_ros.report.figures import fill_session_figure
         from rpms_ros.report.result import trains_of
-        from rpms_ros.report.session.session_figure import fill_session_figure
 
         if figure is None:
             from matplotlib import pyplot as plt
@@ -217,10 +209,7 @@ class Identification:
         """
         text = json.dumps(self.to_dict(), allow_nan=False, indent=1)
         if path is not None:
-            try:
-                Path(path).write_text(text, encoding='utf-8')
-            except OSError as error:
-                raise ReportError(f'expected to write {path}, got {error}') from error
+            write_text(Path(path), text)
         return text
 
     def to_pandas(self, table: str = 'parameters') -> 'pd.DataFrame':
@@ -238,7 +227,13 @@ class Identification:
         ReportError
             If there is no such table, the data do not tell it, or pandas is not installed.
         """
-        return as_frame(self, table)
+        if table not in TABLES:
+            raise ReportError(f'expected a table of {", ".join(TABLES)}, got {table!r}')
+        pandas = _installed('pandas')
+        index, columns = self._columns(table)
+        name = {'parameters': 'parameter', 'curve': 'intensity'}.get(table, 'time_s')
+        frame: pd.DataFrame = pandas.DataFrame(columns, pandas.Index(index, name=name))
+        return frame
 
     def to_xarray(self) -> 'xr.Dataset':
         """Return all results as one data set with units; needs xarray.
@@ -255,7 +250,49 @@ class Identification:
         ReportError
             If xarray is not installed.
         """
-        return as_dataset(self)
+        xarray = _installed('xarray')
+        variables: dict[str, Any] = {}
+        coordinates: dict[str, Any] = {}
+        newton, known = {'units': self.result.unit}, self.curve is not None
+        places = {'response': 'response_time', 'curve': 'intensity', 'force': 'time'}
+        for table, place in places.items():
+            if table == 'curve' and not known:
+                continue
+            index, columns = self._columns(table)
+            coordinates[place] = (place, index, {'units': '1' if table == 'curve' else 's'})
+            for column, values in columns.items():
+                name = table if column == 'force' else f'{table}_{column}'
+                name = column if table == 'force' else name
+                variables[name] = (place, values, {} if column == 'usable' else newton)
+        coordinates['parameter'], columns = self._columns('parameters')
+        for column, values in columns.items():
+            variables[f'parameter_{column}'] = ('parameter', values)
+        names = ('session_hash', 'estimator', 'rate_hz', 'output_error_n')
+        attributes = {name: getattr(self.result, name) for name in names}
+        attributes |= {'session': self.session.name, 'confidence': self.result.confidence or NAN}
+        dataset: xr.Dataset = xarray.Dataset(variables, coordinates, attributes)
+        return dataset
+
+    def _columns(self, table: str) -> tuple[Any, dict[str, Any]]:
+        """Return the index and the columns of one of `TABLES`."""
+        if table == 'parameters':
+            found = self.parameters
+            rows = [asdict(one) for one in found.values()]
+            names = [field.name for field in fields(Parameter)]
+            return list(found), {name: [row[name] for row in rows] for name in names}
+        if table == 'force':
+            kept = self.estimates
+            names = ['force', 'prediction', 'usable']
+            time = (kept.stamp_ns - kept.stamp_ns[0]) / NANOSECONDS_PER_SECOND
+            return time, {name: getattr(kept, name) for name in names}
+        one = self.curve if table == 'curve' else self.response
+        if one is None:
+            raise ReportError(self.result.without_curve)
+        nothing = np.full(len(one.force), NAN)
+        ends = {'lower': one.lower, 'upper': one.upper}
+        ends = {name: nothing if end is None else end for name, end in ends.items()}
+        index = one.intensity if isinstance(one, Curve) else one.time_s
+        return index, {'force': one.force, **ends}
 
     def __repr__(self) -> str:
         return f'Identification({self.session.name!r}, {self.estimator!r}, {self.verdict.line!r})'
@@ -279,12 +316,11 @@ class Identification:
         """Return each parameter, and the force at half and full intensity."""
         unit, rows = self.result.unit, []
         for name, one in self.parameters.items():
-            known = {'value': one.value, 'lower': one.lower, 'upper': one.upper}
-            text = with_interval(known, unit='' if one.unit == '1' else f' {one.unit}')
+            text = with_interval(vars(one), unit='' if one.unit == '1' else f' {one.unit}')
             rows.append((name, text + (f', {one.determined}' if one.determined else '')))
         if self.curve is not None:
             for share in (0.5, 1.0):
-                text = with_interval(asdict(self.force_at(share)), unit=f' {unit}')
+                text = with_interval(vars(self.force_at(share)), unit=f' {unit}')
                 rows.append((f'{QUANTITIES[unit]} at intensity {share:g}', text))
         return rows
 
@@ -294,118 +330,7 @@ class Identification:
         return dict(self.result.faults)
 
 
-def _unit(name: str, force: str) -> str:
-    """Return the unit in which a number of the response is given; its name ends with it."""
-    return {'s': 's', 'n': force}.get(name.rpartition('_')[2], '1')
-
-
 TABLES = ('parameters', 'curve', 'response', 'force')
-
-
-def as_frame(result: 'Identification', table: str) -> 'pd.DataFrame':
-    """Return a table of `TABLES`; see `Identification.to_pandas`.
-
-    Raises
-    ------
-    ReportError
-        If there is no such table, the data do not tell it, or pandas is not installed.
-    """
-    if table not in TABLES:
-        raise ReportError(f'expected a table of {", ".join(TABLES)}, got {table!r}')
-    pandas = _installed('pandas')
-    columns: dict[str, Any]
-    if table == 'parameters':
-        found = result.parameters
-        columns = {
-            name: [getattr(one, name) for one in found.values()]
-            for name in ('value', 'lower', 'upper', 'unit', 'determined')
-        }
-        index = pandas.Index(list(found), name='parameter')
-    elif table == 'curve':
-        if result.curve is None:
-            raise ReportError(result.result.without_curve)
-        columns = _banded(result.curve.force, result.curve.lower, result.curve.upper)
-        index = pandas.Index(result.curve.intensity, name='intensity')
-    elif table == 'response':
-        response = result.response
-        columns = _banded(response.force, response.lower, response.upper)
-        index = pandas.Index(response.time_s, name='time_s')
-    else:
-        columns = _trace(result)
-        index = pandas.Index(_time(result), name='time_s')
-    frame: pd.DataFrame = pandas.DataFrame(columns, index=index)
-    return frame
-
-
-def as_dataset(result: 'Identification') -> 'xr.Dataset':
-    """Return all results as a data set; see `Identification.to_xarray`.
-
-    Raises
-    ------
-    ReportError
-        If xarray is not installed.
-    """
-    xarray = _installed('xarray')
-    found, response = result.parameters, result.response
-    variables: dict[str, Any] = {}
-    newton = {'units': result.result.unit}
-    for name, values in _banded(
-        response.force, response.lower, response.upper, 'response'
-    ).items():
-        variables[name] = ('response_time', values, newton)
-    if (curve := result.curve) is not None:
-        for name, values in _banded(curve.force, curve.lower, curve.upper, 'curve').items():
-            variables[name] = ('intensity', values, newton)
-    for name in ('value', 'lower', 'upper'):
-        values = np.array([getattr(one, name) for one in found.values()], dtype=np.float64)
-        variables[f'parameter_{name}'] = ('parameter', values)
-    variables['parameter_unit'] = ('parameter', [one.unit for one in found.values()])
-    variables['parameter_determined'] = ('parameter', [one.determined for one in found.values()])
-    for name, values in _trace(result).items():
-        variables[name] = ('time', values, {} if name == 'usable' else newton)
-    coordinates: dict[str, Any] = {
-        'response_time': ('response_time', response.time_s, {'units': 's'}),
-        'parameter': list(found),
-        'time': ('time', _time(result), {'units': 's'}),
-    }
-    if curve is not None:
-        coordinates['intensity'] = ('intensity', curve.intensity, {'units': '1'})
-    one = result.result
-    attributes = {
-        'session': result.session.name,
-        'session_hash': one.session_hash,
-        'estimator': one.estimator,
-        'rate_hz': one.rate_hz,
-        'confidence': one.confidence or np.nan,
-        'output_error_n': one.output_error_n,
-    }
-    dataset: xr.Dataset = xarray.Dataset(variables, coordinates, attributes)
-    return dataset
-
-
-def _banded(
-    force: FloatArray, lower: FloatArray | None, upper: FloatArray | None, name: str = ''
-) -> dict[str, FloatArray]:
-    """Return a force with its interval as columns; NaN where there is no interval."""
-    nothing = np.full(len(force), np.nan)
-    prefix = f'{name}_' if name else ''
-    return {
-        name or 'force': force,
-        f'{prefix}lower': nothing if lower is None else lower,
-        f'{prefix}upper': nothing if upper is None else upper,
-    }
-
-
-def _time(result: 'Identification') -> FloatArray:
-    """Return the time of each processed sample after the first (samples,) [s]."""
-    stamps = result.estimates.stamp_ns
-    time: FloatArray = (stamps - stamps[0]) / NANOSECONDS_PER_SECOND
-    return time
-
-
-def _trace(result: 'Identification') -> dict[str, Any]:
-    kept = result.estimates
-    return {'force': kept.force, 'prediction': kept.prediction, 'usable': kept.usable}
 
 
 def _installed(name: str) -> Any:

@@ -13,10 +13,11 @@ import numpy.typing as npt
 from rpms_ros.api.session import Session
 from rpms_ros.axis import FORCE
 from rpms_ros.errors import RecordingError
+from rpms_ros.identification import DEFAULT_RATE
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH, NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
 from rpms_ros.recording import Recording, RecordingFacts, Topics, read_recording
 from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file, is_foreign
-from rpms_ros.report.recorded import recorded_truth
+from rpms_ros.report.recorded import true_muscle
 
 # Beyond that nanoseconds do not fit into 64 bits.
 _LATEST_S = 9e9
@@ -162,8 +163,15 @@ def load(
     topics = Topics(pulses_topic, force_topic)
     recording = read_recording(place, topics, axis, sign, quantity=quantity)
     name = (place.resolve() if place.is_dir() else place).stem
-    subject, truth = recorded_truth(recording)
-    return Session(name=name, recording=recording, topics=topics, subject=subject, truth=truth)
+    muscle = true_muscle(recording, DEFAULT_RATE)
+    changing = muscle is not None and len(muscle.stamp_ns) > 1
+    return Session(
+        name=name,
+        recording=recording,
+        topics=topics,
+        subject=None if muscle is None else muscle.subject,
+        truth=muscle if changing else None,
+    )
 
 
 def from_arrays(

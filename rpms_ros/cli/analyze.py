@@ -6,21 +6,20 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpms_ros.cli.import_file import add_signal_options
 from rpms_ros.cli.options import (
     add_command,
-    add_quantity_option,
     add_reading_options,
     progress,
     read,
     warn,
 )
-from rpms_ros.errors import ReportError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain
+from rpms_ros.report.text import write_text
 
 if TYPE_CHECKING:
     from rpms_ros.identification.analysis import MuscleAnalysis
@@ -54,27 +53,16 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         _DESCRIPTION,
         _EXAMPLES,
     )
-    parser.add_argument(
-        'bags', type=Path, nargs='+', metavar='BAG', help='folder or file of a recording'
-    )
-    parser.add_argument(
-        '--json',
-        action='store_true',
-        help='one JSON object on stdout and nothing else there; a list for several recordings',
-    )
+    text = 'folder or file of a recording'
+    parser.add_argument('bags', type=Path, nargs='+', metavar='BAG', help=text)
+    text = 'one JSON object on stdout and nothing else there; a list for several recordings'
+    parser.add_argument('--json', action='store_true', help=text)
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
-    parser.add_argument(
-        '--unknown-intensity',
-        action='store_true',
-        help='ignore the intensities in the recording, as after importing a gate',
-    )
-    parser.add_argument(
-        '--together',
-        action='store_true',
-        help='the recordings are parts of one session: put them one after another in time',
-    )
+    text = 'ignore the intensities in the recording, as after importing a gate'
+    parser.add_argument('--unknown-intensity', action='store_true', help=text)
+    text = 'the recordings are parts of one session: put them one after another in time'
+    parser.add_argument('--together', action='store_true', help=text)
     add_reading_options(parser)
-    add_quantity_option(parser)
     add_signal_options(parser)
 
 
@@ -127,8 +115,8 @@ def _joined(sessions: Sequence[Session]) -> Session:
         start = int(stamps.max(initial=start)) + shift + _PAUSE_NS
     trains, traces = zip(*moved, strict=True)
     joined = {
-        name: np.concatenate([getattr(train, name) for train in trains])
-        for name in ('onset_ns', 'intensity', 'sequence', 'width')
+        one.name: np.concatenate([getattr(train, one.name) for train in trains])
+        for one in fields(PulseTrain)
     }
     force = ForceTrace(
         np.concatenate([trace.stamp_ns for trace in traces]),
@@ -167,12 +155,8 @@ def _write(folder: Path, names: Sequence[str], analyses: Sequence['MuscleAnalysi
 
     for index, (name, analysis) in enumerate(zip(names, analyses, strict=True)):
         place = folder / f'{index + 1}-{name}' if len(names) > 1 else folder
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-            text = json.dumps(analysis_document(analysis), allow_nan=False, indent=2)
-            (place / 'result.json').write_text(f'{text}\n', encoding='utf-8')
-        except OSError as error:
-            raise ReportError(f'expected a folder to write to, got {place}: {error}') from error
+        text = json.dumps(analysis_document(analysis), allow_nan=False, indent=2)
+        write_text(place / 'result.json', f'{text}\n')
         drawn = draw_analysis(place, analysis, name)
         written = ', '.join(['result.json', *(path.name for path in drawn)])
         print(f'{place}: {written}', file=sys.stderr)

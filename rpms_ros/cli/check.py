@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not ahead.deliverable:
             print('\n'.join(_offered(offers(schedule, specification))))
     if arguments.plot is not None:
-        from rpms_ros.report.session.dose import save_schedule_figure
+        from rpms_ros.report.dose import save_schedule_figure
 
         save_schedule_figure(schedule, specification, ahead, arguments.plot)
     return 0 if ahead.deliverable else 1

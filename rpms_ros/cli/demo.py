@@ -12,8 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rpms_ros.cli.identify import add_preset_option
-from rpms_ros.cli.options import add_command, add_option
+from rpms_ros.cli.options import add_command, add_option, add_preset_option
 from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
@@ -238,12 +237,11 @@ def _report(
     from rpms_ros.identification.stream.faults import PULSE_LATE
     from rpms_ros.nodes.simulation_launcher import RECORDING
     from rpms_ros.recording import read_recording
-    from rpms_ros.report.agreement import compare
     from rpms_ros.report.course import course_of, steadiness
+    from rpms_ros.report.figures import draw_session
     from rpms_ros.report.known_muscle import of_subject, truth_table
-    from rpms_ros.report.recorded import true_muscle
+    from rpms_ros.report.recorded import compare, true_muscle
     from rpms_ros.report.result import IdentificationOptions, identified
-    from rpms_ros.report.session.session_figure import draw_session
 
     path = launcher.folder / RECORDING
     recording = read_recording(path)

@@ -11,7 +11,6 @@ from rpms_ros.cli.options import (
     SUCCESS,
     add_command,
     add_option,
-    add_quantity_option,
     add_reading_options,
     read,
     warn,
@@ -57,7 +56,6 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     text = 'which recording of the visit, from 1'
     add_option(group, '--run N', None, text, type=int, dest='run_number')
     add_reading_options(parser)
-    add_quantity_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,41 +4,43 @@
 
 import argparse
 import json
+from dataclasses import replace
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.cli.import_file import add_signal_options
 from rpms_ros.cli.options import (
-    INCOMPLETE,
-    SUCCESS,
-    UNUSABLE,
     add_bag,
     add_command,
+    add_estimator_options,
     add_option,
-    add_quantity_option,
     add_reading_options,
+    add_verdict_option,
     compile_estimator,
+    identification_options,
     progress,
     read,
+    verdict_code,
+    verdict_settings,
     warn,
 )
-from rpms_ros.errors import ReportError
 from rpms_ros.printable import counted, printable
 from rpms_ros.report.text import (
-    NOT_A_TWITCH,
-    is_no_twitch,
     label,
     labelled,
     recruitment_shown,
     shown,
     with_interval,
+    write_text,
 )
 
 if TYPE_CHECKING:
     from rpms_ros.identification import IdentifiedSession
-    from rpms_ros.identification.analysis import SummationAnalysis
+    from rpms_ros.identification.analysis.dynamics import TrainDynamics
     from rpms_ros.recording import Recording
+    from rpms_ros.report.result import IdentificationResult
 
 _DESCRIPTION = """\
 Identifies recruitment and dynamics of the muscle from recorded pulses and force, with the
@@ -57,8 +59,6 @@ _EXAMPLES = """\
 
 exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 2 if not possible
 """
-# Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
-PRESETS = ('people', 'paper_table_4', 'paper_table_5')
 _CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
 # More than a figure has pixels across; a minute and a half has all of its estimates.
 _MOST_ESTIMATES = 1000
@@ -80,91 +80,42 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
     add_reading_options(parser)
-    add_quantity_option(parser)
     add_estimator_options(parser)
     _add_state_options(parser)
     add_verdict_option(parser)
     add_signal_options(parser)
 
 
-def add_verdict_option(parser: argparse.ArgumentParser) -> None:
-    """Add what the verdict takes for granted."""
-    text = 'force that this muscle can have at most [N]; more is taken for a wrong unit'
-    add_option(parser, '--expected-force N', 200.0, text)
-
-
-def verdict_code(grade: str, faults: bool) -> int:
-    """Return the exit code of a verdict on a recording with or without faults."""
-    if grade == 'no':
-        return UNUSABLE
-    return INCOMPLETE if faults or grade != 'good' else SUCCESS
-
-
 def _add_state_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('what is known before and after')
     text = 'file for what is known at the end: the node and --start-from read it'
-    group.add_argument('--save-state', type=Path, metavar='FILE', help=text)
+    add_option(group, '--save-state FILE', None, text, type=Path)
     text = (
         'start from what an earlier session of the patient has told, a saved state or the JSON of '
         'this command; it gives way where it is wrong (horizon, tracking)'
     )
-    group.add_argument('--start-from', type=Path, metavar='FILE', help=text)
+    add_option(group, '--start-from FILE', None, text, type=Path)
     text = (
         'weigh each pulse by the pulses before it, with the history law in the JSON of rpms '
         'analyze or a JSON object of its numbers; for trains of 30 Hz and more (batch, horizon, '
         'tracking)'
     )
-    group.add_argument('--temporal-summation', type=Path, metavar='FILE', help=text)
-
-
-def add_estimator_options(parser: argparse.ArgumentParser, on_line: bool = False) -> None:
-    """Add the options of the estimator."""
-    group = parser.add_argument_group('estimator')
-    add_option(
-        group,
-        '--estimator NAME',
-        'recursive' if on_line else 'batch',
-        'algorithm: batch (everything at once), or as on line horizon (the last 20 s), tracking '
-        '(a muscle that changes) or recursive (one pass, as the node by default)',
-    )
-    add_preset_option(group)
-    text = 'repetition rate for which the recruitment curve is stated [Hz]'
-    add_option(group, '--rate-hz HZ', 20.0, text)
-    if not on_line:
-        add_option(group, '--seed', 0, "of the estimator's random start")
-
-
-def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
-    """Add the choice of what the paper printed."""
-    text = (
-        'paper_table_4 or paper_table_5 reproduce those tables of the paper and are not for '
-        'people; leave it out otherwise, and with tracking'
-    )
-    add_option(parser, '--preset', 'people', text, choices=PRESETS)
+    add_option(group, '--temporal-summation FILE', None, text, type=Path)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify the recording; return the exit code of the verdict."""
+    from rpms_ros.identification.model.summation import TemporalSummation
     from rpms_ros.identification.quality.stationarity import FOLLOWER
-    from rpms_ros.identification.quality.verdict import VerdictSettings
-    from rpms_ros.report.result import (
-        IdentificationOptions,
-        history_of,
-        identified,
-        result_of,
-        trains_of,
-    )
+    from rpms_ros.report.result import identified, result_of
     from rpms_ros.schema import plain
 
-    settings = VerdictSettings(expected_force=arguments.expected_force)
-    options = IdentificationOptions(
-        arguments.estimator,
-        arguments.preset,
-        arguments.rate_hz,
-        arguments.seed,
-        history_of(arguments.temporal_summation),
-        arguments.start_from,
-        arguments.save_state,
+    law = arguments.temporal_summation
+    options = replace(
+        identification_options(arguments),
+        history=TemporalSummation.of_file(law) if law else None,
+        start_from=arguments.start_from,
+        save_state=arguments.save_state,
     )
     recording = read(arguments.bag, arguments)
     samples = len(recording.forces)
@@ -176,165 +127,125 @@ def run(arguments: argparse.Namespace) -> int:
         few = _MOST_ESTIMATES if arguments.out or arguments.estimator == FOLLOWER else 1
         most = None if arguments.save_state else few
         session = identified(recording, options, advance, most)
-    result = result_of(recording, session, settings)
-    document = plain(result)
+    result = result_of(recording, session, verdict_settings(arguments))
     if arguments.json:
-        print(json.dumps(document, allow_nan=False))
+        print(json.dumps(plain(result), allow_nan=False))
     else:
-        print(f'{printable(str(arguments.bag))}\n{as_text(document)}')
-    warn(('warning', text) for text in document['notes'])
+        print(f'{printable(str(arguments.bag))}\n{as_text(result)}')
+    warn(('warning', text) for text in result.notes)
     if arguments.out:
-        trains = trains_of(recording, result)
-        _write(arguments.out, document, recording, session, str(arguments.bag), trains)
-    return verdict_code(document['verdict']['grade'], bool(recording.facts.faults))
+        _write(arguments.out, result, recording, session, str(arguments.bag))
+    return verdict_code(result.verdict.grade, recording)
 
 
-def as_text(document: dict[str, Any]) -> str:
+def as_text(result: 'IdentificationResult') -> str:
     """Return the result as a short table, the verdict first."""
     from rpms_ros.report.result import FOLLOWED
 
-    verdict, duration = document['verdict'], document['duration_s']
-    first, *others = verdict['reasons']
+    first, *others = result.verdict.reasons
+    counts = f'{counted(result.samples, "sample")}, {counted(result.pulses, "pulse")}'
     rows = [
-        ('verdict', f'{verdict["grade"]}: {first}'),
+        ('verdict', f'{result.verdict.grade}: {first}'),
         *(('', reason) for reason in others),
-        ('estimator', FOLLOWED if FOLLOWED in document['notes'] else document['estimator']),
-        ('data', f'{_counts(document)}, {duration:.3f} s'),
-        ('session hash', document['session_hash']),
-        *(('schedule', f'{one["name"]}, sha256 {one["sha256"]}') for one in document['schedules']),
+        ('estimator', FOLLOWED if FOLLOWED in result.notes else result.estimator),
+        ('data', f'{counts}, {result.duration_s:.3f} s'),
+        ('session hash', result.session_hash),
+        *(('schedule', f'{one.name}, sha256 {one.sha256}') for one in result.schedules),
     ]
     # What must not be used is not there to be copied.
-    if verdict['grade'] != 'no':
-        rows += _found(document)
-    if verdict['grade'] != 'no' and 'steadiness' in document:
-        rows.append(('the muscle', document['steadiness']))
-    if 'dynamics' not in document:
-        rows.append(('prediction error', _output_error(document)))
-    faults = (f'{name} {count}' for name, count in document['faults'].items())
+    if result.verdict.grade != 'no':
+        rows += _found(result)
+        if result.steadiness is not None:
+            rows.append(('the muscle', result.steadiness))
+    if result.dynamics is None:
+        rows.append(('prediction error', _output_error(result)))
+    faults = (f'{name} {count}' for name, count in result.faults.items())
     rows.append(('faults', ', '.join(faults) or 'none'))
     return labelled(rows)
 
 
-def _counts(document: dict[str, Any]) -> str:
-    samples, pulses = document['samples'], document['pulses']
-    return f'{counted(samples, "sample")}, {counted(pulses, "pulse")}'
-
-
-def _found(document: dict[str, Any]) -> list[tuple[str, str]]:
+def _found(result: 'IdentificationResult') -> list[tuple[str, str]]:
     """Return the rows of what was identified; nothing that the data do not tell."""
-    rows = []
-    unit = document['unit']
-    what = QUANTITIES[unit]
-    if document['curve']:
-        flags, deviations = document.get('identifiability', {}), document.get('deviation', {})
-        for name, value in document['recruitment'].items():
-            known = (deviations.get(name), document.get('confidence'), flags.get(name))
-            rows.append((label(name), recruitment_shown(name, value, *known)))
-        rows += [
-            (
-                '' if index else f'steady {what} at {document["rate_hz"]:g} Hz',
-                f'{_at(document["curve"], share, unit)} at intensity {share:g}',
-            )
-            for index, share in enumerate(_CURVE_SHOWN)
-        ]
-    else:
+    from rpms_ros.report.result import NOT_A_TWITCH
+
+    unit, curve, rows = result.unit, result.curve, []
+    if curve is None:
         rows.append(('recruitment', 'cannot be told from one intensity'))
-    if 'dynamics' in document:
-        return rows + _dynamics(document['dynamics'], unit)
-    for name, found in document.get('physiology', {}).items():
-        rows.append((label(name), shown(name, found, unit)))
-    response = document['impulse_response']
-    place = response['force'].index(max(response['force']))
-    time_ms = 1e3 * response['time_s'][place]
-    peak = with_interval(_place(response, place), unit=f' {unit}')
-    rows.append(('response to one pulse', f'peak {peak} after {time_ms:.0f} ms'))
-    if is_no_twitch(document):
-        rows.append(('', NOT_A_TWITCH))
-    return rows
+    else:
+        flags, deviations = result.identifiability or {}, result.deviation or {}
+        for name, value in (result.recruitment or {}).items():
+            known = (deviations.get(name), result.confidence, flags.get(name))
+            rows.append((label(name), recruitment_shown(name, value, *known)))
+        what = f'steady {QUANTITIES[unit]} at {result.rate_hz:g} Hz'
+        for share in _CURVE_SHOWN:
+            force = with_interval(vars(curve.at(share)), unit=f' {unit}')
+            rows.append((what, f'{force} at intensity {share:g}'))
+            what = ''
+    if result.dynamics is not None:
+        return rows + _dynamics(result.dynamics, unit)
+    for name, stated in (result.physiology or {}).items():
+        rows.append((label(name), shown(name, vars(stated), unit)))
+    response = result.impulse_response
+    peak = with_interval(vars(response.peak), unit=f' {unit}')
+    after = f'{1e3 * response.peak_time_s:.0f} ms'
+    rows.append(('response to one pulse', f'peak {peak} after {after}'))
+    return [*rows, ('', NOT_A_TWITCH)] if result.is_no_twitch else rows
 
 
-def _dynamics(found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
+def _dynamics(found: 'TrainDynamics', unit: str) -> list[tuple[str, str]]:
     """Return the rows of trains of one intensity."""
-    count, onset = found['trains'], found['onset_s']
+    onset, model = found.onset_s, found.model
+    trains = f'{found.trains} of {found.pulses} pulses at {found.rate_hz:.4g} Hz'
+    fits = {
+        model: found.fit_percent,
+        'equal pulses': found.fit_equal_percent,
+        'a gain a pulse': found.fit_gains_percent,
+    }
+    fit = ', '.join(f'{name} {percent:.1f} %' for name, percent in fits.items())
+    constant = with_interval(vars(found.twitch_time_constant_s), 1e3, ' ms')
     rows = [
+        ('trains', f'{trains}, peak {found.peak_force:.4g} {unit}'),
         (
-            'trains',
-            (
-                f'{count} of {found["pulses"]} pulses at {found["rate_hz"]:.4g} Hz, '
-                f'peak {found["peak_force"]:.4g} {unit}'
-            ),
+            f'onset of {QUANTITIES[unit]}',
+            with_interval(vars(onset), 1e3, ' ms') if onset else 'hidden by noise',
         ),
-        (f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'),
-        (
-            f'T_a, {found["model"]}',
-            f'{_milliseconds(found["twitch_time_constant_s"])}, order {found["order"]}',
-        ),
-        (f'delay of the model, {found["model"]}', _milliseconds(found['latency_s'])),
-        ('fit', f'{_fits(found)} (100 (1 - |residual| / |force - mean|))'),
+        (f'T_a, {model}', f'{constant}, order {found.order}'),
+        (f'delay of the model, {model}', with_interval(vars(found.latency_s), 1e3, ' ms')),
+        ('fit', f'{fit} (100 (1 - |residual| / |force - mean|))'),
     ]
-    if found['law']:
-        numbers = (f'{name} {value:.3g}' for name, value in found['law'].items())
+    if found.law:
+        numbers = (f'{name} {value:.3g}' for name, value in vars(found.law).items())
         rows.append(('history law', '  '.join(numbers)))
     return rows
 
 
-def _fits(found: dict[str, Any]) -> str:
-    """Return how well each model fits the trains, the one that is stated first."""
-    fits = {
-        found['model']: found['fit_percent'],
-        'equal pulses': found['fit_equal_percent'],
-        'a gain a pulse': found['fit_gains_percent'],
-    }
-    return ', '.join(f'{model} {percent:.1f} %' for model, percent in fits.items())
-
-
-def _milliseconds(found: dict[str, float | None]) -> str:
-    return with_interval(found, 1e3, ' ms')
-
-
-def _output_error(document: dict[str, Any]) -> str:
+def _output_error(result: 'IdentificationResult') -> str:
     """Return the output error in words."""
-    newton, of_range = document['output_error_n'], document['output_error_of_range']
-    if newton is None:
+    what, of_range = QUANTITIES[result.unit], result.output_error_of_range
+    if not isfinite(result.output_error_n):
         return 'unknown: no usable sample was predicted before it was learnt'
-    what = QUANTITIES[document['unit']]
-    share = (
-        f'no {what}' if of_range is None else f'{100 * of_range:.3g} % of the range of the {what}'
-    )
+    share = f'{100 * of_range:.3g} % of the range of the {what}'
+    share = share if isfinite(of_range) else f'no {what}'
     return (
-        f'{newton:.3g} {document["unit"]}, {share} (root mean square after settling, each sample '
-        'predicted before it was learnt)'
+        f'{result.output_error_n:.3g} {result.unit}, {share} (root mean square after settling, '
+        'each sample predicted before it was learnt)'
     )
-
-
-def _at(curve: dict[str, list[float]], share: float, unit: str) -> str:
-    """Return the force at an intensity, with its interval if there is one."""
-    return with_interval(_place(curve, round(share * (len(curve['force']) - 1))), unit=f' {unit}')
-
-
-def _place(curve: dict[str, list[float]], place: int) -> dict[str, float | None]:
-    """Return a point of a curve with the ends of its interval if there are any."""
-    names = {'value': 'force', 'lower': 'lower', 'upper': 'upper'}
-    return {end: curve[name][place] if name in curve else None for end, name in names.items()}
 
 
 def _write(
     folder: Path,
-    document: dict[str, Any],
+    result: 'IdentificationResult',
     recording: 'Recording',
     session: 'IdentifiedSession',
     title: str,
-    trains: 'SummationAnalysis | None',
 ) -> None:
     """Write the result and its figure, as pixels and as vectors."""
+    from rpms_ros.report.figures import draw_session
     from rpms_ros.report.recorded import true_muscle
-    from rpms_ros.report.session.session_figure import draw_session
+    from rpms_ros.report.result import trains_of
+    from rpms_ros.schema import plain
 
-    truth = true_muscle(recording, session.last.repetition_rate)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / 'result.json').write_text(json.dumps(document, allow_nan=False, indent=1))
-    except OSError as error:
-        raise ReportError(f'expected to write into {folder}, got {error}') from error
+    truth, trains = true_muscle(recording, result.rate_hz), trains_of(recording, result)
+    write_text(folder / 'result.json', json.dumps(plain(result), allow_nan=False, indent=1))
     paths = (folder / 'session.png', folder / 'session.svg')
     draw_session(paths, session, recording.pulses, truth, title, trains)

@@ -15,8 +15,12 @@ from rpms_ros.report.text import collapsed
 
 if TYPE_CHECKING:
     from rpms_ros.identification import Estimator
+    from rpms_ros.identification.quality.verdict import VerdictSettings
     from rpms_ros.recording import Recording, Topics
+    from rpms_ros.report.result import IdentificationOptions
 
+# Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
+PRESETS = ('people', 'paper_table_4', 'paper_table_5')
 SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
 COMPILING = 'compiling for this machine, once; this takes one to three minutes'
 # What takes longer shows a bar [s].
@@ -108,23 +112,17 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
     add_topic_options(parser)
     add_memory_option(parser)
     group = parser.add_argument_group('what the force is')
-    group.add_argument(
-        '--axis',
-        default='z',
-        metavar='AXIS',
-        help='axis of the wrench along which the muscle pulls: x, y, z, -x or a direction as '
-        '0.6,0,0.8 (default: z; write --axis=-z, with the sign of equality before a minus)',
+    text = (
+        'axis of the wrench along which the muscle pulls: x, y, z, -x or a direction as '
+        '0.6,0,0.8; write --axis=-z, with the sign of equality before a minus'
     )
-    group.add_argument(
-        '--sign',
-        type=int,
-        choices=(1, -1),
-        default=1,
-        help='-1 if the sensor shows the pull of the muscle as negative (default: 1)',
-    )
+    add_option(group, '--axis AXIS', 'z', text)
+    text = '-1 if the sensor shows the pull of the muscle as negative'
+    add_option(group, '--sign', 1, text, choices=(1, -1))
+    add_quantity_option(group)
 
 
-def add_quantity_option(parser: argparse.ArgumentParser) -> None:
+def add_quantity_option(parser: 'argparse._ActionsContainer') -> None:
     """Add what the sensor measures."""
     add_option(
         parser,
@@ -134,6 +132,60 @@ def add_quantity_option(parser: argparse.ArgumentParser) -> None:
         'instead of its force, and everything is in N m',
         choices=('force', 'torque'),
     )
+
+
+def add_estimator_options(parser: argparse.ArgumentParser, on_line: bool = False) -> None:
+    """Add the options of the estimator."""
+    group = parser.add_argument_group('estimator')
+    add_option(
+        group,
+        '--estimator NAME',
+        'recursive' if on_line else 'batch',
+        'algorithm: batch (everything at once), or as on line horizon (the last 20 s), tracking '
+        '(a muscle that changes) or recursive (one pass, as the node by default)',
+    )
+    add_preset_option(group)
+    text = 'repetition rate for which the recruitment curve is stated [Hz]'
+    add_option(group, '--rate-hz HZ', 20.0, text)
+    if not on_line:
+        add_option(group, '--seed', 0, "of the estimator's random start")
+
+
+def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
+    """Add the choice of what the paper printed."""
+    text = (
+        'paper_table_4 or paper_table_5 reproduce those tables of the paper and are not for '
+        'people; leave it out otherwise, and with tracking'
+    )
+    add_option(parser, '--preset', 'people', text, choices=PRESETS)
+
+
+def identification_options(arguments: argparse.Namespace) -> 'IdentificationOptions':
+    """Return how a recording is identified, as the options say."""
+    from rpms_ros.report.result import IdentificationOptions
+
+    names = ('estimator', 'preset', 'rate_hz', 'seed')
+    return IdentificationOptions(**{name: getattr(arguments, name) for name in names})
+
+
+def add_verdict_option(parser: argparse.ArgumentParser) -> None:
+    """Add what the verdict takes for granted."""
+    text = 'force that this muscle can have at most [N]; more is taken for a wrong unit'
+    add_option(parser, '--expected-force N', 200.0, text)
+
+
+def verdict_settings(arguments: argparse.Namespace) -> 'VerdictSettings':
+    """Return the thresholds of the verdict, as the options say."""
+    from rpms_ros.identification.quality.verdict import VerdictSettings
+
+    return VerdictSettings(expected_force=arguments.expected_force)
+
+
+def verdict_code(grade: str, recording: 'Recording') -> int:
+    """Return the exit code of a verdict on a recording with or without faults."""
+    if grade == 'no':
+        return UNUSABLE
+    return INCOMPLETE if recording.facts.faults or grade != 'good' else SUCCESS
 
 
 # What has no meaning for a file of a laboratory.

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from rpms_ros.cli.identify import add_estimator_options
 from rpms_ros.cli.options import (
     add_bag,
     add_command,
+    add_estimator_options,
     add_option,
-    add_quantity_option,
     add_reading_options,
     progress,
     read,
@@ -24,7 +23,7 @@ from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
     from rpms_ros.nodes.replay import Replay
-    from rpms_ros.report.agreement import Agreement
+    from rpms_ros.report.recorded import Agreement
 
 # Parameters that are not the identifier's own.
 _OF_EVERY_NODE = ('use_sim_time', 'qos_overrides')
@@ -60,7 +59,6 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(parser, '--parameters FILE', None, text, type=Path)
     parser.add_argument('--json', action='store_true', help='one JSON object on stdout')
     add_reading_options(parser)
-    add_quantity_option(parser)
     # a node has to be one that works on line
     add_estimator_options(parser, on_line=True)
 
@@ -69,8 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Replay the recording; return 1 if estimates differ or are missing."""
     from rpms_ros.nodes.replay import ReplaySettings, replay
     from rpms_ros.recording.rosbag.reading import held_bytes
-    from rpms_ros.report.agreement import compare
-    from rpms_ros.report.recorded import recorded_messages
+    from rpms_ros.report.recorded import compare, recorded_messages
 
     settings = ReplaySettings(arguments.factor)
     parameters = identifier_parameters(arguments)

@@ -9,23 +9,27 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.identify import add_estimator_options, add_verdict_option, verdict_code
 from rpms_ros.cli.import_file import add_signal_options
 from rpms_ros.cli.options import (
     add_bag,
     add_command,
+    add_estimator_options,
     add_option,
-    add_quantity_option,
     add_reading_options,
+    add_verdict_option,
     compile_estimator,
+    identification_options,
     progress,
     read,
+    verdict_code,
+    verdict_settings,
     warn,
 )
 from rpms_ros.errors import ReportError
+from rpms_ros.report.text import write_text
 
 if TYPE_CHECKING:
-    from rpms_ros.report.session import SessionAnalysis
+    from rpms_ros.report.session import SessionReport
 
 _DESCRIPTION = """\
 Identifies a recording as `rpms identify` does and writes one self-contained page: recruitment,
@@ -55,25 +59,15 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     )
     text = 'JSON of an earlier session (`rpms identify --json` or `rpms report --json`) to compare'
     add_option(parser, '--previous FILE', None, text, type=Path)
-    add_option(
-        parser,
-        '--title TEXT',
-        None,
-        'headline; the note "muscle" or the name of the recording if not given',
-    )
+    text = 'headline; the note "muscle" or the name of the recording if not given'
+    add_option(parser, '--title TEXT', None, text)
     text = 'share of the time at the end that is predicted, not learnt from'
     add_option(parser, '--held-out SHARE', 0.2, text)
     text = 'stimulator, by name or YAML file, for energy in J'
     add_option(parser, '--device NAME', None, text)
-    parser.add_argument(
-        '--state',
-        action='append',
-        default=[],
-        metavar='ITEM=TEXT',
-        help='an item of the reporting checklist that the recording does not know',
-    )
+    text = 'an item of the reporting checklist that the recording does not know'
+    add_option(parser, '--state ITEM=TEXT', [], text, action='append', type=str)
     add_reading_options(parser)
-    add_quantity_option(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
     add_signal_options(parser)
@@ -81,21 +75,24 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code of the verdict."""
-    from rpms_ros.report.session import as_document, as_page, write_figures
+    from rpms_ros.report.figures import write_figures
+    from rpms_ros.report.page import as_page
+    from rpms_ros.schema import plain
 
-    analysis = _analysis(arguments)
-    document = as_document(analysis)
-    _write(arguments.out, as_page(analysis, document))
+    report = _report(arguments)
+    document, verdict = plain(report), report.result.verdict
+    write_text(arguments.out, as_page(report))
     if arguments.files:
-        write_figures(arguments.files, analysis)
-        _write(arguments.files / 'report.json', json.dumps(document, allow_nan=False, indent=1))
+        write_figures(arguments.files, report)
+        text = json.dumps(document, allow_nan=False, indent=1)
+        write_text(arguments.files / 'report.json', text)
     if arguments.json:
         print(json.dumps(document, allow_nan=False))
     else:
-        print(f'verdict {analysis.result.verdict.line}')
+        print(f'verdict {verdict.line}')
         print(f'{arguments.out}: {arguments.out.stat().st_size / 1e6:.2f} MB')
-    warn(('warning', text) for text in document['remarks'])
-    return verdict_code(analysis.result.verdict.grade, bool(analysis.recording.facts.faults))
+    warn(('warning', text) for text in report.remarks)
+    return verdict_code(verdict.grade, report.recording)
 
 
 def stated_items(texts: list[str]) -> dict[str, str]:
@@ -131,18 +128,14 @@ def _previous(path: Path) -> dict[str, Any]:
     return document
 
 
-def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
-    from rpms_ros.identification.catalogue import estimator_by_name
-    from rpms_ros.identification.quality.verdict import VerdictSettings
+def _report(arguments: argparse.Namespace) -> 'SessionReport':
     from rpms_ros.recording.importing import is_foreign
     from rpms_ros.recording.rosbag.reading import held_bytes
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
-    from rpms_ros.report.result import IdentificationOptions, identified, result_of
-    from rpms_ros.report.session import analyse
-    from rpms_ros.report.session.analysis import ReportSettings
+    from rpms_ros.report.result import identified, result_of
+    from rpms_ros.report.session import ReportSettings, report_of
     from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
-    verdict = VerdictSettings(expected_force=arguments.expected_force)
     settings = ReportSettings(
         held_out_share=arguments.held_out,
         device=load_device_specification(arguments.device) if arguments.device else None,
@@ -150,37 +143,18 @@ def _analysis(arguments: argparse.Namespace) -> 'SessionAnalysis':
         command=shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else '',
         previous=_previous(arguments.previous) if arguments.previous else None,
     )
-    options = IdentificationOptions(
-        arguments.estimator, arguments.preset, arguments.rate_hz, arguments.seed
-    )
+    verdict, options = verdict_settings(arguments), identification_options(arguments)
     recording = read(arguments.bag, arguments)
     messages = RecordedMessages([], None, 0)
     if not is_foreign(arguments.bag):
         held = held_bytes(recording)
         messages = recorded_messages(arguments.bag, memory=arguments.max_memory, held=held)
-    samples = len(recording.forces)
+    noted = recording.facts.custom.get('muscle', '').strip()
+    title = arguments.title or noted or arguments.bag.resolve().name
     compile_estimator(options.build, arguments.quiet)
-    with progress('identifying', 2 * samples, 'samples', arguments.quiet) as advance:
+    count = 2 * len(recording.forces)
+    with progress('identifying', count, 'samples', arguments.quiet) as advance:
         session = identified(recording, options, advance)
-        return analyse(
-            arguments.title
-            or recording.facts.custom.get('muscle', '').strip()
-            or arguments.bag.resolve().name,
-            recording,
-            messages,
-            session,
-            result_of(recording, session, verdict),
-            lambda: estimator_by_name(
-                options.estimator, options.preset, options.seed, options.rate_hz
-            ),
-            settings,
-            advance,
-        )
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise ReportError(f'expected to write {path}, got {error}') from error
+        result = result_of(recording, session, verdict)
+        build = options.build
+        return report_of(title, recording, messages, session, result, build, settings, advance)

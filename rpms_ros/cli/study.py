@@ -4,13 +4,15 @@
 
 import argparse
 from collections import Counter
+from dataclasses import fields
 from pathlib import Path
 
-from rpms_ros.cli.identify import add_estimator_options, add_verdict_option
 from rpms_ros.cli.options import (
     add_command,
-    add_quantity_option,
+    add_estimator_options,
+    add_option,
     add_reading_options,
+    add_verdict_option,
     compile_estimator,
     progress,
     warn,
@@ -53,16 +55,11 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     text = 'write the page of `rpms report` for each recording too, and link to it'
     parser.add_argument('--reports', action='store_true', help=text)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        '--jobs', type=int, metavar='N', help='processes (default: one a processor)'
-    )
-    where.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='of a Dask cluster, whose workers see the recordings under the same names',
-    )
+    text = 'processes (default: one a processor)'
+    add_option(where, '--jobs N', None, text, type=int)
+    text = 'of a Dask cluster, whose workers see the recordings under the same names'
+    add_option(where, '--scheduler ADDRESS', None, text)
     add_reading_options(parser)
-    add_quantity_option(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
 
@@ -71,30 +68,19 @@ def run(arguments: argparse.Namespace) -> int:
     """Identify what has not been identified yet, and write the table."""
     from rpms_ros.errors import RecordingError
     from rpms_ros.identification.quality.verdict import DOUBTFUL, GRADES
-    from rpms_ros.report.group.study import StudyOptions, StudyTable, finished, found_recordings
+    from rpms_ros.report.study import StudyOptions, StudyTable, finished, found_recordings
 
-    options = StudyOptions(
-        estimator=arguments.estimator,
-        preset=arguments.preset,
-        rate_hz=arguments.rate_hz,
-        seed=arguments.seed,
-        pulses_topic=arguments.pulses_topic,
-        force_topic=arguments.force_topic,
-        axis=arguments.axis,
-        sign=arguments.sign,
-        quantity=arguments.quantity,
-        max_memory=arguments.max_memory,
-        expected_force=arguments.expected_force,
-        reports=str(arguments.out / 'reports') if arguments.reports else None,
-    )
+    names = [field.name for field in fields(StudyOptions) if hasattr(arguments, field.name)]
+    reports = str(arguments.out / 'reports') if arguments.reports else None
+    given = {name: getattr(arguments, name) for name in names}
+    options = StudyOptions(**{**given, 'reports': reports})
     # options that no recording can be identified with are told once, not with each of them
     options.build()
     recordings = found_recordings(arguments.bags, arguments.out)
     if not recordings:
-        given = ', '.join(map(str, arguments.bags))
-        raise RecordingError(f'expected recordings or folders of recordings, got none in {given}')
-    table = StudyTable(arguments.out, recordings, options)
-    table.one_person = arguments.one_person
+        places = ', '.join(map(str, arguments.bags))
+        raise RecordingError(f'expected recordings or folders of recordings, got none in {places}')
+    table = StudyTable(arguments.out, recordings, options, arguments.one_person)
     waiting = table.waiting()
     if waiting:
         compile_estimator(options.build, arguments.quiet)

@@ -168,7 +168,7 @@ _MOST_MESSAGES = 20
 _LONGEST_BODY = 1024
 _PATIENCE = 10.0
 
-_UPLOT = files('rpms_ros.report') / 'session' / 'uplot'
+_UPLOT = files('rpms_ros.report') / 'templates' / 'uplot'
 _HERE = files('rpms_ros.live')
 FILES = {
     '/': (_HERE / 'page.html', 'text/html'),

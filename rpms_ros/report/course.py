@@ -56,7 +56,7 @@ class Flag:
     text: str = documented('why')
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class TimeCourse:
     """A quantity over time, NaN where it is not known.
 
@@ -74,6 +74,11 @@ class TimeCourse:
     def known(self) -> BoolArray:
         """Where there is a value (estimates,)."""
         return np.isfinite(self.value)
+
+    def scaled(self, factor: float) -> 'TimeCourse':
+        """Return the quantity in another unit."""
+        ends = (factor * one for one in (self.value, self.lower, self.upper))
+        return TimeCourse(*ends)
 
     @property
     def has_interval(self) -> bool:
@@ -235,7 +240,7 @@ def _warnings(before: Estimate, one: Estimate) -> list[str]:
 def _path(rows: Iterator[tuple[float, float, float] | None]) -> TimeCourse:
     table = np.array([(np.nan,) * 3 if row is None else row for row in rows], dtype=np.float64)
     value, lower, upper = table.reshape(-1, 3).T
-    return TimeCourse(value=value, lower=lower, upper=upper)
+    return TimeCourse(value, lower, upper)
 
 
 def _last(values: FloatArray) -> float:

@@ -1,11 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""True state of a simulated muscle over a session, to draw beside the estimates.
+"""True state of a simulated muscle over a session, to compare the estimates with.
 
 It comes from messages `rpms_msgs/MuscleTruth` in a recording, from the subject in the notes of
 one, or from the simulation itself.  It is never part of a result.
-
-True against identified at the end of a session, as a table of text.
 """
 
 import json
@@ -32,6 +30,14 @@ SETTLED_S = 15.0
 """The worst error over a session counts from here on [s]; of a shorter one from its middle."""
 _AFTER_CHANGE = 5.0
 _NOTE = 'subject'
+_STATE = ('threshold', 'saturation', 'time_constant', 'latency')
+# Parameters of the estimators by their names in the true muscle.
+_RECRUITMENT = {
+    'u_thr': 'threshold',
+    'u_sat': 'saturation',
+    'alpha_thr': 'threshold_slope',
+    'alpha_sat': 'saturation_slope',
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,8 +88,9 @@ class KnownMuscle:
         Shares of the maximum.
     curve : ndarray (times, points)
         Steady force.
-    threshold, saturation, time_constant, latency, effort : ndarray (times,)
-        u_thr, u_sat [1], T_a, latency [s], and force that the stimulation does not cause.
+    state : mapping of str to ndarray (times,)
+        ``threshold`` and ``saturation``, u_thr and u_sat [1], ``time_constant`` T_a, ``latency``
+        [s], and ``effort``, force that the stimulation does not cause.
     subject : Subject or None
         The muscle at rest, where it is known: order of the twitch and sharpness of the curve.
     """
@@ -92,16 +99,12 @@ class KnownMuscle:
     rate_hz: float
     intensity: FloatArray
     curve: FloatArray
-    threshold: FloatArray
-    saturation: FloatArray
-    time_constant: FloatArray
-    latency: FloatArray
-    effort: FloatArray
+    state: Mapping[str, FloatArray]
     subject: Subject | None = None
 
     def at(self, name: str, stamp_ns: IntArray | int) -> FloatArray:
-        """Return one of the attributes over time at stamps (stamps,) [ns]."""
-        return _between(self.stamp_ns, getattr(self, name), stamp_ns)
+        """Return a part of `state` at stamps (stamps,) [ns]."""
+        return _between(self.stamp_ns, self.state[name], stamp_ns)
 
     def curve_at(self, stamp_ns: int) -> FloatArray:
         """Return the steady force (points,) at a time [ns]."""
@@ -113,12 +116,12 @@ class KnownMuscle:
 
     def parameter(self, name: str, stamp_ns: IntArray) -> FloatArray | None:
         """Return a parameter of the curve at stamps (stamps,), None if it is not known."""
-        if name in ('u_thr', 'u_sat'):
-            return self.at({'u_thr': 'threshold', 'u_sat': 'saturation'}[name], stamp_ns)
-        slopes = {'alpha_sat': 'saturation_slope', 'alpha_thr': 'threshold_slope'}
-        if self.subject is None or name not in slopes:
+        known = _RECRUITMENT.get(name, '')
+        if known in self.state:
+            return self.at(known, stamp_ns)
+        if self.subject is None or not known:
             return None
-        return np.full(np.shape(stamp_ns), getattr(self.subject.recruitment, slopes[name]))
+        return np.full(np.shape(stamp_ns), getattr(self.subject.recruitment, known))
 
     def response(self, time_s: FloatArray, stamp_ns: int) -> FloatArray | None:
         """Return the force (times,) after one pulse of full intensity, None if not known.
@@ -129,9 +132,8 @@ class KnownMuscle:
             return None
         constant, order = float(self.at('time_constant', stamp_ns)), self.subject.order
         peak = self.curve_at(stamp_ns)[-1] / (self.rate_hz * twitch_area(constant, order))
-        force: FloatArray = peak * twitch(
-            time_s - float(self.at('latency', stamp_ns)), constant, order
-        )
+        elapsed = time_s - float(self.at('latency', stamp_ns))
+        force: FloatArray = peak * twitch(elapsed, constant, order)
         return force
 
     def comparable(self, estimate: Estimate) -> bool:
@@ -218,35 +220,26 @@ def of_truths(truths: Sequence[Truth], subject: Subject | None = None) -> KnownM
             kept.append(one)
     if not kept:
         return None
-    states = [one.state for one in kept]
+    states = {name: np.array([getattr(one.state, name) for one in kept]) for name in _STATE}
     return KnownMuscle(
         stamp_ns=np.array([one.stamp_ns for one in kept], dtype=np.int64),
         rate_hz=kept[0].repetition_rate,
         intensity=kept[0].curve_intensity,
         curve=np.array([one.curve_force for one in kept]),
-        threshold=np.array([one.threshold for one in states]),
-        saturation=np.array([one.saturation for one in states]),
-        time_constant=np.array([one.time_constant for one in states]),
-        latency=np.array([one.latency for one in states]),
-        effort=np.array([one.effort for one in kept]),
+        state={**states, 'effort': np.array([one.effort for one in kept])},
         subject=subject,
     )
 
 
 def of_subject(subject: Subject, rate_hz: float) -> KnownMuscle:
     """Return a muscle that does not change; its curve is stated for a repetition rate [Hz]."""
-    intensity = CURVE_INTENSITY
+    recruitment = subject.recruitment
+    known = (recruitment.threshold, recruitment.saturation, subject.time_constant, subject.latency)
+    state = {name: np.array([value]) for name, value in zip(_STATE, known, strict=True)}
+    curve = subject.steady_force(CURVE_INTENSITY, rate_hz)[np.newaxis]
+    state['effort'] = np.zeros(1)
     return KnownMuscle(
-        stamp_ns=np.zeros(1, dtype=np.int64),
-        rate_hz=rate_hz,
-        intensity=intensity,
-        curve=subject.steady_force(intensity, rate_hz)[np.newaxis],
-        threshold=np.array([subject.recruitment.threshold]),
-        saturation=np.array([subject.recruitment.saturation]),
-        time_constant=np.array([subject.time_constant]),
-        latency=np.array([subject.latency]),
-        effort=np.zeros(1),
-        subject=subject,
+        np.zeros(1, dtype=np.int64), rate_hz, CURVE_INTENSITY, curve, state, subject
     )
 
 
@@ -282,33 +275,26 @@ def truth_table(session: IdentifiedSession, truth: KnownMuscle) -> str:
         The muscle.
     """
     last = session.last
-    rows = [('at the end', 'true', 'identified')]
-    now = np.array([last.stamp_ns])
+    now, what = np.array([last.stamp_ns]), QUANTITIES[last.unit]
+    rows: list[tuple[str, float | str, float | str]] = []
     for name, value in zip(last.nonlinear_names, last.nonlinear, strict=True):
         true = truth.parameter(name, now)
-        rows.append((name, _number(None if true is None else float(true[0])), _number(value)))
-    time = last.response_time
+        rows.append((name, '' if true is None else float(true[0]), value))
+    time, found = last.response_time, last.response_force
     response = truth.response(time, last.stamp_ns)
     if response is not None:
-        for label, one, found in (
-            (f'peak of one twitch / {last.unit}', response.max(), last.response_force.max()),
-            ('at / ms', 1e3 * time[response.argmax()], 1e3 * time[last.response_force.argmax()]),
-        ):
-            rows.append((label, _number(float(one)), _number(float(found))))
+        rows.append((f'peak of one twitch / {last.unit}', response.max(), found.max()))
+        rows.append(('at / ms', 1e3 * time[response.argmax()], 1e3 * time[found.argmax()]))
     if truth.comparable(last):
-        steady = float(truth.full_force(now)[0])
-        rate = f'steady {QUANTITIES[last.unit]} at {last.repetition_rate:g} Hz / {last.unit}'
-        rows.append((rate, _number(steady), _number(float(last.curve_force[-1]))))
+        label = f'steady {what} at {last.repetition_rate:g} Hz / {last.unit}'
+        rows.append((label, truth.full_force(now)[0], last.curve_force[-1]))
     rows.append(('worst error of the curve', '', f'{100 * truth.error(last):.2f} %'))
     judged = truth.judged(course_of(session))
     if judged is not None and judged.worst_at_s > 0.0:
         label = f'worst from {judged.since_s:.0f} s on, at {judged.worst_at_s:.0f} s'
         rows.append((label, '', f'{100 * judged.worst_error:.2f} %'))
     error = session.output_error
-    rows.append((f'output error after settling / {last.unit}', '', _number(error.newton)))
+    rows.append((f'output error after settling / {last.unit}', '', error.newton))
     rows.append(('share of the force range', '', f'{100 * error.of_range:.2f} %'))
-    return textwrap.indent(table(rows[0], rows[1:]), '  ')
-
-
-def _number(value: float | None) -> str:
-    return '' if value is None else f'{value:.4g}'
+    cells = [[one if isinstance(one, str) else f'{one:.4g}' for one in row] for row in rows]
+    return textwrap.indent(table(('at the end', 'true', 'identified'), cells), '  ')

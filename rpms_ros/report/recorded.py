@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of the nodes in a recording: estimates, totals of a driver, truth of a simulator.
 
-Estimates as a table: one row each, with the columns that any of them has.
+Recorded estimates as a table for an export, and compared with those of another run.
 """
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +17,7 @@ from rosbags.serde import SerdeError
 
 from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import MessageError, RecordingError
-from rpms_ros.identification import DEFAULT_RATE, Estimate
-from rpms_ros.muscle import Subject
+from rpms_ros.identification import Estimate
 from rpms_ros.muscle.simulation import Truth
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.export import EstimateTable
@@ -117,7 +116,7 @@ def recorded_messages(
     """
     estimates: list[Estimate] = []
     truths: list[Truth] = []
-    totals = _Totals()
+    driver = None
     topics: set[str] = set()
     unreadable = 0
     scan = Scan(Path(path), memory)
@@ -125,7 +124,7 @@ def recorded_messages(
     for topic, type_name, size, message in _decoded(scan, only):
         try:
             if type_name == DRIVER_STATUS:
-                totals.take(message)
+                driver = _totals(driver, message)
                 continue
             if type_name == messages.MUSCLE_TRUTH:
                 truths.append(estimate_messages.truth_of(message))
@@ -142,7 +141,7 @@ def recorded_messages(
         raise RecordingError(
             f'expected estimates of one identifier in {path}, got {", ".join(sorted(topics))}'
         )
-    return RecordedMessages(estimates, totals.found, unreadable, truths)
+    return RecordedMessages(estimates, driver, unreadable, truths)
 
 
 def true_muscle(
@@ -164,37 +163,11 @@ def true_muscle(
     RecordingError
         If the recording cannot be read.
     """
-    return known_muscle(_truths(recording, memory), recording.facts.custom, rate_hz)
-
-
-def recorded_truth(recording: 'Recording') -> tuple[Subject | None, KnownMuscle | None]:
-    """Return the subject that a simulated recording notes, and its muscle over time.
-
-    Either is None where the recording does not tell it, or tells no possible muscle; the second
-    also where the muscle does not change.
-
-    Raises
-    ------
-    RecordingError
-        If the recording cannot be read.
-    """
-    notes = recording.facts.custom
-    noted = known_muscle((), notes, DEFAULT_RATE)
-    truths = _truths(recording, None)
-    return (
-        None if noted is None else noted.subject,
-        known_muscle(truths, notes, DEFAULT_RATE) if truths else None,
-    )
-
-
-def _truths(recording: 'Recording', memory: int | None) -> list[Truth]:
-    """Return the messages of a simulation in a recording."""
-    facts = recording.facts
-    if not any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
-        return []
-    return recorded_messages(
-        facts.path, memory=memory, held=held_bytes(recording), only=(messages.MUSCLE_TRUTH,)
-    ).truths
+    facts, truths = recording.facts, []
+    if any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
+        held, only = held_bytes(recording), (messages.MUSCLE_TRUTH,)
+        truths = recorded_messages(facts.path, memory, held, only).truths
+    return known_muscle(truths, facts.custom, rate_hz)
 
 
 def _decoded(scan: Scan, only: tuple[str, ...]) -> Iterator[tuple[str, str, int, Any]]:
@@ -215,29 +188,21 @@ def _decoded(scan: Scan, only: tuple[str, ...]) -> Iterator[tuple[str, str, int,
             yield channel.topic, channel.type_name, len(data), message
 
 
-class _Totals:
-    """Totals of the statuses of a driver, updated one by one instead of keeping all of them."""
-
-    def __init__(self) -> None:
-        self.found: DriverTotals | None = None
-
-    def take(self, status: Any) -> None:
-        """Add the next status; raise an exception of `_NOT_THERE` if it is none."""
-        before = self.found
-        counts = [int(count) for count in status.fault_counts]
-        hottest = float(status.coil_temperature)
-        if before is not None and before.highest_temperature_celsius >= hottest:
-            hottest = before.highest_temperature_celsius
-        earlier = None if before is None else before.schedule
-        self.found = DriverTotals(
-            pulses_delivered=int(status.pulses_delivered),
-            pulses_dropped=int(status.pulses_dropped),
-            coil_energy_j=float(status.coil_energy),
-            highest_temperature_celsius=hottest,
-            lateness_max_s=float(status.lateness_max),
-            schedule=str(status.schedule) or earlier,
-            faults=dict(zip(map(str, status.fault_names), counts, strict=True)),
-        )
+def _totals(before: DriverTotals | None, status: Any) -> DriverTotals:
+    """Return the totals after a status; raises an exception of `_NOT_THERE` if it is none."""
+    hottest = float(status.coil_temperature)
+    if before is not None and before.highest_temperature_celsius >= hottest:
+        hottest = before.highest_temperature_celsius
+    counts = [int(count) for count in status.fault_counts]
+    return DriverTotals(
+        pulses_delivered=int(status.pulses_delivered),
+        pulses_dropped=int(status.pulses_dropped),
+        coil_energy_j=float(status.coil_energy),
+        highest_temperature_celsius=hottest,
+        lateness_max_s=float(status.lateness_max),
+        schedule=str(status.schedule) or (None if before is None else before.schedule),
+        faults=dict(zip(map(str, status.fault_names), counts, strict=True)),
+    )
 
 
 _SHARES = (25, 50, 75, 100)
@@ -268,20 +233,17 @@ def estimate_table(estimates: Sequence[Estimate]) -> EstimateTable:
 
 
 def _numbers(one: Estimate) -> dict[str, float]:
-    found: dict[str, float] = {}
-    variance = np.diag(one.nonlinear_covariance)
-    for index, (name, value) in enumerate(
-        zip(one.nonlinear_names, one.nonlinear.tolist(), strict=False)
-    ):
-        found[name] = value
-        if index < len(variance) and variance[index] >= 0.0:
-            found[f'{name}_deviation'] = float(np.sqrt(variance[index]))
-    for share in _SHARES:
-        curves = (one.curve_force, one.curve_lower, one.curve_upper)
-        found |= _banded(f'steady_force_{share}', *(_at(one, share, curve) for curve in curves))
-    bands = (one.physiology, one.physiology_lower, one.physiology_upper)
-    found |= _listed(one.physiology_names, *bands)
-    found |= _listed(one.rate_names, one.rate, one.rate_lower, one.rate_upper)
+    found = dict(zip(one.nonlinear_names, one.nonlinear.tolist(), strict=False))
+    variances = np.diag(one.nonlinear_covariance).tolist()
+    for name, variance in zip(list(found), variances, strict=False):
+        if variance >= 0.0:
+            found[f'{name}_deviation'] = float(np.sqrt(variance))
+    names = [f'steady_force_{share}' for share in _SHARES]
+    curves = (one.curve_force, one.curve_lower, one.curve_upper)
+    found |= _banded(names, *(_at_shares(one, curve) for curve in curves))
+    physiology = (one.physiology, one.physiology_lower, one.physiology_upper)
+    found |= _banded(one.physiology_names, *physiology)
+    found |= _banded(one.rate_names, one.rate, one.rate_lower, one.rate_upper)
     return found | {
         'disturbance': one.disturbance,
         'disturbance_deviation': one.disturbance_deviation,
@@ -294,28 +256,21 @@ def _numbers(one: Estimate) -> dict[str, float]:
     }
 
 
-def _at(one: Estimate, share: int, curve: FloatArray) -> float:
+def _at_shares(one: Estimate, curve: FloatArray) -> FloatArray:
     if not len(curve) or len(curve) != len(one.curve_intensity):
-        return float('nan')
-    return float(np.interp(share / 100.0, one.curve_intensity, curve))
+        return np.empty(0)
+    return np.interp(np.array(_SHARES) / 100.0, one.curve_intensity, curve)
 
 
-def _listed(
+def _banded(
     names: Sequence[str], values: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> dict[str, float]:
     """Return values with their intervals by names; NaN where an array is shorter."""
-    found: dict[str, float] = {}
-    for index, name in enumerate(names):
-        ends = (
-            float(one[index]) if index < len(one) else float('nan')
-            for one in (values, lower, upper)
-        )
-        found |= _banded(name, *ends)
-    return found
-
-
-def _banded(name: str, value: float, lower: float, upper: float) -> dict[str, float]:
-    return {name: value, f'{name}_lower': lower, f'{name}_upper': upper}
+    return {
+        f'{name}{end}': float(column[index]) if index < len(column) else np.nan
+        for index, name in enumerate(names)
+        for end, column in (('', values), ('_lower', lower), ('_upper', upper))
+    }
 
 
 def _texts(one: Estimate) -> dict[str, str]:
@@ -329,3 +284,58 @@ def _texts(one: Estimate) -> dict[str, str]:
             for name, flag in zip(one.nonlinear_names, flags, strict=False)
         },
     }
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Estimates of a live run against those of the replay of its recording.
+
+    Attributes
+    ----------
+    compared : int
+        Estimates with a partner of the same stamp.
+    missing : int
+        Live estimates without one.
+    differing : mapping of str to int
+        Names of the fields that differ in any bit, and how often.
+    """
+
+    compared: int
+    missing: int
+    differing: Mapping[str, int]
+
+    @property
+    def exact(self) -> bool:
+        """Whether there were estimates and all of them agree in every bit."""
+        return self.compared > 0 and not self.missing and not self.differing
+
+
+def compare(live: Sequence[Estimate], replayed: Sequence[Estimate]) -> Agreement:
+    """Return whether each live estimate is the replayed one of its stamp, bit for bit."""
+    partners = {estimate.stamp_ns: estimate for estimate in replayed}
+    differing: dict[str, int] = {}
+    missing = 0
+    for estimate in live:
+        partner = partners.get(estimate.stamp_ns)
+        if partner is None:
+            missing += 1
+            continue
+        for name in differences(estimate, partner):
+            differing[name] = differing.get(name, 0) + 1
+    return Agreement(len(live) - missing, missing, differing)
+
+
+def differences(first: Estimate, second: Estimate) -> list[str]:
+    """Return the names of the fields that differ in any bit."""
+    return [
+        field.name
+        for field in fields(Estimate)
+        if not _same(getattr(first, field.name), getattr(second, field.name))
+    ]
+
+
+def _same(first: Any, second: Any) -> bool:
+    if isinstance(first, float | np.ndarray):
+        left, right = np.asarray(first, np.float64), np.asarray(second, np.float64)
+        return left.shape == right.shape and left.tobytes() == right.tobytes()
+    return bool(first == second)

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result of an identification as one object: what ``rpms identify --json`` prints.
 
-A recording identified as the options of a command say.
+Its dataclasses are also what the report of a session, the row of a study and `rpms_ros.api` show.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -55,6 +54,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, Pulse
 from rpms_ros.recording import Recording, session_hash
 from rpms_ros.recording.rosbag.reading import RecordedSchedule
 from rpms_ros.report.course import Change, course_of, steadiness
+from rpms_ros.report.text import interval_of
 from rpms_ros.schema import documented
 
 FOLLOWED = f'followed by {FOLLOWER}, since no constant muscle explains the whole recording'
@@ -105,11 +105,6 @@ class IdentificationOptions:
         return estimator
 
 
-def history_of(path: Path | None) -> TemporalSummation | None:
-    """Return the history law in a file, None without one."""
-    return TemporalSummation.of_file(path) if path is not None else None
-
-
 def identified(
     recording: 'Recording',
     options: IdentificationOptions,
@@ -139,7 +134,8 @@ def identified(
     IdentificationError
         If no estimate at all is asked for, or see `build` and `identify`.
     """
-    if most_estimates is not None and not _is_count(most_estimates):
+    count = isinstance(most_estimates, int | np.integer) and most_estimates >= 1
+    if most_estimates is not None and not count:
         raise IdentificationError(
             f'expected most_estimates as a whole number from 1 on, got {most_estimates!r}'
         )
@@ -190,10 +186,6 @@ def _missed(session: IdentifiedSession) -> float:
     return float(np.mean(later**2)) if len(later) else 0.0
 
 
-def _is_count(value: object) -> bool:
-    return isinstance(value, int | np.integer) and bool(value >= 1)
-
-
 def _period(recording: 'Recording', most_estimates: int | None) -> float:
     """Return a whole multiple of the period on line [s]: every estimate is one of those."""
     on_line = StreamSettings().estimate_period
@@ -210,8 +202,21 @@ ONE_INTENSITY = (
     'identified; there is no recruitment curve, and the impulse response is that of a pulse of '
     'this intensity'
 )
-Value = TypeVar('Value')
+NOT_A_TWITCH = (
+    'not the course of a twitch of the model: the twitch stated is the closest to it; rely on '
+    'neither peak'
+)
+NAN = float('nan')
 IDENTIFIABILITY = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A number with its interval."""
+
+    value: float
+    lower: float
+    upper: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,6 +228,16 @@ class Curve:
     lower: FloatArray | None = documented('lower end of the interval [N]', default=None)
     upper: FloatArray | None = documented('upper end of the interval [N]', default=None)
 
+    def at(self, intensity: float) -> Stated:
+        """Return the force at an intensity; ends that are not known are NaN [N]."""
+        rows = (self.force, self.lower, self.upper)
+        return Stated(
+            *(
+                NAN if row is None else float(np.interp(intensity, self.intensity, row))
+                for row in rows
+            )
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class ImpulseResponse:
@@ -233,14 +248,16 @@ class ImpulseResponse:
     lower: FloatArray | None = documented('lower end of the interval [N]', default=None)
     upper: FloatArray | None = documented('upper end of the interval [N]', default=None)
 
+    @property
+    def peak_time_s(self) -> float:
+        """Time of the largest force [s]."""
+        return float(self.time_s[np.argmax(self.force)])
 
-@dataclass(frozen=True)
-class Stated:
-    """A number with its interval."""
-
-    value: float
-    lower: float
-    upper: float
+    @property
+    def peak(self) -> Stated:
+        """The largest force; ends that are not known are NaN [N]."""
+        place, rows = int(np.argmax(self.force)), (self.force, self.lower, self.upper)
+        return Stated(*(NAN if row is None else float(row[place]) for row in rows))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,6 +317,20 @@ class IdentificationResult:
             return 'expected pulses of several intensities, got nearly one intensity'
         return f'expected data that determine a recruitment curve, got {self.verdict.line}'
 
+    def interval(self, name: str) -> tuple[float, float] | None:
+        """Return the ends of the interval of a parameter of the recruitment curve, if any."""
+        value = (self.recruitment or {}).get(name, NAN)
+        return interval_of(name, value, (self.deviation or {}).get(name), self.confidence)
+
+    @property
+    def is_no_twitch(self) -> bool:
+        """Whether the intervals of two peaks have nothing in common: see `NOT_A_TWITCH`.
+
+        They are that of the identified response and that of the twitch which was fitted to it.
+        """
+        twitch, peak = (self.physiology or {}).get('twitch_peak_n'), self.impulse_response.peak
+        return twitch is not None and (twitch.upper < peak.lower or peak.upper < twitch.lower)
+
 
 def result_of(
     recording: Recording,
@@ -320,16 +351,20 @@ def result_of(
     ReportError
         If the response to a pulse is not finite.
     """
-    last, stamps = session.last, recording.forces.stamp_ns
-    dynamics = None if last.curve_known else _dynamics(recording)
+    last, stamps, pulses = session.last, recording.forces.stamp_ns, recording.pulses
     known, names = last.curve_known, last.nonlinear_names
+    dynamics = None if known else _dynamics(recording)
     informed = informed_parameters(last)
     course = course_of(session)
     flags = [IDENTIFIABILITY[flag] for flag in last.nonlinear_identifiability.tolist()]
-    variance = np.maximum(np.diag(last.nonlinear_covariance), 0.0)
-    response = impulse_response(recording.pulses, session, dynamics)
+    deviation = np.sqrt(np.maximum(np.diag(last.nonlinear_covariance), 0.0))
+    response = impulse_response(pulses, session, dynamics)
     if not (np.isfinite(response).all() and np.isfinite(last.curve_force).all()):
         raise ReportError('expected data that lead to finite forces, got a response without')
+    notes = [*recording.facts.remarks]
+    notes += [ONE_INTENSITY] if not known and of_one_intensity(pulses, stamps) else []
+    notes += [FOLLOWED] if FOLLOWED in last.reasons else []
+    verdict = verdict_of(session, pulses, recording.forces, settings, dynamics)
     return IdentificationResult(
         session_hash=session_hash(recording),
         schedules=list(recording.facts.schedules),
@@ -337,11 +372,9 @@ def result_of(
         unit=last.unit,
         samples=len(session.stamp_ns),
         pulses=last.pulses,
-        duration_s=float(stamps.max() - stamps.min()) / NANOSECONDS_PER_SECOND,
+        duration_s=float(np.ptp(stamps)) / NANOSECONDS_PER_SECOND,
         rate_hz=last.repetition_rate,
-        recruitment=_by_name(names, np.where(informed, last.nonlinear, np.nan).tolist())
-        if known
-        else None,
+        recruitment=_informed(names, last.nonlinear, informed) if known else None,
         curve=Curve(
             intensity=last.curve_intensity,
             force=last.curve_force,
@@ -357,24 +390,18 @@ def result_of(
             upper=_if_any(last.response_upper) if known else None,
         ),
         confidence=last.confidence or None,
-        identifiability=_by_name(names, flags),
-        deviation=_by_name(names[: len(variance)], _deviations(variance, informed)),
+        identifiability=dict(zip(names, flags, strict=True)) if flags else None,
+        deviation=_informed(names, deviation, informed) if len(deviation) else None,
         physiology=_physiology(last) or None,
         dynamics=dynamics,
         steadiness=steadiness(course) if course.follows else None,
         changes=course.changes or None,
-        rates=_rates(last) or None,
+        rates=_stated(last.rate_names, last.rate, last.rate_lower, last.rate_upper) or None,
         output_error_n=session.output_error.newton,
         output_error_of_range=session.output_error.of_range,
         faults={**recording.facts.faults, **last.faults},
-        notes=[
-            *recording.facts.remarks,
-            *([ONE_INTENSITY] if not known and of_one_intensity(recording.pulses, stamps) else []),
-            *([FOLLOWED] if FOLLOWED in last.reasons else []),
-        ],
-        verdict=_of_the_file(
-            verdict_of(session, recording.pulses, recording.forces, settings, dynamics), recording
-        ),
+        notes=notes,
+        verdict=_of_the_file(verdict, recording),
     )
 
 
@@ -434,32 +461,19 @@ def impulse_response(
 def _physiology(estimate: Estimate) -> dict[str, Stated]:
     """Return the informed numbers, by name."""
     columns = (estimate.physiology, estimate.physiology_lower, estimate.physiology_upper)
-    rows = np.stack(columns, axis=1)
-    return {
-        estimate.physiology_names[index]: Stated(*rows[index].tolist())
-        for index in informed_physiology(estimate)
-    }
+    names, found = estimate.physiology_names, _stated(estimate.physiology_names, *columns)
+    return {names[index]: found[names[index]] for index in informed_physiology(estimate)}
 
 
-def _rates(estimate: Estimate) -> dict[str, Stated]:
-    """Return slow changes per minute, by name."""
-    rows = np.stack((estimate.rate, estimate.rate_lower, estimate.rate_upper), axis=1)
-    return {
-        name: Stated(*row) for name, row in zip(estimate.rate_names, rows.tolist(), strict=True)
-    }
+def _stated(names: Sequence[str], *columns: FloatArray) -> dict[str, Stated]:
+    """Return values and the ends of their intervals, by name."""
+    rows = np.stack(columns, axis=1).tolist()
+    return {name: Stated(*row) for name, row in zip(names, rows, strict=True)}
 
 
-def _deviations(variance: FloatArray, informed: BoolArray) -> list[float]:
-    """Return standard deviations, NaN where a parameter is not informed."""
-    if not len(variance):
-        return []
-    deviations: list[float] = np.where(informed, np.sqrt(variance), np.nan).tolist()
-    return deviations
-
-
-def _by_name(names: Sequence[str], values: Sequence[Value]) -> dict[str, Value] | None:
-    """Return values by their names, None if there are none."""
-    return dict(zip(names, values, strict=True)) if len(values) else None
+def _informed(names: Sequence[str], values: FloatArray, informed: BoolArray) -> dict[str, float]:
+    """Return values by name, NaN where a parameter is not informed."""
+    return dict(zip(names, np.where(informed, values, np.nan).tolist(), strict=True))
 
 
 def _if_any(values: FloatArray) -> FloatArray | None:

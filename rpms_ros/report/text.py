@@ -1,18 +1,16 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of plain text that stay within the width of a terminal.
-
-Parameters of a muscle as people read them: what they are, in which unit, with an interval.
-"""
+"""Results as text: tables that fit a terminal, numbers with unit and interval."""
 
 import math
 import re
 import shutil
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from statistics import NormalDist
-from typing import Any
 
+from rpms_ros.errors import ReportError
 from rpms_ros.printable import printable
 
 _WIDEST = 100
@@ -23,6 +21,21 @@ _NEAR = 0.1
 # Narrower and larger numbers are shown with four digits.
 _MOST_PLACES = 9
 _LARGE = 1e6
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, and the folders that it is in.
+
+    Raises
+    ------
+    ReportError
+        If it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise ReportError(f'expected to write {path}, got {error}') from error
 
 
 def width() -> int:
@@ -159,31 +172,6 @@ RATE_WORDS = {
     'u_sat': 'saturation, share of the maximum a minute',
 }
 """Rates of change, by name."""
-
-NOT_A_TWITCH = (
-    'not the course of a twitch of the model: the twitch stated is the closest to it; rely on '
-    'neither peak'
-)
-
-
-def is_no_twitch(result: Mapping[str, Any]) -> bool:
-    """Return whether the intervals of two peaks have nothing in common.
-
-    They are that of the identified response and that of the twitch which was fitted to it.
-
-    Parameters
-    ----------
-    result : mapping
-        The JSON of `rpms identify`.
-    """
-    twitch = result.get('physiology', {}).get('twitch_peak_n')
-    response = result['impulse_response']
-    if twitch is None or 'lower' not in response:
-        return False
-    place = response['force'].index(max(response['force']))
-    return bool(
-        twitch['upper'] < response['lower'][place] or response['upper'][place] < twitch['lower']
-    )
 
 
 def label(name: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.cli.protocol import PROTOCOLS
-from rpms_ros.report.session.dose import window_power
+from rpms_ros.report.dose import window_power
 from rpms_ros.stimulation import load_schedule, paper_random, paper_sinusoid
 
 KEYS = [

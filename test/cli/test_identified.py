@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fewer estimates are a choice among those on line, and change nothing of the result."""
 
+import json
 import re
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from rpms_ros.cli.identify import as_text
 from rpms_ros.identification import Estimate
 from rpms_ros.recording import read_recording
 from rpms_ros.report.result import FOLLOWED, IdentificationOptions, identified
@@ -51,15 +50,17 @@ def test_the_batch_makes_one_estimate_however_many_are_asked_for(short_session: 
 
 @pytest.mark.long
 def test_a_muscle_that_changed_is_followed_in_place_of_a_mixture(
-    rpms: Rpms, as_json: Callable[..., dict[str, Any]], tmp_path: Path
+    rpms: Rpms, tmp_path: Path
 ) -> None:
     path, state = tmp_path / 'tired', tmp_path / 'state'
     rpms('simulate', '--out', path, '--duration', 20, '--scenario', 'fatigue', '--noise', 0.05)
-    found = as_json('identify', path, '--json', '--save-state', state)
+    options = ('--save-state', state, '--out', tmp_path / 'results')
+    _, text, _ = rpms('identify', path, *options)
+    found = json.loads((tmp_path / 'results' / 'result.json').read_text())
     assert found['estimator'] == 'tracking'
     assert FOLLOWED in found['notes']
     assert 'force_percent' in found['rates']
-    assert re.search('estimator +followed by tracking', as_text(found))
+    assert re.search('estimator +followed by tracking', text)
     # What is saved is what is returned: tracking takes bases of its own.
     recording = read_recording(path)
     tracked = identified(recording, IdentificationOptions('tracking'), most_estimates=1)

@@ -4,8 +4,9 @@
 
 import csv
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
-from rpms_ros.report.text import NOT_A_TWITCH, is_no_twitch
+from rpms_ros.report.result import NOT_A_TWITCH, IdentificationResult, ImpulseResponse, Stated
 
 Rpms = Callable[..., tuple[int, str, str]]
 
@@ -39,13 +40,17 @@ def test_a_response_that_is_no_twitch_is_told_from_the_twitch_closest_to_it(
 def test_peaks_differ_where_their_intervals_have_nothing_in_common(
     ends: tuple[float, float], told: bool
 ) -> None:
-    peak = dict(zip(('lower', 'upper'), ends, strict=True))
-    response: dict[str, Any] = {'force': [0.0, 4.0, 1.0]}
-    response |= {'lower': [0.0, 3.85, 0.9], 'upper': [0.0, 4.15, 1.1]}
-    result = {'physiology': {'twitch_peak_n': peak}, 'impulse_response': response}
-    assert is_no_twitch(result) == told
-    assert not is_no_twitch({**result, 'impulse_response': {'force': [4.0]}})
-    assert not is_no_twitch({**result, 'physiology': {}})
+    time, peak = np.arange(3.0), Stated(3.7, *ends)
+    response = ImpulseResponse(time_s=time, force=np.array([0.0, 4.0, 1.0]))
+    lower, upper = np.array([0.0, 3.85, 0.9]), np.array([0.0, 4.15, 1.1])
+    banded = replace(response, lower=lower, upper=upper)
+    for one, twitch_peak, expected in (
+        (banded, {'twitch_peak_n': peak}, told),
+        (response, {'twitch_peak_n': peak}, False),
+        (banded, None, False),
+    ):
+        result = SimpleNamespace(physiology=twitch_peak, impulse_response=one)
+        assert IdentificationResult.is_no_twitch.fget(result) is expected
 
 
 def test_a_study_of_trains_has_no_error_of_another_model(rpms: Rpms, tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from rpms_ros.recording import read_recording, write_recording
-from rpms_ros.report.session import FIGURES
-from rpms_ros.report.session.page import embedded
+from rpms_ros.report.figures import FIGURES
+from rpms_ros.report.page import embedded
 
 Rpms = Callable[..., tuple[int, str, str]]
 AsJson = Callable[..., dict[str, Any]]

@@ -21,7 +21,7 @@ from rpms_ros.recording import read_recording, session_hash, write_recording
 from rpms_ros.recording.rosbag.definitions import known_types
 from rpms_ros.recording.rosbag.reading import ACCEPTED_SCHEDULE
 from rpms_ros.recording.rosbag.writing import FurtherTopic
-from rpms_ros.report.session.page import embedded
+from rpms_ros.report.page import embedded
 
 Rpms = Callable[..., tuple[int, str, str]]
 TEXT = 'name: warm-up\nsegments: [{kind: single}]\n'

@@ -13,8 +13,8 @@ import pytest
 from pyarrow import parquet
 
 from rpms_ros.cli import main
-from rpms_ros.report.group.study import columns, found_recordings
-from rpms_ros.report.session.page import embedded
+from rpms_ros.report.page import embedded
+from rpms_ros.report.study import columns, found_recordings
 
 Rpms = Callable[..., tuple[int, str, str]]
 COUNT = 4
@@ -114,7 +114,7 @@ def test_goes_on_where_it_stopped(
 def test_interrupted_study_keeps_what_is_done(
     sessions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rpms_ros.report.group import study
+    from rpms_ros.report import study
 
     def interrupted(paths: Any, options: Any, *_: object) -> Any:
         yield paths[0], study.work(str(paths[0]), options)

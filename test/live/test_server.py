@@ -360,6 +360,6 @@ def test_closing_ends_the_thread_and_frees_the_port(session, feed):
 def test_uplot_is_the_one_of_the_report():
     from rpms_ros import report
 
-    folder = Path(report.__file__).parent / 'session' / 'uplot'
+    folder = Path(report.__file__).parent / 'templates' / 'uplot'
     assert FILES['/uPlot.js'][0].read_bytes() == (folder / 'uPlot.iife.min.js').read_bytes()
     assert (folder / 'LICENSE').is_file()

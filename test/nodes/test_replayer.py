@@ -18,7 +18,7 @@ from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.replay import Replayer, ReplaySettings, replay
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import Recording, read_recording, write_recording
-from rpms_ros.report.agreement import compare
+from rpms_ros.report.recorded import compare
 
 START_NS = 1_700_000_000_000_000_000
 

@@ -1,14 +1,100 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of reports share."""
+"""What tests of reports share: made-up estimates, and a simulated session with a report on it."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import numpy as np
 import pytest
+
+from rpms_ros.identification import IdentifiedSession, ModifiedRecursiveLM
+from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.pulses import ForceTrace, PulseTrain
+from rpms_ros.recording import read_recording, write_recording
+from rpms_ros.report.course import course_of
+from rpms_ros.report.page import as_page
+from rpms_ros.report.recorded import recorded_messages
+from rpms_ros.report.result import IdentificationOptions, identified, result_of
+from rpms_ros.report.session import ReportSettings, SessionReport, headline_of, report_of
+from rpms_ros.schema import plain
+from rpms_ros.stimulation.limits.device_specification import load_device_specification
+
+START_NS = 1_700_000_000_000_000_000
 
 
 @pytest.fixture(scope='session')
 def made_up(beside: Callable[[str], ModuleType]) -> ModuleType:
     """The module of made-up estimates: `estimate`, `session_of`."""
     return beside('made_up_estimates')
+
+
+def _make_recording(path: Path, low: float = 0.0, custom: dict[str, str] | None = None) -> Path:
+    """Ten seconds of a simulated muscle with noise; at `low` = 1 at one intensity."""
+    generator = np.random.default_rng(1)
+    pulses = PulseTrain.regular(generator.uniform(low, 1.0, 200), 20.0, START_NS)
+    muscle = Contraction(simulation_subject(), fixed_rate_hz=20.0)
+    muscle.add_pulses(pulses.onset_ns, pulses.intensity)
+    stamps = START_NS + np.arange(10_000) * 1_000_000
+    force = muscle.force(stamps) + 0.02 * generator.standard_normal(len(stamps))
+    write_recording(path, pulses, ForceTrace(stamps, force), custom=custom)
+    return path
+
+
+def _make_report(path: Path, settings: ReportSettings | None = None) -> SessionReport:
+    """The report on a recording."""
+    recording = read_recording(path)
+    session = identified(recording, IdentificationOptions('recursive', 'paper_table_4'))
+    result = result_of(recording, session)
+    messages = recorded_messages(path)
+    build = ModifiedRecursiveLM
+    return report_of(path.name, recording, messages, session, result, build, settings)
+
+
+def _with_session(report: SessionReport, session: IdentifiedSession) -> SessionReport:
+    """The report on other estimates."""
+    result = result_of(report.recording, session)
+    headline, course = headline_of(result, session), course_of(session)
+    return replace(report, identified=session, result=result, headline=headline, course=course)
+
+
+@pytest.fixture(scope='session')
+def make_recording() -> Callable[..., Path]:
+    return _make_recording
+
+
+@pytest.fixture(scope='session')
+def make_report() -> Callable[..., SessionReport]:
+    return _make_report
+
+
+@pytest.fixture(scope='session')
+def with_session() -> Callable[[SessionReport, IdentifiedSession], SessionReport]:
+    return _with_session
+
+
+@pytest.fixture(scope='session')
+def recording_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    notes = {'coil_type': 'round <90 mm> & "flat"', 'operator': '</script><b>'}
+    return _make_recording(tmp_path_factory.mktemp('report') / 'leg & <arm>', custom=notes)
+
+
+@pytest.fixture(scope='session')
+def report(recording_path: Path) -> SessionReport:
+    device = load_device_specification('rapid2-240v')
+    return _make_report(recording_path, ReportSettings(device=device, stated={'age': '34'}))
+
+
+@pytest.fixture(scope='session')
+def document(report: SessionReport) -> dict[str, Any]:
+    found = plain(report)
+    assert isinstance(found, dict)
+    return found
+
+
+@pytest.fixture(scope='session')
+def page(report: SessionReport) -> str:
+    return as_page(report)

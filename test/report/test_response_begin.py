@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 import rpms_ros
 from rpms_ros.muscle import twitch
-from rpms_ros.report.session.figures import begin_of_response, draw_response
+from rpms_ros.report.figures import begin_of_response, draw_response
 
 TIME = np.arange(80) * 0.005
 

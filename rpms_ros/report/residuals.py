@@ -12,10 +12,9 @@ input with the residual k samples later has, if the two are independent, the var
 sum_l r_ee(l) r_uu(l) / N (Bartlett's formula; Box and Jenkins, Time Series Analysis, Ch. 11):
 a band made for white residuals would call every periodic input correlated.
 
-The fit of the end of the recording, from which the estimator did not learn.
+Beside it stands the fit of the end of the recording, from which the estimator did not learn.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +22,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import chdtrc
 
 from rpms_ros.errors import ReportError
-from rpms_ros.identification import Estimate, Estimator, IdentifiedSession
+from rpms_ros.identification import Estimator, IdentifiedSession
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
 from rpms_ros.schema import internal
 
@@ -65,6 +64,8 @@ class ResidualAnalysis:
         95 % band if residual and input are independent.
     cross_correlation_outside : float
         Share of the lags from 0 on that lie outside it.
+    share_of_session : float
+        Share of the time of the session that the span is.
     """
 
     samples: int
@@ -82,6 +83,7 @@ class ResidualAnalysis:
     cross_correlation: FloatArray
     cross_correlation_band: float
     cross_correlation_outside: float
+    share_of_session: float = 1.0
 
 
 def analyse_residuals(
@@ -219,6 +221,8 @@ HELD_OUT_SHARE = 0.2
 class FrozenFrom:
     """An estimator that learns nothing from samples at or after a stamp, but predicts them.
 
+    It offers no `predict`: no sample is left out as an outlier.
+
     Parameters
     ----------
     estimator : Estimator
@@ -230,37 +234,18 @@ class FrozenFrom:
     def __init__(self, estimator: Estimator, stamp_ns: int) -> None:
         self._estimator = estimator
         self._stamp_ns = stamp_ns
-
-    @property
-    def name(self) -> str:
-        """Name of the algorithm, as in `Estimate.estimator`."""
-        return self._estimator.name
-
-    @property
-    def on_line(self) -> bool:
-        """Whether the cost of an estimate does not grow with the length of the session."""
-        return self._estimator.on_line
+        self.name, self.on_line = estimator.name, estimator.on_line
+        self.add_pulses, self.forget_pulses = estimator.add_pulses, estimator.forget_pulses
+        self.estimate = estimator.estimate
 
     @property
     def memory(self) -> float:
         """Longest time for which a pulse acts on the model's output [s]."""
         return self._estimator.memory
 
-    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
-        """Add pulses (pulses,), ascending [ns, 1]."""
-        self._estimator.add_pulses(onset_ns, intensity)
-
-    def forget_pulses(self) -> None:
-        """Drop the pulses that still act."""
-        self._estimator.forget_pulses()
-
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Learn from the samples (samples,) before the held-out part; predict all [N]."""
         return self._estimator.update(stamp_ns, force, usable & (stamp_ns < self._stamp_ns))
-
-    def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
-        """Return the present estimate."""
-        return self._estimator.estimate(stamp_ns, faults)
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpms_ros.report.group import as_group_page, group_document
-from rpms_ros.report.group.document import Measured, change, spread_of
-from rpms_ros.report.group.page import link, stated
-from rpms_ros.report.session.page import embedded
+from rpms_ros.report.group import Measured, change, group_document, spread_of
+from rpms_ros.report.page import as_group_page, embedded, link, stated
 
 DAY_NS = 86_400_000_000_000
 START_NS = 1_700_000_000_000_000_000

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import ReportError
 from rpms_ros.pulses import PulseTrain
-from rpms_ros.report.session.residuals import (
+from rpms_ros.report.residuals import (
     analyse_residuals,
     correlation,
     ljung_box,

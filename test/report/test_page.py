@@ -20,15 +20,16 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from rpms_ros.errors import ReportError
+from rpms_ros.identification import IdentifiedSession
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
+from rpms_ros.report.figures import FIGURES, as_svg, draw, write_figures
+from rpms_ros.report.page import SECTIONS, as_page, embedded
 from rpms_ros.report.recorded import DriverTotals
-from rpms_ros.report.result import result_of
-from rpms_ros.report.session import FIGURES, SessionAnalysis, as_document, as_page, write_figures
-from rpms_ros.report.session.figures import as_svg, draw
-from rpms_ros.report.session.page import SECTIONS, embedded
+from rpms_ros.report.session import SessionReport
 
+WithSession = Callable[[SessionReport, IdentifiedSession], SessionReport]
 VOID = {'meta', 'link', 'br', 'hr', 'img', 'input', 'col', 'area', 'base', 'source', 'wbr'}
 FETCHING = {'src', 'srcset', 'data', 'poster', 'action', 'formaction', 'background', 'ping'}
 
@@ -108,7 +109,7 @@ def test_the_page_fetches_nothing(page: str, checked: Checker) -> None:
 
 
 def test_the_plotting_library_is_the_published_one() -> None:
-    folder = files('rpms_ros.report.session') / 'uplot'
+    folder = files('rpms_ros.report') / 'templates' / 'uplot'
     found = {
         name: hashlib.sha256((folder / name).read_bytes()).hexdigest()
         for name in ('uPlot.iife.min.js', 'uPlot.min.css')
@@ -146,14 +147,12 @@ def test_names_out_of_a_recording_are_text(page: str, checked: Checker) -> None:
     assert checked.tags['b'] == checked.tags['arm'] == 0
 
 
-def test_the_same_session_gives_the_same_page(analysis: SessionAnalysis, page: str) -> None:
-    assert as_page(analysis, as_document(analysis)) == page
+def test_the_same_session_gives_the_same_page(report: SessionReport, page: str) -> None:
+    assert as_page(report) == page
 
 
-def test_figures_are_written_as_pixels_and_vectors(
-    tmp_path: Path, analysis: SessionAnalysis
-) -> None:
-    paths = write_figures(tmp_path / 'new' / 'folder', analysis)
+def test_figures_are_written_as_pixels_and_vectors(tmp_path: Path, report: SessionReport) -> None:
+    paths = write_figures(tmp_path / 'new' / 'folder', report)
     assert {path.name for path in paths} == {
         f'{name}.{ending}' for name in FIGURES for ending in ('png', 'svg')
     }
@@ -165,17 +164,15 @@ def test_figures_are_written_as_pixels_and_vectors(
             assert '<svg' in path.read_text()
 
 
-def test_a_folder_that_cannot_be_made_is_an_error(
-    tmp_path: Path, analysis: SessionAnalysis
-) -> None:
+def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path, report: SessionReport) -> None:
     (tmp_path / 'file').write_text('')
     with pytest.raises(ReportError, match='expected to write figures into'):
-        write_figures(tmp_path / 'file' / 'folder', analysis)
+        write_figures(tmp_path / 'file' / 'folder', report)
 
 
 @pytest.mark.parametrize('name', FIGURES)
-def test_a_copy_in_black_and_white_loses_nothing(name: str, analysis: SessionAnalysis) -> None:
-    for axes in draw(name, analysis).axes:
+def test_a_copy_in_black_and_white_loses_nothing(name: str, report: SessionReport) -> None:
+    for axes in draw(name, report).axes:
         looks = set()
         for line in axes.lines:
             red, green, blue = to_rgb(line.get_color())
@@ -189,21 +186,21 @@ def test_a_copy_in_black_and_white_loses_nothing(name: str, analysis: SessionAna
 def test_one_intensity_is_said_and_not_drawn(
     tmp_path: Path,
     make_recording: Callable[..., Path],
-    make_analysis: Callable[..., SessionAnalysis],
+    make_report: Callable[..., SessionReport],
 ) -> None:
-    analysis = make_analysis(make_recording(tmp_path / 'constant', low=1.0))
-    page = as_page(analysis, as_document(analysis))
+    report = make_report(make_recording(tmp_path / 'constant', low=1.0))
+    page = as_page(report)
     assert 'there is no curve to show' in page
     assert 'cannot be told apart' in page
     assert embedded(page, 'report')['result']['curve'] is None
 
 
 def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
-    analysis: SessionAnalysis, page: str
+    report: SessionReport, page: str, with_session: WithSession
 ) -> None:
     assert 'has no intervals' in page
     assert 'fits no twitch to it' in page
-    last = analysis.session.last
+    last = report.identified.last
     size = len(last.nonlinear)
     richer = replace(
         last,
@@ -219,27 +216,24 @@ def test_intervals_and_physiology_are_shown_where_an_estimator_has_them(
         physiology_lower=np.array([0.009, 2.75]),
         physiology_upper=np.array([0.0102, 3.25]),
     )
-    session = replace(analysis.session, estimates=[*analysis.session.estimates[:-1], richer])
-    result = result_of(analysis.recording, session)
-    changed = replace(analysis, session=session, result=result)
-    text = unquote(as_page(changed, as_document(changed)))
+    estimates = [*report.identified.estimates[:-1], richer]
+    changed = with_session(report, replace(report.identified, estimates=estimates))
+    text = unquote(as_page(changed))
     assert 'states no' not in text
     for shown in ('95 % band', 'latency_s', '2.75 to 3.25', '0.25', 'converged', 'not informed'):
         assert shown in text
     assert embedded(text, 'report')['result']['confidence'] == 0.95
 
 
-def test_totals_of_a_driver_say_since_when_they_count(analysis: SessionAnalysis) -> None:
+def test_totals_of_a_driver_say_since_when_they_count(report: SessionReport) -> None:
     totals = DriverTotals(120, 3, 2500.0, 31.0, 0.004, 'one', {})
-    recorded = replace(analysis.recorded, driver=totals)
-    changed = replace(analysis, recorded=recorded)
-    text = unquote(as_page(changed, as_document(changed)))
+    text = unquote(as_page(replace(report, driver=totals)))
     assert 'driver: pulses since it was started</th><td>120 delivered, 3 dropped' in text
     assert 'driver: energy since then, and before for this patient by its dose ledger' in text
 
 
 @pytest.fixture(scope='module')
-def trains_page(make_analysis: Callable[..., SessionAnalysis], tmp_path_factory: Any) -> str:
+def trains_page(make_report: Callable[..., SessionReport], tmp_path_factory: Any) -> str:
     """A report on three trains of one intensity."""
     first = np.array([1.0, 3.0, 5.0])
     onset = np.concatenate([begin + np.arange(8) / 50 for begin in first])
@@ -255,8 +249,8 @@ def trains_page(make_analysis: Callable[..., SessionAnalysis], tmp_path_factory:
     )
     path = tmp_path_factory.mktemp('trains') / 'trains'
     write_recording(path, pulses, ForceTrace(500_000 * np.arange(12_000), force))
-    analysis = make_analysis(path)
-    return as_page(analysis, as_document(analysis))
+    report = make_report(path)
+    return as_page(report)
 
 
 def test_trains_of_one_intensity_have_a_report_of_their_own(trains_page: str) -> None:
@@ -278,15 +272,15 @@ def test_trains_of_one_intensity_have_a_report_of_their_own(trains_page: str) ->
 
 
 def test_a_force_of_one_sample_a_second_has_a_page(
-    make_analysis: Callable[..., SessionAnalysis], tmp_path: Path
+    make_report: Callable[..., SessionReport], tmp_path: Path
 ) -> None:
     """Milliseconds taken for seconds: no lag is short enough for a test of whiteness."""
     generator = np.random.default_rng(1)
     pulses = PulseTrain.regular(generator.uniform(0.0, 1.0, 40), 0.05)
     force = ForceTrace(1_000_000_000 * np.arange(800), generator.standard_normal(800))
     write_recording(tmp_path / 'slow', pulses, force)
-    analysis = make_analysis(tmp_path / 'slow')
-    page = as_page(analysis, as_document(analysis))
+    report = make_report(tmp_path / 'slow')
+    page = as_page(report)
     assert 'is the time in another unit' in page
 
 
@@ -297,10 +291,10 @@ def test_on_paper_a_sentence_stays_with_the_figure_that_it_introduces(page: str)
     assert re.search(r'<p>A fresh estimator learns[^<]*</p>\s*<figure', page)
 
 
-def test_no_figure_has_letters_too_small_for_a_phone(analysis: SessionAnalysis) -> None:
+def test_no_figure_has_letters_too_small_for_a_phone(report: SessionReport) -> None:
     """Shown 360 px wide; those of a figure of 11 inches had 4 px."""
     for name in FIGURES:
-        svg = as_svg(name, analysis).decode()
+        svg = as_svg(name, report).decode()
         width = float(re.search(r'<svg [^>]*viewBox="0 0 ([0-9.]+) ', svg, re.DOTALL)[1])
         sizes = [
             float(size) for size in re.findall(r'font(?:-size)?: (?:[a-z]+ )?([0-9.]+)px', svg)
@@ -320,10 +314,11 @@ def test_words_are_not_broken_on_a_phone_and_boxes_have_lines_on_paper(page: str
     assert re.search(r'\.tiles div,[^{]*{ break-inside: avoid; }', style)
 
 
-def test_one_estimate_of_all_has_no_time_courses(analysis: SessionAnalysis) -> None:
-    session = replace(analysis.session, estimates=analysis.session.estimates[-1:])
-    changed = replace(analysis, session=session)
-    text = as_page(changed, as_document(changed))
+def test_one_estimate_of_all_has_no_time_courses(
+    report: SessionReport, with_session: WithSession
+) -> None:
+    session = replace(report.identified, estimates=report.identified.estimates[-1:])
+    text = as_page(with_session(report, session))
     assert 'Time courses' not in text
     assert text.count('<img ') == len(FIGURES) - 1
 
@@ -345,8 +340,8 @@ def test_the_checklist_is_folded_while_nobody_has_stated_anything(
     tmp_path: Path,
     page: str,
     make_recording: Callable[..., Path],
-    make_analysis: Callable[..., SessionAnalysis],
+    make_report: Callable[..., SessionReport],
 ) -> None:
     assert '<details open>' in page
-    analysis = make_analysis(make_recording(tmp_path / 'bare'))
-    assert '<details>\n<summary>3 of the 17 items' in as_page(analysis, as_document(analysis))
+    report = make_report(make_recording(tmp_path / 'bare'))
+    assert '<details>\n<summary>3 of the 17 items' in as_page(report)

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from rpms_ros.report.session import FIGURES, SessionAnalysis, as_page, page as traces
-from rpms_ros.report.session.page import SECTIONS
+from rpms_ros.report import page as traces
+from rpms_ros.report.figures import FIGURES
+from rpms_ros.report.page import SECTIONS, as_page
+from rpms_ros.report.session import SessionReport
 
 pytestmark = pytest.mark.long
 
@@ -211,14 +213,13 @@ def test_nobody_is_kept_from_reading_it(
 def test_a_long_session_shows_its_envelope_until_every_sample_fits(
     opened: Open,
     tmp_path: Path,
-    analysis: SessionAnalysis,
-    document: dict[str, Any],
+    report: SessionReport,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(traces, 'MOST_SAMPLES', 5000)
     monkeypatch.setattr(traces, 'ENVELOPE_BINS', 500)
     monkeypatch.setattr(traces, 'WINDOW', 2.0)
-    noted = probed(opened, tmp_path, as_page(analysis, document))
+    noted = probed(opened, tmp_path, as_page(report))
     assert noted['errors'] == []
     assert noted['labels'][:4] == ['all', 'start', 'largest residual', 'end']
     assert noted['shownAll'].endswith('envelope')

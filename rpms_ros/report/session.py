@@ -1,8 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Content of a report on one session, computed before anything is drawn.
+"""The report of one session, computed before anything is drawn; its fields are its JSON document.
 
-Fields of the rPMS reporting checklist, filled as far as the recording allows.
+It is the result of the identification with its course over time, residuals, held-out fit, dose,
+facts of the recording, a sentence for a paper, and the rPMS reporting checklist.
 
 The checklist is the outcome of a Delphi study: Schneider, Zangrandi, Sollmann, Bonfert, Beaulieu
 and the rPMS Consensus Group, Front. Neurol. 13:852848, 2022 (doi 10.3389/fneur.2022.852848).  It
@@ -10,29 +11,31 @@ has 35 items: 8 on the subject, 16 on the method, 11 on the stimulation protocol
 those in the abstract and at the beginning of Table 2 of the publication, in our own words:
 all 8 on the subject (those of the table on which at least three quarters agreed), 7 on the
 method, 2 on the protocol.  For the others see the publication.
-
-First screen of a report: the muscle in a few numbers, and what to do next.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import platform
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 
+from rpms_ros import __version__
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import Estimator, IdentifiedSession, identify
 from rpms_ros.identification.analysis import SummationAnalysis
-from rpms_ros.pulses import BoolArray, FloatArray
+from rpms_ros.identification.stream.faults import MEANING
+from rpms_ros.printable import counted
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.recording import Recording
-from rpms_ros.report.course import Change, Course, course_of, steadiness
+from rpms_ros.report.course import Course, Flag, course_of, steadiness
+from rpms_ros.report.dose import DeviceLoad, Dose, dose_of, load_of
 from rpms_ros.report.known_muscle import KnownMuscle, known_muscle
-from rpms_ros.report.recorded import RecordedMessages
-from rpms_ros.report.result import IdentificationResult, trains_of
-from rpms_ros.report.session.dose import DeviceLoad, Dose, dose_of, load_of
-from rpms_ros.report.session.residuals import (
+from rpms_ros.report.recorded import DriverTotals, RecordedMessages
+from rpms_ros.report.residuals import (
     HELD_OUT_SHARE,
     FrozenFrom,
     HeldOutFit,
@@ -41,7 +44,14 @@ from rpms_ros.report.session.residuals import (
     boundary,
     held_out_fit,
 )
-from rpms_ros.report.text import RATE_WORDS
+from rpms_ros.report.result import (
+    NOT_A_TWITCH,
+    Curve,
+    IdentificationResult,
+    Stated,
+    trains_of,
+)
+from rpms_ros.schema import internal, plain
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 
 SOURCE = (
@@ -50,6 +60,7 @@ SOURCE = (
     'in Research: An International Delphi Study. Front Neurol 13:852848, 2022. '
     'doi:10.3389/fneur.2022.852848'
 )
+_PACKAGES = ('numpy', 'scipy', 'numba', 'matplotlib')
 ITEMS_OF_THE_CONSENSUS = {'subject': 8, 'method': 16, 'protocol': 11}
 """How many items each part of the published checklist has."""
 
@@ -101,9 +112,7 @@ KEYS = tuple(item.key for item in ITEMS)
 
 
 def checklist_of(
-    dose: Dose,
-    notes: Mapping[str, str],
-    stated: Mapping[str, str] | None = None,
+    dose: Dose, notes: Mapping[str, str], stated: Mapping[str, str]
 ) -> list[ChecklistItem]:
     """Return the items in their order, each with the best that is known.
 
@@ -113,7 +122,7 @@ def checklist_of(
         Pulses of the recording.
     notes : mapping of str to str
         Notes of the recording.
-    stated : mapping of str to str, optional
+    stated : mapping of str to str
         Values given by the user; they have priority.
 
     Raises
@@ -121,7 +130,6 @@ def checklist_of(
     ReportError
         If a given item is not in the checklist.
     """
-    stated = stated or {}
     if unknown := sorted(set(stated) - set(KEYS)):
         raise ReportError(
             f'expected items of the checklist ({", ".join(KEYS)}), got {", ".join(unknown)}'
@@ -131,16 +139,12 @@ def checklist_of(
         (notes, 'notes in the recording'),
         (_measured(dose), 'pulses of the recording'),
     )
-    return [_filled(item, sources) for item in ITEMS]
-
-
-def _filled(
-    item: ChecklistItem, sources: Sequence[tuple[Mapping[str, str], str]]
-) -> ChecklistItem:
-    for values, origin in sources:
-        if value := values.get(item.key, '').strip():
-            return replace(item, value=value, origin=origin)
-    return item
+    found = []
+    for item in ITEMS:
+        known = ((values.get(item.key, '').strip(), origin) for values, origin in sources)
+        value, origin = next((pair for pair in known if pair[0]), (None, None))
+        found.append(replace(item, value=value, origin=origin))
+    return found
 
 
 def _measured(dose: Dose) -> dict[str, str]:
@@ -166,7 +170,7 @@ def _range(low: float, high: float, scale: float, unit: str) -> str:
     return f'{first} {unit}' if first == last else f'{first} to {last} {unit}'
 
 
-_SHOWN = (0.5, 1.0)
+SHARES_SHOWN = (0.5, 1.0)
 # Change of the force between sessions that is not mentioned, if no interval is known.
 _SMALL = 0.1
 # Force not caused by the stimulation is mentioned above this share of the range of the force.
@@ -200,37 +204,11 @@ _USE = 'Use the curve. Keep coil and sensor where they are for the next session.
 
 
 @dataclass(frozen=True, kw_only=True)
-class StatedForce:
-    """Force at an intensity, with its interval where the estimator has one."""
-
-    intensity: float
-    force: float
-    lower: float | None = None
-    upper: float | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rate:
-    """Rate of change of a quantity at the end of the session, per minute."""
-
-    name: str
-    label: str
-    rate: float
-    lower: float
-    upper: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class Headline:
-    """The first screen of a report."""
+    """The first screen of a report: what the muscle did, and what to do next."""
 
     steadiness: str
     next_steps: list[str]
-    forces: list[StatedForce]
-    threshold: float | None
-    threshold_deviation: float | None
-    changes: list[Change] = field(default_factory=list)
-    rates: list[Rate] = field(default_factory=list)
     effort: str | None = None
     previous: list[str] = field(default_factory=list)
 
@@ -255,59 +233,12 @@ def headline_of(
         If `previous` is no such document.
     """
     course = course_of(session)
-    forces = stated_forces(result)
     return Headline(
         steadiness=steadiness(course),
-        next_steps=_next_steps(result, course.changes),
-        forces=forces,
-        threshold=(result.recruitment or {}).get('u_thr'),
-        threshold_deviation=(result.deviation or {}).get('u_thr') if result.recruitment else None,
-        changes=course.changes,
-        rates=rates_of(session),
+        next_steps=_next_steps(result),
         effort=_effort(course, session.force[session.usable], session.last.unit),
-        previous=[] if previous is None else _compared(forces, result, previous),
+        previous=[] if previous is None else _compared(result, previous),
     )
-
-
-def stated_forces(result: IdentificationResult) -> list[StatedForce]:
-    """Return the steady force at half and at full intensity; none without a curve."""
-    curve = result.curve
-    if curve is None:
-        return []
-    return [
-        StatedForce(
-            intensity=share,
-            force=at_intensity(share, curve.intensity, curve.force),
-            lower=None
-            if curve.lower is None
-            else at_intensity(share, curve.intensity, curve.lower),
-            upper=None
-            if curve.upper is None
-            else at_intensity(share, curve.intensity, curve.upper),
-        )
-        for share in _SHOWN
-    ]
-
-
-def at_intensity(share: float, intensity: FloatArray, values: FloatArray) -> float:
-    """Return the value of a curve (points,) at an intensity."""
-    return float(np.interp(share, intensity, values))
-
-
-def rates_of(session: IdentifiedSession) -> list[Rate]:
-    """Return the rates of force, twitch and thresholds at the end; none if not determined."""
-    last = session.last
-    rows = zip(last.rate_names, last.rate, last.rate_lower, last.rate_upper, strict=True)
-    return [
-        Rate(
-            name=name,
-            label=RATE_WORDS.get(name, f'{name} a minute'),
-            rate=float(rate),
-            lower=float(lower),
-            upper=float(upper),
-        )
-        for name, rate, lower, upper in rows
-    ]
 
 
 def _effort(course: Course, force: FloatArray, unit: str) -> str | None:
@@ -324,9 +255,9 @@ def _effort(course: Course, force: FloatArray, unit: str) -> str | None:
     )
 
 
-def _next_steps(result: IdentificationResult, changes: list[Change]) -> list[str]:
+def _next_steps(result: IdentificationResult) -> list[str]:
     verdict = result.verdict
-    moved = [change.time_s for change in changes if change.kind == 'thresholds']
+    moved = [change.time_s for change in result.changes or () if change.kind == 'thresholds']
     steps = [
         f'The curve is that of the coil after {at:.0f} s: fix it better.' for at in moved[-1:]
     ]
@@ -339,17 +270,19 @@ def _next_steps(result: IdentificationResult, changes: list[Change]) -> list[str
     return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
 
 
-def _compared(
-    forces: list[StatedForce], result: IdentificationResult, previous: Mapping[str, Any]
-) -> list[str]:
+def _compared(result: IdentificationResult, previous: Mapping[str, Any]) -> list[str]:
     """Return sentences on the differences from an earlier session."""
     before = previous.get('result', previous)
     try:
         curve, rate = before['curve'], float(before['rate_hz'])
-        if curve is None or not forces:
+        if curve is None or result.curve is None:
             return ['There is no curve in both sessions to compare.']
-        told = [_difference(force, curve, result.unit) for force in forces]
-    except (KeyError, TypeError, ValueError) as error:
+        earlier = Curve(**{name: np.asarray(row, np.float64) for name, row in curve.items()})
+        told = [
+            _difference(share, result.curve.at(share), earlier.at(share), result.unit)
+            for share in SHARES_SHOWN
+        ]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ReportError(
             f'expected what `rpms identify --json` or `rpms report --json` prints, got {error!r}'
         ) from error
@@ -360,24 +293,20 @@ def _compared(
     return told
 
 
-def _difference(now: StatedForce, curve: Mapping[str, Any], unit: str) -> str:
-    what = QUANTITIES[unit].capitalize()
-    intensity = np.asarray(curve['intensity'], dtype=np.float64)
-    before = at_intensity(now.intensity, intensity, np.asarray(curve['force'], dtype=np.float64))
+def _difference(share: float, now: Stated, before: Stated, unit: str) -> str:
     text = (
-        f'{what} at {100 * now.intensity:g} % intensity: {now.force:.3g} {unit}, {before:.3g} '
-        f'{unit} last time ({100 * (now.force / before - 1.0):+.3g} %)'
-        if before
-        else f'{what} at {100 * now.intensity:g} % intensity: {now.force:.3g} {unit}, none before'
+        f'{QUANTITIES[unit].capitalize()} at {100 * share:g} % intensity: {now.value:.3g} {unit}'
     )
-    if 'lower' in curve and now.lower is not None and now.upper is not None:
-        low, high = (
-            at_intensity(now.intensity, intensity, np.asarray(curve[end], dtype=np.float64))
-            for end in ('lower', 'upper')
-        )
-        apart = now.lower > high or now.upper < low
+    if before.value:
+        more = f'{100 * (now.value / before.value - 1.0):+.3g} %'
+        text += f', {before.value:.3g} {unit} last time ({more})'
+    else:
+        text += ', none before'
+    if np.isfinite([now.lower, now.upper, before.lower, before.upper]).all():
+        apart = now.lower > before.upper or now.upper < before.lower
         return f'{text}: {"more than the intervals allow for" if apart else "no difference"}.'
-    return f'{text}{": hardly a difference" if abs(now.force - before) < _SMALL * before else ""}.'
+    small = abs(now.value - before.value) < _SMALL * before.value
+    return f'{text}{": hardly a difference" if small else ""}.'
 
 
 @dataclass(frozen=True)
@@ -392,7 +321,7 @@ class ReportSettings:
         Share of the time at the end whose a-priori residuals are analysed.
     device : DeviceSpecification or None
         Device for the energy; None leaves it in units of a pulse at full intensity.
-    stated : mapping of str to str or None
+    stated : mapping of str to str
         Items of the checklist given by the user.
     command : str
         The command line that makes the report; empty if there is none.
@@ -403,74 +332,92 @@ class ReportSettings:
     held_out_share: float = HELD_OUT_SHARE
     residual_share: float = 0.2
     device: DeviceSpecification | None = None
-    stated: Mapping[str, str] | None = None
+    stated: Mapping[str, str] = field(default_factory=dict)
     command: str = ''
     previous: Mapping[str, Any] | None = None
 
 
-@dataclass(frozen=True)
-class SessionAnalysis:
-    """Content of a report.
+@dataclass(frozen=True, kw_only=True)
+class SessionReport:
+    """Every number that the page of a session shows, and what its figures are drawn from.
+
+    Forces in N, times in s, rates in Hz, energies in J, intensities as shares of the maximum.
 
     Attributes
     ----------
     title : str
         Name of the session.
-    recording : Recording
-        Where it comes from.
+    headline : Headline
+        The first screen.
     result : IdentificationResult
         As `rpms identify --json` prints it.
-    session : IdentifiedSession
-        Estimates and traces.
-    dose : Dose
-        Schedule and dose.
-    load : DeviceLoad or None
-        Energy on a device, if one was named.
-    recorded : RecordedMessages
-        Messages of the nodes in the recording.
+    twitch : dict
+        Peak, time to peak and half relaxation of the response to one pulse, and a remark on it.
+    time_courses : dict
+        Values of each quantity over time, with the ends of their intervals.
+    flags : list of Flag
+        Doubtful parts of the session.
+    truth : dict or None
+        Errors of the result, where the recording was simulated.
     residuals : ResidualAnalysis or None
         None where they cannot be analysed.
     held_out : HeldOutFit or None
         None where nothing could be held out.
-    checklist : list of ChecklistItem
-        Items of the reporting checklist.
-    settings : ReportSettings
-        Settings.
-    remarks : tuple of str
-        Why something is missing.
-    headline : Headline
-        The first screen.
-    truth : KnownMuscle or None
+    faults : list of dict
+        Name, count and meaning of each.
+    energy : dict
+        Sum of the squared intensities, and the load of a device if one was named.
+    schedule : Dose
+        Schedule and dose.
+    driver : DriverTotals or None
+        Totals that a driver published.
+    session : dict
+        Facts of the recording.
+    checklist : dict
+        Items of the reporting checklist and their source.
+    methods : dict
+        Sentence for a paper, command, versions.
+    remarks : list of str
+        Warnings, and why something is missing.
+    recording : Recording
+        Where it comes from.
+    identified : IdentifiedSession
+        Estimates and traces.
+    course : Course
+        Quantities of the session over time.
+    true_muscle : KnownMuscle or None
         The true muscle, where the recording was simulated.
     """
 
     title: str
-    recording: Recording
+    headline: Headline
     result: IdentificationResult
-    session: IdentifiedSession
-    dose: Dose
-    load: DeviceLoad | None
-    recorded: RecordedMessages
+    twitch: dict[str, float | str | None]
+    time_courses: dict[str, Any]
+    flags: list[Flag]
+    truth: dict[str, Any] | None
     residuals: ResidualAnalysis | None
     held_out: HeldOutFit | None
-    checklist: list[ChecklistItem]
-    settings: ReportSettings
-    remarks: tuple[str, ...]
-    headline: Headline
-    truth: KnownMuscle | None = None
+    faults: list[dict[str, str | int]]
+    energy: dict[str, float | DeviceLoad | None]
+    schedule: Dose
+    driver: DriverTotals | None
+    session: dict[str, Any]
+    checklist: dict[str, Any]
+    methods: dict[str, Any]
+    remarks: list[str]
+    recording: Recording = internal()
+    identified: IdentifiedSession = internal()
+    course: Course = internal()
+    true_muscle: KnownMuscle | None = internal()
 
     @cached_property
     def trains(self) -> SummationAnalysis | None:
         """Trains of one intensity, if they stand for a recruitment curve."""
         return trains_of(self.recording, self.result)
 
-    @cached_property
-    def course(self) -> Course:
-        """Quantities of the session over time."""
-        return course_of(self.session)
 
-
-def analyse(
+def report_of(
     title: str,
     recording: Recording,
     recorded: RecordedMessages,
@@ -479,8 +426,8 @@ def analyse(
     build_estimator: Callable[[], Estimator],
     settings: ReportSettings | None = None,
     progress: Callable[[int], object] | None = None,
-) -> SessionAnalysis:
-    """Return the content of a report.
+) -> SessionReport:
+    """Return the report of a session.
 
     Parameters
     ----------
@@ -503,74 +450,204 @@ def analyse(
         If a share is not between 0 and 1, or a given item is not in the checklist.
     """
     settings = settings or ReportSettings()
+    notes, course = recording.facts.custom, course_of(session)
     dose = dose_of(recording.pulses, int(session.stamp_ns[0]))
-    checklist = checklist_of(dose, recording.facts.custom, settings.stated)
-    remarks: list[str] = []
+    truth = known_muscle(recorded.truths, notes, session.last.repetition_rate)
+    judgement = truth and truth.judged(course)
+    items = checklist_of(dose, notes, settings.stated)
+    remarks = list(result.notes)
     try:
-        residuals = _residuals(session, recording, settings)
+        residuals = _residuals(session, recording, settings.residual_share)
     except ReportError as error:
         residuals = None
         remarks.append(f'no residual analysis: {error}')
-    first_ns = boundary(session.stamp_ns, settings.held_out_share)
-    held_out = _held_out(recording, build_estimator, first_ns, progress)
+    held_out = _held_out(recording, session, build_estimator(), settings, progress)
     if held_out is None:
         remarks.append('no held-out fit: expected a force that changes in the held-out part')
     if recorded.unreadable:
         remarks.append(f'{recorded.unreadable} messages of nodes could not be decoded')
-    return SessionAnalysis(
-        title,
-        recording,
-        result,
-        session,
-        dose,
-        load_of(dose, settings.device) if settings.device else None,
-        recorded,
-        residuals,
-        held_out,
-        checklist,
-        settings,
-        tuple(remarks),
-        headline_of(result, session, settings.previous),
-        known_muscle(recorded.truths, recording.facts.custom, session.last.repetition_rate),
+    return SessionReport(
+        title=title,
+        headline=headline_of(result, session, settings.previous),
+        result=result,
+        twitch=_twitch(result),
+        time_courses=_courses(course),
+        flags=course.flags,
+        truth={'sentence': judgement.sentence, **plain(judgement)} if judgement else None,
+        residuals=residuals,
+        held_out=held_out,
+        faults=[
+            {'name': name, 'count': n, 'meaning': MEANING.get(name, 'fault of the recording')}
+            for name, n in result.faults.items()
+        ],
+        energy={
+            'full_intensity_pulses': dose.full_intensity_pulses,
+            'device': load_of(dose, settings.device) if settings.device else None,
+        },
+        schedule=dose,
+        driver=recorded.driver,
+        session=_facts(recording, session, recorded),
+        checklist={
+            'source': SOURCE,
+            'items_of_the_consensus': ITEMS_OF_THE_CONSENSUS,
+            'items': items,
+        },
+        methods={
+            'sentence': _sentence(result, dose),
+            'command': settings.command or None,
+            'versions': _versions(),
+        },
+        remarks=remarks,
+        recording=recording,
+        identified=session,
+        course=course,
+        true_muscle=truth,
     )
 
 
-def last_part(session: IdentifiedSession, share: float) -> BoolArray:
-    """Return which samples (samples,) were learnt from in the last `share` of the time."""
-    span = int(session.stamp_ns[-1] - session.stamp_ns[0])
-    chosen: BoolArray = session.usable & (
-        session.stamp_ns >= session.stamp_ns[-1] - round(share * span)
-    )
-    return chosen
-
-
-def _residuals(
-    session: IdentifiedSession, recording: Recording, settings: ReportSettings
-) -> ResidualAnalysis:
-    if not 0.0 < settings.residual_share <= 1.0:
-        raise ReportError(
-            f'expected a share of residuals above 0 and up to 1, got {settings.residual_share}'
-        )
-    kept = last_part(session, settings.residual_share)
+def _residuals(session: IdentifiedSession, recording: Recording, share: float) -> ResidualAnalysis:
+    """Return the residuals of the samples learnt from in the last `share` of the time."""
+    if not 0.0 < share <= 1.0:
+        raise ReportError(f'expected a share of residuals above 0 and up to 1, got {share}')
+    stamps = session.stamp_ns
+    kept = session.usable & (stamps >= stamps[-1] - round(share * int(stamps[-1] - stamps[0])))
     residual = (session.force - session.prediction)[kept]
-    return analyse_residuals(session.stamp_ns[kept], residual, recording.pulses)
+    found = analyse_residuals(stamps[kept], residual, recording.pulses)
+    return replace(found, share_of_session=share)
 
 
 def _held_out(
     recording: Recording,
-    build_estimator: Callable[[], Estimator],
-    first_ns: int,
+    session: IdentifiedSession,
+    estimator: Estimator,
+    settings: ReportSettings,
     progress: Callable[[int], object] | None,
 ) -> HeldOutFit | None:
-    frozen = FrozenFrom(build_estimator(), first_ns)
-    arrival = recording.samples_before_pulse if frozen.on_line else None
-    session = identify(
-        frozen,
+    first_ns = boundary(session.stamp_ns, settings.held_out_share)
+    learnt = identify(
+        FrozenFrom(estimator, first_ns),
         recording.pulses,
         recording.forces,
         progress=progress,
-        samples_before_pulse=arrival,
+        samples_before_pulse=recording.samples_before_pulse if estimator.on_line else None,
     )
-    if not np.any(session.stamp_ns < first_ns):
-        return None
-    return held_out_fit(session, first_ns)
+    return held_out_fit(learnt, first_ns) if np.any(learnt.stamp_ns < first_ns) else None
+
+
+def _versions() -> dict[str, str]:
+    found = {'rpms_ros': __version__, 'python': platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = 'not installed'
+    return found
+
+
+def _sentence(result: IdentificationResult, dose: Dose) -> str:
+    """Return the sentence for a paper."""
+    what = QUANTITIES[result.unit]
+    found = result.dynamics
+    identified, by = 'Recruitment and impulse response', f'estimator {result.estimator}'
+    if found is not None:
+        identified, by = 'Dynamics', found.model
+    parts = [
+        (
+            f'{identified} were identified with rpms_ros {__version__} '
+            f'({by}) from {counted(result.pulses, "pulse")} and '
+            f'{counted(result.samples, "sample")} of isometric {what} over '
+            f'{result.duration_s:.4g} s'
+        )
+    ]
+    if dose.rate_hz and dose.intensity:
+        parts.append(
+            f'at {dose.rate_hz["median"]:.4g} Hz and intensities of '
+            f'{100 * dose.intensity["lowest"]:.3g} to {100 * dose.intensity["highest"]:.3g} % of '
+            'the maximum'
+        )
+    if found is not None:
+        return (
+            f'{" ".join(parts)}. The {found.model} fits {found.fit_percent:.1f} % '
+            f'(100 (1 - |residual| / |force - mean|)) of {counted(found.trains, "train")} at '
+            'their own rate.'
+        )
+    text = ' '.join(parts) + f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
+    if result.confidence:
+        text += f' with intervals of {100 * result.confidence:g} %'
+    if not np.isfinite(result.output_error_n):
+        return f'{text}. No sample was predicted before it was learnt.'
+    return (
+        f'{text}. The root mean square of measured minus predicted {what} was '
+        f'{result.output_error_n:.2g} {result.unit} ({100 * result.output_error_of_range:.2g} % '
+        f'of the range of the {what}).'
+    )
+
+
+def _twitch(result: IdentificationResult) -> dict[str, float | str | None]:
+    """Return peak [N], time to peak and half relaxation [s] of the response to one pulse.
+
+    Half relaxation is when the force has fallen to half its peak, None if it does not.
+    """
+    response = result.impulse_response
+    peak, at = response.peak.value, response.peak_time_s
+    below = response.time_s[(response.time_s >= at) & (response.force <= 0.5 * peak)]
+    return {
+        'peak_force': peak,
+        'time_to_peak_s': at,
+        'half_relaxation_s': float(below[0] - at) if len(below) else None,
+        'remark': NOT_A_TWITCH if result.is_no_twitch else None,
+    }
+
+
+def _courses(course: Course) -> dict[str, Any]:
+    """Return the quantities over time, evenly thinned if there are very many.
+
+    Each quantity has lists of values and, where there are intervals, of their ends.
+    """
+    names = course.estimates[-1].nonlinear_names
+    paths = {
+        'steady_force': course.force,
+        **{name: course.parameter(name) for name in names},
+        'twitch_time_constant_s': course.physiology('twitch_time_constant_s'),
+        'latency_s': course.physiology('latency_s'),
+        'disturbance': course.disturbance,
+    }
+    shown = course.shown
+    return {
+        'time_s': _short(course.time_s[shown]),
+        **{
+            name: {
+                'value': _short(path.value[shown]),
+                'lower': _short(path.lower[shown]) if path.has_interval else None,
+                'upper': _short(path.upper[shown]) if path.has_interval else None,
+            }
+            for name, path in paths.items()
+            if path.known.any()
+        },
+    }
+
+
+def _short(values: FloatArray) -> list[float]:
+    """Return numbers with six digits, enough for a figure."""
+    return [float(f'{value:.6g}') for value in values]
+
+
+def _facts(
+    recording: Recording, session: IdentifiedSession, recorded: RecordedMessages
+) -> dict[str, Any]:
+    facts, stamps = recording.facts, recording.forces.stamp_ns
+    steps = np.diff(np.sort(stamps)) / NANOSECONDS_PER_SECOND
+    period = float(np.median(steps)) if len(steps) else 0.0
+    return {
+        'recording': facts.path.name,
+        'storage': facts.storage,
+        'start_ns': int(session.stamp_ns[0]),
+        'sampling_rate_hz': 1.0 / period if period > 0 else None,
+        'frame_ids': facts.frame_ids,
+        'topics': [
+            {'name': topic.name, 'type': topic.type_name, 'messages': topic.count}
+            for topic in facts.topics
+        ],
+        'recorded_estimates': len(recorded.estimates),
+        'notes': facts.custom,
+    }

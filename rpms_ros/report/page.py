@@ -1,22 +1,20 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A report as one HTML page with style, script, figures and data inside.
+"""HTML pages with style, script, figures and data inside: of a session, and of a study.
 
-Force traces for zooming: the whole session as envelopes, parts of it sample by sample.
+They are made of the templates of this package, by the extra rpms_ros[report].
 
 A page has to stay small enough to be sent: an hour at 1 kHz is 3.6 million samples.  Where all of
-them do not fit, the envelope shows every extreme, and three windows show every sample.
-
-HTML pages out of templates, with all that they show inside: the extra rpms_ros[report].
+them do not fit, an envelope of the force shows every extreme, and three windows show every sample.
 """
 
 import base64
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import UTC, datetime
+from os.path import relpath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -25,15 +23,14 @@ import numpy.typing as npt
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.session import settled
+from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
-from rpms_ros.report.session.analysis import SessionAnalysis
-from rpms_ros.report.session.dose import TRAIN_GAP
-from rpms_ros.report.session.figures import OF_THE_ESTIMATOR, as_svg, names_of
-from rpms_ros.report.text import label, recruitment_shown, shown, with_interval
-
-if TYPE_CHECKING:
-    from jinja2 import Template
-    from markupsafe import Markup
+from rpms_ros.report.dose import TRAIN_GAP
+from rpms_ros.report.figures import OF_THE_ESTIMATOR, as_svg, names_of
+from rpms_ros.report.group import group_figure
+from rpms_ros.report.session import SHARES_SHOWN, SessionReport
+from rpms_ros.report.text import RATE_WORDS, label, recruitment_shown, shown, with_interval
+from rpms_ros.schema import plain
 
 MOST_SAMPLES = 50_000
 """Up to so many samples are kept one by one."""
@@ -43,35 +40,18 @@ WINDOW = 10.0
 _MOST_IN_WINDOW = 10_000
 
 
-@dataclass(frozen=True)
-class Window:
-    """A part of a session that is kept sample by sample.
-
-    Attributes
-    ----------
-    label : str
-        What it shows.
-    first, last : int
-        Slice of the samples.
-    """
-
-    label: str
-    first: int
-    last: int
-
-
-def windows_of(session: IdentifiedSession) -> list[Window]:
-    """Return the parts of a session that are kept sample by sample."""
+def windows_of(session: IdentifiedSession) -> dict[str, slice]:
+    """Return the parts of a session that are kept sample by sample, by what they show."""
     count = len(session.stamp_ns)
     if count <= MOST_SAMPLES:
-        return [Window('whole session', 0, count)]
+        return {'whole session': slice(0, count)}
     period = (session.stamp_ns[-1] - session.stamp_ns[0]) / (count - 1) / NANOSECONDS_PER_SECOND
     length = min(_MOST_IN_WINDOW, count, max(2, round(WINDOW / period)))
-    return [
-        Window('start', 0, length),
-        _worst(session, length),
-        Window('end', count - length, count),
-    ]
+    return {
+        'start': slice(0, length),
+        'largest residual': _worst(session, length),
+        'end': slice(count - length, count),
+    }
 
 
 def force_traces(session: IdentifiedSession) -> dict[str, Any]:
@@ -86,7 +66,9 @@ def force_traces(session: IdentifiedSession) -> dict[str, Any]:
         'residual_limit': _residual_limit(session),
         'unit': session.last.unit,
         'quantity': QUANTITIES[session.last.unit],
-        'windows': [_window(session, elapsed, window) for window in windows_of(session)],
+        'windows': [
+            _window(session, elapsed, label, part) for label, part in windows_of(session).items()
+        ],
     }
     if len(elapsed) > MOST_SAMPLES:
         traces['envelope'] = _envelope(session, elapsed)
@@ -106,7 +88,7 @@ def _residual_limit(session: IdentifiedSession) -> float | None:
     return 1.1 * largest if largest > 0.0 else None
 
 
-def _worst(session: IdentifiedSession, length: int) -> Window:
+def _worst(session: IdentifiedSession, length: int) -> slice:
     """Return the window with the largest mean square of the residual, past the first fifth."""
     square = np.where(session.usable, (session.force - session.prediction) ** 2, 0.0)
     total = np.concatenate([[0.0], np.cumsum(square)])
@@ -114,14 +96,15 @@ def _worst(session: IdentifiedSession, length: int) -> Window:
     # The start, before the estimator has settled, is always the worst and has its own window.
     begin = min(len(square) // 5, len(energy) - 1)
     first = begin + int(np.argmax(energy[begin:]))
-    return Window('largest residual', first, first + length)
+    return slice(first, first + length)
 
 
-def _window(session: IdentifiedSession, elapsed: FloatArray, window: Window) -> dict[str, Any]:
-    part = slice(window.first, window.last)
-    start = float(elapsed[window.first])
+def _window(
+    session: IdentifiedSession, elapsed: FloatArray, label: str, part: slice
+) -> dict[str, Any]:
+    start = float(elapsed[part.start])
     return {
-        'label': window.label,
+        'label': label,
         'start': start,
         'time': encoded(elapsed[part] - start),
         'measured': encoded(session.force[part]),
@@ -153,38 +136,42 @@ def encoded(values: npt.NDArray[Any]) -> str:
 
 # What need not be escaped in a data URL; base64 would be longer.
 _KEPT = " !$&'()*+,/:;=?@\n"
+_TEMPLATES = Path(__file__).parent / 'templates'
 
 
-def page_template(folder: Path, **filters: Callable[..., str]) -> 'Template':
-    """Return the template ``page.html`` of a folder, of jinja2, which escapes every text.
+def _rendered(name: str, content: Mapping[str, Any], **more: Any) -> str:
+    """Return a page made of a template, of jinja2, which escapes every text.
 
     Parameters
     ----------
-    folder : Path
-        Beside the templates that pages share.
-    **filters : callable
-        By the names that the template calls them.
+    name : str
+        File of the template.
+    content : mapping
+        What it shows, by the names that it calls it.
+    **more
+        Further values, by their names.
     """
     # figures are drawn without it
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
 
     environment = Environment(
-        loader=FileSystemLoader([folder, Path(__file__).parent]),
+        loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.policies['json.dumps_kwargs'] = {'allow_nan': False}
-    environment.filters |= filters
-    return environment.get_template('page.html')
-
-
-def shipped(path: Path) -> 'Markup':
-    """Return a style or script of the package as text that is not escaped."""
-    from markupsafe import Markup
-
-    return Markup(path.read_text(encoding='utf-8'))
+    for one in (number, percent, with_interval, label, shown, recruitment_shown, stated, counted):
+        environment.filters[one.__name__] = one
+    return environment.get_template(name).render(
+        content,
+        unknown=UNKNOWN,
+        # styles and scripts of the package are not escaped
+        file=lambda path: Markup((_TEMPLATES / path).read_text(encoding='utf-8')),
+        **more,
+    )
 
 
 def image_url(svg: bytes) -> str:
@@ -224,39 +211,56 @@ SECTIONS = {
 }
 
 
-def as_page(analysis: SessionAnalysis, document: dict[str, Any]) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    analysis : SessionAnalysis
-        Content of the figures.
-    document : dict
-        Content of the tables, from `as_document`; it is inside the page as JSON too.
-    """
-    dynamics = analysis.trains is not None
-    figures = names_of(analysis)
+def as_page(report: SessionReport) -> str:
+    """Return the page of a session, with its JSON inside."""
+    document = plain(report)
+    figures, session, curve = names_of(report), report.identified, report.result.curve
     hidden = {name for name in OF_THE_ESTIMATOR if name not in figures}
-    filters = {
-        one.__name__: one
-        for one in (number, percent, with_interval, label, shown, recruitment_shown)
-    }
-    template = page_template(_HERE, **filters)
-    return template.render(
+    return _rendered(
+        'session.html',
         document,
         document=document,
         sections={key: text for key, text in SECTIONS.items() if key not in hidden},
-        dynamics=dynamics,
-        unknown=UNKNOWN,
+        dynamics=report.trains is not None,
+        forces={share: plain(curve.at(share)) for share in SHARES_SHOWN} if curve else {},
+        rate_words=RATE_WORDS,
         train_gap=TRAIN_GAP,
         start=_start(document['session']['start_ns']),
-        traces=force_traces(analysis.session),
+        traces=force_traces(session),
         captions=CAPTIONS,
-        what=QUANTITIES[analysis.result.unit],
-        force_range=float(np.ptp(analysis.session.force[analysis.session.usable])),
-        image=lambda name: image_url(as_svg(name, analysis)),
-        file=lambda name: shipped(_HERE / name),
+        what=QUANTITIES[report.result.unit],
+        force_range=float(np.ptp(session.force[session.usable])),
+        image=lambda name: image_url(as_svg(name, report)),
     )
+
+
+def as_group_page(document: Mapping[str, Any], folder: Path) -> str:
+    """Return the page of a study.
+
+    Parameters
+    ----------
+    document : mapping
+        As `group_document` makes it.
+    folder : Path
+        Where the page goes: links are relative to it.
+    """
+    # all numbers stand in the details and in results.csv already
+    short = [
+        {name: value for name, value in one.items() if name != 'all'}
+        for one in document['recordings']
+    ]
+    return _rendered(
+        'group.html',
+        document,
+        compact={**document, 'recordings': short},
+        image=image_url(group_figure(document)),
+        link=lambda path: link(path, folder),
+    )
+
+
+def link(path: str, folder: Path) -> str:
+    """Return a link from the page in a folder to a path; never another scheme."""
+    return f'./{quote(relpath(Path(path).resolve(), folder.resolve()))}'
 
 
 def _start(stamp_ns: int) -> str:
@@ -279,6 +283,18 @@ def number(value: float | None, unit: str = '', scale: float = 1.0) -> str:
 def percent(share: float | None) -> str:
     """Return a share as per cent; `UNKNOWN` for None."""
     return UNKNOWN if share is None else f'{100 * share:.3g} %'
+
+
+def stated(found: Mapping[str, float | None] | None, sign: bool = False) -> str:
+    """Return a number with its interval as text."""
+    if found is None:
+        return UNKNOWN
+    if not sign:
+        return with_interval(found)
+    text = format(found['value'], '+.3g')
+    if found['lower'] is None or found['upper'] is None:
+        return text
+    return f'{text} ({found["lower"]:+.3g} to {found["upper"]:+.3g})'
 
 
 def embedded(page: str, name: str) -> Any:

@@ -1,23 +1,28 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Content of the page of a study, as one document.
+"""Several recordings compared: of several people, or of one person over weeks.
 
-Numbers of several recordings with their intervals: how they differ, and how they spread.
+Their numbers with intervals, how they differ and how they spread, as one document and a figure.
 """
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from io import BytesIO
 from pathlib import PurePath
 from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from rpms_ros.axis import QUANTITIES as QUANTITY_OF_UNIT
 from rpms_ros.identification.quality.verdict import DOUBTFUL, GRADES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.report.figures import note, style
 
 Row = Mapping[str, Any]
 
@@ -42,11 +47,12 @@ class Quantity:
     scale: float = 1.0
 
 
+_TIME_CONSTANT = Quantity('twitch_time_constant_s', 'T_a', 'ms', 1e3)
 QUANTITIES = (
     Quantity('u_thr', 'Threshold', '%', 100.0),
     Quantity('steady_force_50', 'Force at 50 %', 'N'),
     Quantity('steady_force_100', 'Force at 100 %', 'N'),
-    Quantity('twitch_time_constant_s', 'T_a', 'ms', 1e3),
+    _TIME_CONSTANT,
     Quantity('train_peak_force', 'Peak of trains', 'N'),
 )
 """Those that no recording has are left out of a page."""
@@ -117,11 +123,8 @@ def measured(row: Row, quantity: Quantity) -> Measured | None:
     if not usable(row) or value is None:
         return None
     ends = (row.get(f'{quantity.column}_{end}') for end in ('lower', 'upper'))
-    return Measured(value * quantity.scale, *_scaled(ends, quantity.scale))
-
-
-def _scaled(ends: Any, scale: float) -> list[float | None]:
-    return [None if one is None else float(one) * scale for one in ends]
+    scaled = (None if one is None else float(one) * quantity.scale for one in ends)
+    return Measured(value * quantity.scale, *scaled)
 
 
 def change(now: Measured, before: Measured) -> Measured:
@@ -209,7 +212,10 @@ def group_document(rows: Sequence[Row], title: str, one_person: bool) -> dict[st
         'verdicts': {grade: counts[grade] for grade in (*GRADES, FAILED)},
         'quantities': [asdict(one) for one in compared],
         'recordings': shown,
-        'spread': [_spread(rows, one, confidence) for one in compared],
+        'spread': [
+            {'column': one.column, 'found': _plain(spread_of(_all(rows, one), confidence))}
+            for one in compared
+        ],
         'changes': [_change(shown, one) for one in compared] if one_person else [],
         'remarks': _remarks(rows, one_person),
     }
@@ -219,22 +225,26 @@ def _dated(row: Row) -> bool:
     return (row.get('start_ns') or 0) >= _EARLIEST_NS
 
 
+def _all(rows: Iterable[Row], quantity: Quantity) -> list[Measured]:
+    return [one for row in rows if (one := measured(row, quantity)) is not None]
+
+
+def _plain(found: Measured | Spread | None) -> dict[str, Any] | None:
+    return None if found is None else asdict(found)
+
+
 def _shown(index: int, row: Row, first_ns: int) -> dict[str, Any]:
     """Return a recording as the page shows it, without numbers that must not be used."""
-    good = row['status'] == 'ok'
-    date = None
-    day = None
-    if _dated(row):
-        day = (int(row['start_ns']) - first_ns) / _DAY_NS
-        seconds = int(row['start_ns']) // NANOSECONDS_PER_SECOND
-        date = f'{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M}'
+    good, dated = row['status'] == 'ok', _dated(row)
+    start_ns = int(row['start_ns']) if dated else first_ns
+    begun = datetime.fromtimestamp(start_ns // NANOSECONDS_PER_SECOND, UTC)
     return {
         'number': index,
         'name': PurePath(row['recording']).name or row['recording'],
         'path': row['recording'],
         'report': row.get('report'),
-        'date': date,
-        'day': day,
+        'date': f'{begun:%Y-%m-%d %H:%M}' if dated else None,
+        'day': (start_ns - first_ns) / _DAY_NS if dated else None,
         'verdict': row['verdict'] if good else FAILED,
         'reasons': row['reasons'] if good else row['reason'],
         'measured': {one.column: _plain(measured(row, one)) for one in QUANTITIES},
@@ -246,16 +256,6 @@ def _shown(index: int, row: Row, first_ns: int) -> dict[str, Any]:
     }
 
 
-def _plain(found: Measured | None) -> dict[str, float | None] | None:
-    return None if found is None else asdict(found)
-
-
-def _spread(rows: Iterable[Row], quantity: Quantity, confidence: float) -> dict[str, Any]:
-    found = [one for row in rows if (one := measured(row, quantity)) is not None]
-    spread = spread_of(found, confidence)
-    return {'column': quantity.column, 'found': asdict(spread) if spread else None}
-
-
 def _change(shown: Sequence[Mapping[str, Any]], quantity: Quantity) -> dict[str, Any]:
     """Return the newest number, and how much more it is than the last and the first one."""
     known = [
@@ -263,20 +263,18 @@ def _change(shown: Sequence[Mapping[str, Any]], quantity: Quantity) -> dict[str,
         for one in shown
         if one['measured'][quantity.column]
     ]
-    empty: dict[str, Any] = {'column': quantity.column, 'now': None, 'last': None, 'first': None}
-    if not known:
-        return empty
-    _, now = known[-1]
-    told = {**empty, 'now': asdict(now)}
-    if len(known) > 1:
-        told |= {
-            name: {
+    now = known[-1][1] if known else None
+    told: dict[str, Any] = {'column': quantity.column, 'now': _plain(now)}
+    for name, place in (('last', -2), ('first', 0)):
+        told[name] = None
+        if now is not None and len(known) > 1:
+            before, number = known[place]
+            more = change(now, number)
+            told[name] = {
                 'session': before['number'],
-                'change': asdict(change(now, number)),
-                'beyond': _beyond(change(now, number)),
+                'change': asdict(more),
+                'beyond': _beyond(more),
             }
-            for name, (before, number) in (('last', known[-2]), ('first', known[0]))
-        }
     return told
 
 
@@ -285,10 +283,6 @@ def _beyond(found: Measured) -> bool | None:
     if found.lower is None or found.upper is None:
         return None
     return found.lower > 0.0 or found.upper < 0.0
-
-
-def _has_time_constant(row: Row) -> bool:
-    return usable(row) and row.get('twitch_time_constant_s') is not None
 
 
 def _remarks(rows: Sequence[Row], one_person: bool) -> list[str]:
@@ -303,7 +297,7 @@ def _remarks(rows: Sequence[Row], one_person: bool) -> list[str]:
         if len(same) > 1
     ]
     # None is the twitch of an identified response.
-    models = {row.get('train_model') for row in rows if _has_time_constant(row)}
+    models = {row.get('train_model') for row in rows if measured(row, _TIME_CONSTANT)}
     if len(models) > 1:
         told = ', '.join(sorted(name or 'response to one pulse' for name in models))
         remarks.append(
@@ -313,3 +307,125 @@ def _remarks(rows: Sequence[Row], one_person: bool) -> list[str]:
     if one_person and not all(_dated(row) for row in rows):
         remarks.append('Not every session has a date: they stand in the order that was given.')
     return remarks
+
+
+MARKERS = {'good': 'o', 'doubtful': 's'}
+"""A full circle, and an open square for what is doubtful."""
+_INK, _FAINT = '#000000', '#6e6e6e'
+# Names of more recordings than this cannot be read beside the points.
+_MOST_NAMES = 60
+_LONGEST_NAME = 28
+
+
+def group_figure(document: Mapping[str, Any]) -> bytes:
+    """Return the figure as SVG: over the dates of one person, or one line a recording.
+
+    Parameters
+    ----------
+    document : mapping
+        As `group_document` makes it.
+    """
+    file = BytesIO()
+    with style():
+        figure = _over_dates(document) if document['one_person'] else _by_recording(document)
+        figure.savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
+    return file.getvalue()
+
+
+def _over_dates(document: Mapping[str, Any]) -> Figure:
+    recordings = document['recordings']
+    days = [one['day'] for one in recordings]
+    dated = None not in days and len(set(days)) == len(days)
+    rows = -(-len(document['quantities']) // 2)
+    figure = Figure(figsize=(11.0, 2.8 * rows), layout='constrained')
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
+    at = [one['day'] if dated else one['number'] for one in recordings]
+    for place in axes.flat[len(document['quantities']) :]:
+        place.axis('off')
+    for place, quantity in zip(axes.flat, document['quantities'], strict=False):
+        _points(place, recordings, quantity['column'], at, vertical=True)
+        place.set(title=quantity['label'], ylabel=quantity['unit'])
+        place.tick_params(labelbottom=True)
+    for place in axes[-1]:
+        place.set_xlabel('days after the first session' if dated else 'session')
+        if not dated:
+            place.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if at:
+        margin = 0.05 * max(max(at) - min(at), 1.0)
+        axes[0, 0].set_xlim(min(at) - margin, max(at) + margin)
+    return figure
+
+
+def _by_recording(document: Mapping[str, Any]) -> Figure:
+    recordings = document['recordings']
+    count = len(recordings)
+    named = count <= _MOST_NAMES
+    figure = Figure(figsize=(11.0, 1.4 + (0.26 if named else 0.06) * count), layout='constrained')
+    axes = figure.subplots(1, len(document['quantities']), sharey=True, squeeze=False)[0]
+    at = [one['number'] for one in recordings]
+    for place, quantity, spread in zip(
+        axes, document['quantities'], document['spread'], strict=True
+    ):
+        _points(place, recordings, quantity['column'], at, vertical=False)
+        if spread['found']:
+            place.axvline(spread['found']['mean'], color=_FAINT, ls='--', lw=1.0)
+        place.set(title=quantity['label'], xlabel=quantity['unit'])
+    axes[0].set_ylim(count + 0.7, 0.3)
+    if named:
+        axes[0].set_yticks(at, [_name(one) for one in recordings])
+    else:
+        axes[0].set_ylabel('number in the table')
+    return figure
+
+
+def _name(one: Mapping[str, Any]) -> str:
+    """Return a short name in which matplotlib sees no formula."""
+    name = ''.join(letter if letter.isprintable() else '?' for letter in one['name'])
+    return f'{one["number"]}  {name[:_LONGEST_NAME]}'.replace('$', r'\$')
+
+
+def _points(
+    place: Axes,
+    recordings: Sequence[Mapping[str, Any]],
+    column: str,
+    at: Sequence[float],
+    vertical: bool,
+) -> None:
+    """Draw numbers with their intervals, those of good recordings full."""
+    known = [
+        (one['verdict'] == 'good', position, one['measured'][column])
+        for one, position in zip(recordings, at, strict=True)
+        if one['measured'][column] is not None
+    ]
+    for good in (True, False):
+        chosen = [(position, found) for grade, position, found in known if grade is good]
+        if not chosen:
+            continue
+        points = np.array([(position, found['value']) for position, found in chosen]).T
+        widths = np.array([_widths(found) for _, found in chosen]).T
+        across, up = points if vertical else points[::-1]
+        place.errorbar(
+            across,
+            up,
+            yerr=widths if vertical else None,
+            xerr=None if vertical else widths,
+            fmt=MARKERS['good' if good else 'doubtful'],
+            color=_INK,
+            mfc=_INK if good else 'white',
+            ms=4.5,
+            capsize=3,
+            lw=1.0,
+        )
+    if vertical and len(known) > 1:
+        path = [(position, found['value']) for _, position, found in known]
+        place.plot(*zip(*path, strict=True), color=_FAINT, lw=0.8, zorder=1)
+    if not known:
+        note(place, 'in no recording')
+
+
+def _widths(found: Mapping[str, float | None]) -> tuple[float, float]:
+    """Return how far an interval reaches below and above; not a number without one."""
+    value, lower, upper = found['value'], found['lower'], found['upper']
+    if value is None or lower is None or upper is None:
+        return float('nan'), float('nan')
+    return max(value - lower, 0.0), max(upper - value, 0.0)

@@ -1,8 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The row of each recording of a study, computed by local processes or a Dask cluster.
+"""A study: many recordings identified by local processes or a Dask cluster, one table, one page.
 
-The table of a study: rows kept one by one while it runs, then written as CSV and Parquet.
+Rows are kept one by one while it runs, then written as CSV and Parquet.
 """
 
 import csv
@@ -27,7 +27,6 @@ from typing import Any
 
 from rpms_ros.errors import RecordingError, ReportError, RpmsError
 from rpms_ros.identification import IdentifiedSession
-from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.quality.verdict import VerdictSettings
 from rpms_ros.printable import spreadsheet_text
@@ -38,18 +37,22 @@ from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import (
     IdentificationOptions,
     IdentificationResult,
+    Stated,
     identified,
     result_of,
 )
-from rpms_ros.report.text import interval_of
 from rpms_ros.schema import plain
 
 Row = dict[str, Any]
 # There is a process for each processor already: threads in each would only compete.
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 _CURVE_SHOWN = (25, 50, 75, 100)
-_WITH_INTERVAL = PHYSIOLOGY_NAMES
 _TRAIN_INTERVALS = ('onset_s', 'twitch_time_constant_s', 'latency_s')
+# columns that are fields of a result
+_SAME = (
+    *('session_hash', 'estimator', 'unit', 'samples', 'pulses', 'duration_s', 'rate_hz'),
+    *('confidence', 'output_error_n', 'output_error_of_range'),
+)
 _PARAMETERS = ('u_thr', 'u_sat', 'alpha_sat', 'alpha_thr')
 
 
@@ -93,7 +96,7 @@ def columns() -> dict[str, type]:
         numbers += [f'steady_force_{share}{end}' for end in ('', '_lower', '_upper')]
     numbers += ['peak_force', 'time_to_peak_s']
     numbers += ['train_rate_hz', 'train_peak_force', 'train_fit_percent']
-    for name in dict.fromkeys((*_WITH_INTERVAL, *_TRAIN_INTERVALS)):
+    for name in dict.fromkeys((*PHYSIOLOGY_NAMES, *_TRAIN_INTERVALS)):
         numbers += [name, f'{name}_lower', f'{name}_upper']
     texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str}
     texts |= {'verdict': str, 'reasons': str, 'estimator': str}
@@ -117,8 +120,7 @@ def work(path: str, options: StudyOptions) -> Row:
         session = identified(recording, options, most_estimates=None if options.reports else 1)
         settings = VerdictSettings(expected_force=options.expected_force)
         result = result_of(recording, session, settings)
-        row = _row(plain(result))
-        row['start_ns'] = int(recording.forces.stamp_ns.min())
+        row = row_of(result) | {'start_ns': int(recording.forces.stamp_ns.min())}
         if options.reports:
             row['report'] = str(_write_report(path, options, recording, session, result))
     except RpmsError as error:
@@ -135,22 +137,16 @@ def _write_report(
 ) -> Path:
     """Write the report page of a recording, as `rpms report` makes it; return its place."""
     # the extra rpms_ros[report]
-    from rpms_ros.report.session import analyse, as_document, as_page
+    from rpms_ros.report.page import as_page
+    from rpms_ros.report.session import report_of
 
-    analysis = analyse(
-        Path(path).resolve().name,
-        recording,
-        recorded_messages(path, memory=options.max_memory, held=held_bytes(recording)),
-        session,
-        result,
-        lambda: estimator_by_name(
-            options.estimator, options.preset, options.seed, options.rate_hz
-        ),
-    )
+    messages = recorded_messages(path, memory=options.max_memory, held=held_bytes(recording))
+    title = Path(path).resolve().name
+    report = report_of(title, recording, messages, session, result, options.build)
     place = Path(options.reports or '', f'{_file_name(path)}.html')
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        replace_text(place, as_page(analysis, as_document(analysis)))
+        replace_text(place, as_page(report))
     except OSError as error:
         raise ReportError(f'expected to write {place}, got {error}') from error
     return place
@@ -174,58 +170,35 @@ def failure(reason: str) -> Row:
     return {'status': 'failed', 'reason': reason, 'faults': '{}'}
 
 
-def _row(document: dict[str, Any]) -> Row:
-    response, curve = document['impulse_response'], document['curve']
-    scalars = [name for name in columns() if not isinstance(document.get(name), dict | None)]
-    row: Row = {name: document[name] for name in scalars}
-    row |= document['recruitment'] or {}
-    if curve:
-        for name, end in (('force', ''), ('lower', '_lower'), ('upper', '_upper')):
-            if values := curve.get(name):
-                row |= {f'steady_force_{share}{end}': values[share] for share in _CURVE_SHOWN}
-    row |= _threshold_interval(document)
-    for name, found in document.get('physiology', {}).items():
-        row |= {name: found['value']}
-        row |= {f'{name}_{end}': found[end] for end in ('lower', 'upper')}
-    peak = max(response['force'])
+def row_of(result: IdentificationResult) -> Row:
+    """Return the columns of a result; numbers with intervals have three."""
+    response, trains = result.impulse_response, result.dynamics
+    row: Row = {name: getattr(result, name) for name in _SAME} | (result.recruitment or {})
+    stated = dict(result.physiology or {})
+    if curve := result.curve:
+        stated |= {f'steady_force_{share}': curve.at(share / 100) for share in _CURVE_SHOWN}
+    if 'u_thr' in row and (ends := result.interval('u_thr')):
+        stated['u_thr'] = Stated(row['u_thr'], *ends)
+    if trains is None:
+        row |= {'peak_force': response.peak.value, 'time_to_peak_s': response.peak_time_s}
+    else:
+        names = ('rate_hz', 'peak_force', 'fit_percent', 'model')
+        row |= {f'train_{name}': getattr(trains, name) for name in names}
+        row['order'] = trains.order
+        # that of the estimator, whose model is not the one that is stated
+        row |= dict.fromkeys(('output_error_n', 'output_error_of_range'))
+        stated |= {name: one for name in _TRAIN_INTERVALS if (one := getattr(trains, name))}
+    for name, one in stated.items():
+        row |= {name: one.value, f'{name}_lower': one.lower, f'{name}_upper': one.upper}
     row |= {
-        'peak_force': peak,
-        'time_to_peak_s': response['time_s'][response['force'].index(peak)],
-    }
-    if found := document.get('dynamics'):
-        row |= _of_dynamics(found)
-    verdict = document['verdict']
-    return row | {
         'status': 'ok',
-        'verdict': verdict['grade'],
-        'reasons': '; '.join(verdict['reasons']),
-        'faults': json.dumps(document['faults'], sort_keys=True),
-        'notes': '; '.join(document['notes']),
+        'verdict': result.verdict.grade,
+        'reasons': '; '.join(result.verdict.reasons),
+        'faults': json.dumps(result.faults, sort_keys=True),
+        'notes': '; '.join(result.notes),
     }
-
-
-def _threshold_interval(document: dict[str, Any]) -> Row:
-    """Return the ends of the interval of the threshold, as far as the data determine it."""
-    value = (document['recruitment'] or {}).get('u_thr')
-    deviation = (document.get('deviation') or {}).get('u_thr')
-    known = value is not None and interval_of(
-        'u_thr', value, deviation, document.get('confidence')
-    )
-    return dict(zip(('u_thr_lower', 'u_thr_upper'), known, strict=True)) if known else {}
-
-
-def _of_dynamics(found: dict[str, Any]) -> Row:
-    """Return the columns of trains of one intensity."""
-    row: Row = dict.fromkeys(('peak_force', 'time_to_peak_s'))
-    row |= {f'train_{name}': found[name] for name in ('rate_hz', 'peak_force', 'fit_percent')}
-    row |= {'train_model': found['model'], 'order': found['order']}
-    # It is that of the estimator, whose model is not the one that is stated.
-    row |= dict.fromkeys(('output_error_n', 'output_error_of_range'))
-    for name in _TRAIN_INTERVALS:
-        if stated := found[name]:
-            row |= {name: stated['value']}
-            row |= {f'{name}_{end}': stated[end] for end in ('lower', 'upper')}
-    return row
+    found: Row = plain(row)
+    return found
 
 
 def finished(
@@ -353,17 +326,17 @@ class StudyTable:
         In the order of the table.
     options : StudyOptions
         Rows of other options are not used again.
-    remarks : list of str
-        What could not be written.
     one_person : bool
         Whether the recordings are sessions of one person.
+    remarks : list of str
+        What could not be written.
     """
 
     folder: Path
     recordings: Sequence[Path]
     options: StudyOptions
-    remarks: list[str] = field(default_factory=list)
     one_person: bool = False
+    remarks: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._rows: dict[Path, Row] = {}
@@ -436,7 +409,8 @@ class StudyTable:
         part.replace(self.folder / 'results.parquet')
 
     def _write_page(self) -> None:
-        from rpms_ros.report.group import as_group_page, group_document
+        from rpms_ros.report.group import group_document
+        from rpms_ros.report.page import as_group_page
 
         title = self.folder.resolve().name
         document = group_document(self.rows(), title, self.one_person)

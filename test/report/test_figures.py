@@ -14,9 +14,9 @@ from rpms_ros.errors import ReportError
 from rpms_ros.identification import Estimate, IdentifiedSession, ModifiedRecursiveLM, identify
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.report.agreement import compare, differences
+from rpms_ros.report.figures import draw_session
 from rpms_ros.report.known_muscle import of_subject, truth_table
-from rpms_ros.report.session.session_figure import draw_session
+from rpms_ros.report.recorded import compare, differences
 
 
 @cache

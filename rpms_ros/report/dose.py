@@ -1,12 +1,11 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Schedule and dose of a session, read off the pulses that were delivered.
+"""Schedule and dose of a session, read off its pulses; the figure of a schedule on a device."""
 
-Figure of a schedule on a device: intensity, power and coil temperature over time.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -96,7 +95,7 @@ class Dose:
     rate_hz: dict[str, float] | None
     intensity: dict[str, float] | None
     pulse_width_s: tuple[float, ...]
-    full_intensity_pulses: float
+    full_intensity_pulses: float = internal()
     onset_s: FloatArray = internal()
     intensities: FloatArray = internal()
 
@@ -147,8 +146,8 @@ def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
         pulses=len(onset),
         trains=int(np.count_nonzero(steps > TRAIN_GAP)) + bool(len(onset)),
         stimulated_s=float(steps[within].sum()),
-        rate_hz=_spread(1.0 / steps[within], 'median'),
-        intensity=_spread(intensity, 'mean'),
+        rate_hz=_spread(1.0 / steps[within], 'median', np.median),
+        intensity=_spread(intensity, 'mean', np.mean),
         pulse_width_s=tuple(np.unique(width[np.isfinite(width)]).tolist()),
         full_intensity_pulses=float(np.sum(intensity**2)),
         onset_s=(onset - start_ns) / NANOSECONDS_PER_SECOND,
@@ -156,11 +155,16 @@ def dose_of(pulses: PulseTrain, start_ns: int) -> Dose:
     )
 
 
-def _spread(values: FloatArray, middle: str) -> dict[str, float] | None:
+def _spread(
+    values: FloatArray, name: str, middle: Callable[[FloatArray], Any]
+) -> dict[str, float] | None:
     if not len(values):
         return None
-    centre = float(np.median(values) if middle == 'median' else values.mean())
-    return {'lowest': float(values.min()), middle: centre, 'highest': float(values.max())}
+    return {
+        'lowest': float(values.min()),
+        name: float(middle(values)),
+        'highest': float(values.max()),
+    }
 
 
 def load_of(dose: Dose, specification: DeviceSpecification) -> DeviceLoad:
@@ -169,23 +173,16 @@ def load_of(dose: Dose, specification: DeviceSpecification) -> DeviceLoad:
     energy = limits.pulse_energy_j * dose.intensities**2
     onset = dose.onset_s
     power = window_power(onset, energy, limits.energy_window_s)
+    highest = None
+    if specification.thermal is not None:
+        coil = CoilTemperature(specification.thermal)
+        steps = zip((onset - onset[:1]).tolist(), energy.tolist(), strict=True)
+        celsius = [coil.heat(nanoseconds(time), heat) for time, heat in steps]
+        highest = max(celsius, default=specification.thermal.ambient)
     return DeviceLoad(
         specification.name,
         float(energy.sum()),
         float(power.max()) if len(power) else 0.0,
         limits.energy_window_s,
-        _highest_temperature(onset, energy, specification),
+        highest,
     )
-
-
-def _highest_temperature(
-    onset: FloatArray, energy: FloatArray, specification: DeviceSpecification
-) -> float | None:
-    if specification.thermal is None:
-        return None
-    coil = CoilTemperature(specification.thermal)
-    celsius = [
-        coil.heat(nanoseconds(time), heat)
-        for time, heat in zip((onset - onset[:1]).tolist(), energy.tolist(), strict=True)
-    ]
-    return max(celsius, default=specification.thermal.ambient)

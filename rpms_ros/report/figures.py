@@ -1,50 +1,52 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of a report, in black and grey with different line styles.
-
-Panels of each figure of a report.
+"""The figures of a session: each of its report, and all of them as one.
 
 Measured is thick and grey, true thick, grey and dashed, modelled thin and black, limits are
-dashed, bands light with an edge: distinguished by shade, width and style, not by hue.
+dashed, bands light with an edge: distinguished by shade, width and style, not by hue.  Over time
+sudden changes are dotted lines with their kind, and spans with a doubt or a fault are hatched.
 
-Panels of the quantities over time.
+The panels of the one figure are those of the paper's Figs. 13 (and 15), 14, 16 and 17, and the
+force over time.
 
-Sudden changes are dotted lines with their kind, spans with a doubt or a fault are hatched, true
-values of a simulated muscle dashed.
-
-From which time on a fitted response to one pulse is determined by the data.
-
-Smooth functions cannot be zero until the muscle responds and then rise:
-before that they oscillate around zero, and data in which pulses follow one another closely
-hardly contradict them.  So the response before its last change of sign ahead of the peak is not
-determined.
+Smooth functions cannot be zero until the muscle responds and then rise: before that they
+oscillate around zero, and data in which pulses follow one another closely hardly contradict them.
+So a fitted response to one pulse is not determined before its last change of sign ahead of the
+peak.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
-from rpms_ros.report.analysis_figures import draw_trains
-from rpms_ros.report.course import Course, TimeCourse
+from rpms_ros.identification.analysis import SummationAnalysis
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
+from rpms_ros.report.analysis_figures import draw_trains, fill_train_figure
+from rpms_ros.report.course import Course, TimeCourse, course_of
+from rpms_ros.report.dose import Dose, dose_of
 from rpms_ros.report.known_muscle import KnownMuscle
-from rpms_ros.report.session.analysis import SessionAnalysis
-from rpms_ros.report.session.dose import Dose
-from rpms_ros.report.session.residuals import HeldOutFit, ResidualAnalysis
+from rpms_ros.report.residuals import HeldOutFit, ResidualAnalysis
+from rpms_ros.report.result import impulse_response
+from rpms_ros.report.session import SessionReport
 
+MEASURED, MODELLED, BAND, FAINT = '#a0a0a0', '#000000', '#dcdcdc', '#6e6e6e'
 # Smaller oscillations, as a share of the peak, are not visible in a figure.
 _SEEN = 2e-3
+# How much of the force is shown [s].
+_SHOWN = 4.0
+# More bars, or points in a line, than this are not distinguishable in print.
+_MOST_BARS, _MOST_POINTS = 1000, 2000
 
 
 def begin_of_response(force: FloatArray) -> int:
@@ -65,23 +67,17 @@ def begin_of_response(force: FloatArray) -> int:
     return begin if swing > _SEEN * top else 0
 
 
-MEASURED, MODELLED, BAND, FAINT = '#a0a0a0', '#000000', '#dcdcdc', '#6e6e6e'
-_SHOWN = 4.0
-# More bars than this are not distinguishable in print.
-_MOST_BARS = 1000
-# More points than this in a line are not distinguishable either.
-_MOST_POINTS = 2000
-
-
 def draw_recruitment(
     place: Axes, session: IdentifiedSession, dose: Dose, truth: KnownMuscle | None = None
 ) -> None:
     """Draw the recruitment curve with its band, the true one and the intensities used."""
     last = session.last
-    place.set_title(f'Recruitment at {last.repetition_rate:g} Hz')
-    place.set_xlabel('intensity / share of maximum')
-    place.set_ylabel(f'steady mean {quantity(last.unit)}')
-    place.set_xlim(0.0, 1.0)
+    place.set(
+        title=f'Recruitment at {last.repetition_rate:g} Hz',
+        xlabel='intensity / share of maximum',
+        ylabel=f'steady mean {quantity(last.unit)}',
+        xlim=(0.0, 1.0),
+    )
     intensity = last.curve_intensity
     if truth is not None and truth.comparable(last):
         draw_true(place, truth.intensity, truth.curve_at(last.stamp_ns))
@@ -90,7 +86,7 @@ def draw_recruitment(
         place.plot(intensity, last.curve_force, color=MODELLED, label='identified')
     else:
         place.set_yticks([])
-        _note(place, 'no curve: recruitment\nand dynamics\ncannot be told apart')
+        note(place, 'no curve: recruitment\nand dynamics\ncannot be told apart')
     if dose.pulses:
         share, edges = np.histogram(dose.intensities, bins=50, range=(0.0, 1.0))
         # behind the curve, which must not be hidden
@@ -111,10 +107,12 @@ def draw_response(
     last = session.last
     time = 1e3 * last.response_time
     full = 'at full intensity' if last.curve_known else 'of the intensity used'
-    place.set_title(f'Response to one pulse {full}')
-    place.set_xlabel('time after the pulse / ms')
-    place.set_ylabel(quantity(last.unit))
-    place.set_xlim(0.0, float(time[-1]))
+    place.set(
+        title=f'Response to one pulse {full}',
+        xlabel='time after the pulse / ms',
+        ylabel=quantity(last.unit),
+        xlim=(0.0, float(time[-1])),
+    )
     if truth is not None and truth.comparable(last):
         fine = np.linspace(0.0, float(time[-1]), 500)
         shape = truth.response(1e-3 * fine, last.stamp_ns)
@@ -136,69 +134,23 @@ def draw_force(axes: list[Axes], session: IdentifiedSession, dose: Dose) -> None
     time = _elapsed(session.stamp_ns, session)
     end = min(float(time[-1]), float(dose.onset_s[-1]) + 0.1) if dose.pulses else float(time[-1])
     kept = (time >= end - _SHOWN) & (time <= end)
-    shown = float(time[kept][-1] - time[kept][0]) if kept.any() else 0.0
+    shown = min(_SHOWN, float(np.ptp(time[kept]))) if kept.any() else 0.0
     what = QUANTITIES[session.last.unit].capitalize()
-    axes[0].set_title(f'{what}, last {min(_SHOWN, shown):.3g} s of stimulation')
-    _force_and_residual(
-        axes, time[kept], session.force[kept], session.shown_prediction[kept], session.last.unit
-    )
+    axes[0].set_title(f'{what}, last {shown:.3g} s of stimulation')
+    force, prediction = session.force[kept], session.shown_prediction[kept]
+    _force_and_residual(axes, time[kept], force, prediction, session.last.unit)
 
 
 def draw_held_out(axes: list[Axes], session: IdentifiedSession, fit: HeldOutFit | None) -> None:
     """Draw measured and modelled force over the part that was held out."""
     if fit is None:
-        _note(axes[0], 'nothing could be held out')
+        note(axes[0], 'nothing could be held out')
         return
     time = _elapsed(fit.stamp_ns, session)
     kept = time <= time[0] + _SHOWN
     shown = float(time[kept][-1] - time[0])
     axes[0].set_title(f'Held out: the first {shown:.3g} s after learning stopped')
     _force_and_residual(axes, time[kept], fit.force[kept], fit.prediction[kept], session.last.unit)
-
-
-def draw_residuals(axes: list[Axes], found: ResidualAnalysis | None) -> None:
-    """Draw the correlations of the residual with itself and with the pulses."""
-    whiteness, cross = axes
-    whiteness.set_title('Residual with itself')
-    cross.set_title('Pulses with residual')
-    if found is None:
-        for place in axes:
-            _note(place, 'too few residuals')
-        return
-    whiteness.plot(1e3 * found.lag_s[1:], found.autocorrelation[1:], color=MODELLED, lw=0.9)
-    _limits(whiteness, found.autocorrelation_band, '95 % if white')
-    whiteness.set_xlabel('lag / ms')
-    whiteness.set_ylabel('correlation')
-    if len(found.cross_correlation):
-        cross.plot(1e3 * found.cross_lag_s, found.cross_correlation, color=MODELLED, lw=0.9)
-        _limits(cross, found.cross_correlation_band, '95 % if independent')
-    else:
-        _note(cross, 'no pulses in this part')
-    cross.set_xlabel('time after the pulse / ms')
-
-
-def draw_schedule(axes: list[Axes], dose: Dose) -> None:
-    """Draw intensity of the pulses and their energy over time."""
-    time, intensity = dose.onset_s, dose.intensities
-    axes[0].set_title('Pulses and their energy')
-    axes[0].set_ylabel('intensity / share')
-    axes[0].set_ylim(0.0, 1.05)
-    axes[1].set_xlabel('time / s')
-    axes[1].set_ylabel('energy / pulses\nat full intensity')
-    if not len(time):
-        _note(axes[0], 'no pulses')
-        return
-    if len(time) <= _MOST_BARS:
-        # one line with gaps, which is shorter in SVG than a line for each pulse
-        bars = np.stack([np.zeros_like(time), intensity, np.full_like(time, np.nan)], axis=1)
-        axes[0].plot(np.repeat(time, 3), bars.ravel(), color=MEASURED, lw=0.6)
-        axes[0].plot(time, intensity, '.', color=MODELLED, ms=2.5)
-    else:
-        starts = np.linspace(0, len(time), _MOST_BARS // 2, endpoint=False).astype(int)
-        low = np.minimum.reduceat(intensity, starts)
-        high = np.maximum.reduceat(intensity, starts)
-        axes[0].fill_between(time[starts], low, high, color=MEASURED, lw=0.4, ec=MODELLED)
-    axes[1].plot(time, np.cumsum(intensity**2), color=MODELLED, lw=1.2, drawstyle='steps-post')
 
 
 def _force_and_residual(
@@ -212,8 +164,57 @@ def _force_and_residual(
     upper.set_ylabel(quantity(unit))
     lower.plot(time, force - prediction, color=MODELLED, lw=0.7)
     lower.axhline(0.0, color=FAINT, lw=0.6)
-    lower.set_ylabel(f'residual / {unit}')
-    lower.set_xlabel('time / s')
+    lower.set(ylabel=f'residual / {unit}', xlabel='time / s')
+
+
+def draw_residuals(axes: list[Axes], found: ResidualAnalysis | None) -> None:
+    """Draw the correlations of the residual with itself and with the pulses."""
+    itself, pulses = axes
+    itself.set_title('Residual with itself')
+    pulses.set_title('Pulses with residual')
+    if found is None:
+        for place in axes:
+            note(place, 'too few residuals')
+        return
+    auto, cross = found.autocorrelation[1:], found.cross_correlation
+    _correlation(itself, found.lag_s[1:], auto, found.autocorrelation_band, 'white')
+    itself.set(xlabel='lag / ms', ylabel='correlation')
+    if len(cross):
+        band = found.cross_correlation_band
+        _correlation(pulses, found.cross_lag_s, cross, band, 'independent')
+    else:
+        note(pulses, 'no pulses in this part')
+    pulses.set_xlabel('time after the pulse / ms')
+
+
+def _correlation(
+    place: Axes, lag_s: FloatArray, values: FloatArray, band: float, condition: str
+) -> None:
+    place.plot(1e3 * lag_s, values, color=MODELLED, lw=0.9)
+    place.axhline(0.0, color=FAINT, lw=0.6)
+    place.axhline(band, color=FAINT, ls='--', lw=1.0, label=f'95 % if {condition}')
+    place.axhline(-band, color=FAINT, ls='--', lw=1.0)
+
+
+def draw_schedule(axes: list[Axes], dose: Dose) -> None:
+    """Draw intensity of the pulses and their energy over time."""
+    time, intensity = dose.onset_s, dose.intensities
+    axes[0].set(title='Pulses and their energy', ylabel='intensity / share', ylim=(0.0, 1.05))
+    axes[1].set(xlabel='time / s', ylabel='energy / pulses\nat full intensity')
+    if not len(time):
+        note(axes[0], 'no pulses')
+        return
+    if len(time) <= _MOST_BARS:
+        # one line with gaps, which is shorter in SVG than a line for each pulse
+        bars = np.stack([np.zeros_like(time), intensity, np.full_like(time, np.nan)], axis=1)
+        axes[0].plot(np.repeat(time, 3), bars.ravel(), color=MEASURED, lw=0.6)
+        axes[0].plot(time, intensity, '.', color=MODELLED, ms=2.5)
+    else:
+        starts = np.linspace(0, len(time), _MOST_BARS // 2, endpoint=False).astype(int)
+        low = np.minimum.reduceat(intensity, starts)
+        high = np.maximum.reduceat(intensity, starts)
+        axes[0].fill_between(time[starts], low, high, color=MEASURED, lw=0.4, ec=MODELLED)
+    axes[1].plot(time, np.cumsum(intensity**2), color=MODELLED, lw=1.2, drawstyle='steps-post')
 
 
 def _elapsed(stamp_ns: IntArray, session: IdentifiedSession) -> FloatArray:
@@ -239,53 +240,81 @@ def _band(
         axes.fill_between(x, lower, upper, facecolor=BAND, edgecolor=FAINT, lw=0.6, label=label)
 
 
-def _limits(axes: Axes, band: float, label: str) -> None:
-    axes.axhline(0.0, color=FAINT, lw=0.6)
-    axes.axhline(band, color=FAINT, ls='--', lw=1.0, label=label)
-    axes.axhline(-band, color=FAINT, ls='--', lw=1.0)
-
-
-def _note(axes: Axes, text: str) -> None:
+def note(axes: Axes, text: str) -> None:
+    """Write a text in the middle of an empty panel."""
     axes.text(0.5, 0.5, text, ha='center', va='center', transform=axes.transAxes)
 
 
 # True values are dashed.
 _LINE_STYLES = ('-', ':', '-.')
-_TIME_CONSTANT = 'twitch_time_constant_s'
 # Smallest height of an axis: of force and time constant as a share of the value, of intensities
 # and sharpness absolute.  Without it the noise of a steady muscle fills the panel.
 _FORCE_SPAN, _TIME_SPAN, _INTENSITY_SPAN, _SHARPNESS_SPAN = 0.2, 0.2, 0.05, 1.0
 _MARGIN = 0.08
 _HATCHED = '#c8c8c8'
-_OUTSIDE = 1.0
-
-Truth = KnownMuscle | None
-DrawCourse = Callable[[Axes, Course, Truth], None]
 
 
-@dataclass(frozen=True)
-class _Line:
+class _Line(NamedTuple):
     name: str
     path: TimeCourse
     true: FloatArray | None
 
 
-def course_panels(course: Course) -> list[DrawCourse]:
-    """Return what draws each panel of a course, from above; none without a course."""
+class _Panel(NamedTuple):
+    """Lines over time; the axis is at least as high as `relative` to the values and `absolute`.
+
+    It leaves out `outside` per cent of the settled values at either end.
+    """
+
+    label: str
+    lines: list[_Line]
+    relative: float = 0.0
+    absolute: float = 0.0
+    outside: float = 1.0
+
+
+def course_panels(course: Course, truth: KnownMuscle | None = None) -> list[_Panel]:
+    """Return the panels of a course, from above; none without a course."""
     if not course.has_course:
         return []
-    panels: list[DrawCourse] = [_draw_force, _draw_thresholds, _draw_sharpness]
-    if np.count_nonzero(course.physiology(_TIME_CONSTANT).known) > 1:
-        panels.append(_draw_time_constant)
+    last, stamps = course.estimates[-1], course.stamp_ns
+    what, force = QUANTITIES[last.unit], course.force
+    full = truth.full_force(stamps) if truth is not None and truth.comparable(last) else None
+    parameters = [
+        _Line(
+            name, course.parameter(name), None if truth is None else truth.parameter(name, stamps)
+        )
+        for name in last.nonlinear_names
+    ]
+    thresholds = [line for line in parameters if line.name.startswith('u_')]
+    sharpness = [line for line in parameters if line.name.startswith('alpha_')]
+    panels = [
+        _Panel(
+            quantity(last.unit),
+            [_Line(f'steady {what}, full intensity', force, full)],
+            _FORCE_SPAN,
+        ),
+        _Panel('intensity / share', thresholds, absolute=_INTENSITY_SPAN),
+        _Panel('sharpness', sharpness, absolute=_SHARPNESS_SPAN),
+    ]
+    constant = course.physiology('twitch_time_constant_s')
+    if np.count_nonzero(constant.known) > 1:
+        true = None if truth is None else 1e3 * truth.at('time_constant', stamps)
+        panels.append(_Panel('T_a / ms', [_Line('T_a', constant.scaled(1e3), true)], _TIME_SPAN))
     if np.count_nonzero(course.disturbance.known) > 1:
-        panels.append(_draw_disturbance)
+        known = np.abs(force.value[force.known])
+        span = _FORCE_SPAN * float(np.median(known)) if len(known) else 0.0
+        effort = None if truth is None else truth.at('effort', stamps)
+        line = _Line(f'{what} not caused by the stimulation', course.disturbance, effort)
+        # a burst may be short: all of it is shown
+        panels.append(_Panel(quantity(last.unit), [line], 0.0, span, 0.0))
     return panels
 
 
-def draw_course(axes: list[Axes], course: Course, truth: Truth = None) -> None:
+def draw_course(axes: list[Axes], course: Course, truth: KnownMuscle | None = None) -> None:
     """Draw the panels of `course_panels`, one an axes, that share their axis of time."""
-    for place, draw in zip(axes, course_panels(course), strict=True):
-        draw(place, course, truth)
+    for place, panel in zip(axes, course_panels(course, truth), strict=True):
+        _draw_panel(place, course, panel)
         for index, flag in enumerate(course.flags):
             named = 'doubt or fault' if place is axes[0] and not index else None
             span = place.axvspan(flag.start_s, flag.end_s, zorder=0.5, label=named)
@@ -303,82 +332,17 @@ def draw_course(axes: list[Axes], course: Course, truth: Truth = None) -> None:
             textcoords='offset points',
             fontsize=9.0,
         )
-    axes[-1].set_xlabel('time / s')
-    axes[-1].set_xlim(0.0, course.end_s)
+    axes[-1].set(xlabel='time / s', xlim=(0.0, course.end_s))
 
 
-def _draw_force(place: Axes, course: Course, truth: Truth) -> None:
-    last = course.estimates[-1]
-    true = None
-    if truth is not None and truth.comparable(last):
-        true = truth.full_force(course.stamp_ns)
-    what = QUANTITIES[last.unit]
-    _draw_lines(
-        place, course, [_Line(f'steady {what}, full intensity', course.force, true)], _FORCE_SPAN
-    )
-    place.set_ylabel(f'{what} / {last.unit}')
-
-
-def _draw_thresholds(place: Axes, course: Course, truth: Truth) -> None:
-    _draw_lines(place, course, _parameters(course, truth, 'u_'), 0.0, _INTENSITY_SPAN)
-    place.set_ylabel('intensity / share')
-
-
-def _draw_sharpness(place: Axes, course: Course, truth: Truth) -> None:
-    _draw_lines(place, course, _parameters(course, truth, 'alpha_'), 0.0, _SHARPNESS_SPAN)
-    place.set_ylabel('sharpness')
-
-
-def _draw_time_constant(place: Axes, course: Course, truth: Truth) -> None:
-    path = course.physiology(_TIME_CONSTANT)
-    true = None if truth is None else 1e3 * truth.at('time_constant', course.stamp_ns)
-    scaled = TimeCourse(value=1e3 * path.value, lower=1e3 * path.lower, upper=1e3 * path.upper)
-    _draw_lines(place, course, [_Line('T_a', scaled, true)], _TIME_SPAN)
-    place.set_ylabel('T_a / ms')
-
-
-def _draw_disturbance(place: Axes, course: Course, truth: Truth) -> None:
-    true = None if truth is None else truth.at('effort', course.stamp_ns)
-    force = course.force.value[course.force.known]
-    span = _FORCE_SPAN * float(np.median(np.abs(force))) if len(force) else 0.0
-    what = QUANTITIES[course.estimates[-1].unit]
-    line = _Line(f'{what} not caused by the stimulation', course.disturbance, true)
-    # a burst may be short: all of it is shown
-    _draw_lines(place, course, [line], 0.0, span, 0.0)
-    place.set_ylabel(f'{what} / {course.estimates[-1].unit}')
-
-
-def _parameters(course: Course, truth: Truth, prefix: str) -> list[_Line]:
-    names = course.estimates[-1].nonlinear_names
-    return [
-        _Line(
-            name,
-            course.parameter(name),
-            None if truth is None else truth.parameter(name, course.stamp_ns),
-        )
-        for name in names
-        if name.startswith(prefix)
-    ]
-
-
-def _draw_lines(
-    place: Axes,
-    course: Course,
-    lines: list[_Line],
-    relative: float,
-    absolute: float = 0.0,
-    outside: float = _OUTSIDE,
-) -> None:
-    """Draw quantities with their bands.
-
-    The axis is at least as high as `relative` to the values and as `absolute`, and leaves out
-    `outside` per cent of the settled values at either end; what came before does not count.
-    """
+def _draw_panel(place: Axes, course: Course, panel: _Panel) -> None:
+    """Draw quantities with their bands; values before the first are settled set no axis."""
+    place.set_ylabel(panel.label)
     shown, inside = course.shown, course.settled
     time = course.time_s[shown]
     true_name: str | None = 'true'
     seen = []
-    for line, style in zip(lines, _LINE_STYLES, strict=False):
+    for line, style in zip(panel.lines, _LINE_STYLES, strict=False):
         path = line.path
         if path.has_interval:
             place.fill_between(
@@ -391,42 +355,44 @@ def _draw_lines(
         place.plot(time, path.value[shown], color=MODELLED, ls=style, lw=1.2, label=line.name)
         seen += [values[inside] for values in (path.value, path.lower, path.upper)]
     found = [values[np.isfinite(values)] for values in seen]
-    ends = [np.percentile(values, (outside, 100.0 - outside)) for values in found if len(values)]
+    ends = [
+        np.percentile(values, (panel.outside, 100.0 - panel.outside))
+        for values in found
+        if len(values)
+    ]
     if not ends:
         return
     low, high = float(np.min(ends)), float(np.max(ends))
-    height = max(high - low, relative * max(abs(low), abs(high)), absolute) * (1 + 2 * _MARGIN)
+    height = max(high - low, panel.relative * max(abs(low), abs(high)), panel.absolute) * (
+        1 + 2 * _MARGIN
+    )
     middle = 0.5 * (low + high)
     if height > 0.0:
         place.set_ylim(middle - 0.5 * height, middle + 0.5 * height)
 
 
-Draw = Callable[[list[Axes], SessionAnalysis], None]
+Draw = Callable[[list[Axes], SessionReport], None]
 
 # A screen of 390 px shows no wider figure with letters of 8 px.
 _WIDTH = 5.6
 FIGURES: dict[str, tuple[Draw, float, int]] = {
     'recruitment': (
-        lambda axes, one: draw_recruitment(axes[0], one.session, one.dose, one.truth),
+        lambda axes, one: draw_recruitment(axes[0], one.identified, one.schedule, one.true_muscle),
         3.6,
         1,
     ),
     'response': (
         lambda axes, one: draw_response(
-            axes[0], one.session, one.result.impulse_response.force, one.truth
+            axes[0], one.identified, one.result.impulse_response.force, one.true_muscle
         ),
         3.6,
         1,
     ),
-    'parameters': (lambda axes, one: draw_course(axes, one.course, one.truth), 0.5, 0),
-    'force': (lambda axes, one: draw_force(axes, one.session, one.dose), 4.4, 2),
+    'parameters': (lambda axes, one: draw_course(axes, one.course, one.true_muscle), 0.5, 0),
+    'force': (lambda axes, one: draw_force(axes, one.identified, one.schedule), 4.4, 2),
     'residuals': (lambda axes, one: draw_residuals(axes, one.residuals), 4.4, 2),
-    'held_out': (
-        lambda axes, one: draw_held_out(axes, one.session, one.held_out),
-        4.4,
-        2,
-    ),
-    'schedule': (lambda axes, one: draw_schedule(axes, one.dose), 4.4, 2),
+    'held_out': (lambda axes, one: draw_held_out(axes, one.identified, one.held_out), 4.4, 2),
+    'schedule': (lambda axes, one: draw_schedule(axes, one.schedule), 4.4, 2),
 }
 """How each figure is drawn, its height [inch] and its panels, by name; a course has its own."""
 
@@ -457,7 +423,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def names_of(analysis: SessionAnalysis) -> tuple[str, ...]:
+def names_of(analysis: SessionReport) -> tuple[str, ...]:
     """Return the figures that a report has."""
     left_out = set(OF_THE_ESTIMATOR) if analysis.trains is not None else set()
     if not analysis.course.has_course:
@@ -465,7 +431,7 @@ def names_of(analysis: SessionAnalysis) -> tuple[str, ...]:
     return tuple(name for name in FIGURES if name not in left_out)
 
 
-def draw(name: str, analysis: SessionAnalysis) -> Figure:
+def draw(name: str, analysis: SessionReport) -> Figure:
     """Return one of `FIGURES`, drawn."""
     if name == 'force' and analysis.trains is not None:
         return draw_trains(analysis.trains, unit=analysis.result.unit)
@@ -488,7 +454,7 @@ def label(figure: Figure) -> None:
             place.legend(loc='best')
 
 
-def as_svg(name: str, analysis: SessionAnalysis) -> bytes:
+def as_svg(name: str, analysis: SessionReport) -> bytes:
     """Return a figure as an SVG file, the same for the same session."""
     file = BytesIO()
     with style():
@@ -496,7 +462,7 @@ def as_svg(name: str, analysis: SessionAnalysis) -> bytes:
     return file.getvalue()
 
 
-def write_figures(folder: Path, analysis: SessionAnalysis) -> list[Path]:
+def write_figures(folder: Path, analysis: SessionReport) -> list[Path]:
     """Write all figures as PNG and SVG files; return their paths.
 
     Raises
@@ -523,3 +489,84 @@ def style() -> Iterator[None]:
     """Draw in the style of the report."""
     with mpl.rc_context(_STYLE):
         yield
+
+
+def draw_session(
+    paths: Sequence[Path],
+    session: IdentifiedSession,
+    pulses: PulseTrain,
+    truth: KnownMuscle | None = None,
+    title: str = '',
+    trains: SummationAnalysis | None = None,
+) -> None:
+    """Write the figure of a session; the ending of each path names a format.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files to write.
+    session : IdentifiedSession
+        Estimates and traces.
+    pulses : PulseTrain
+        Pulses of the session.
+    truth : KnownMuscle or None
+        The true muscle, where it is known; dashed.
+    title : str
+        Line above the panels.
+    trains : SummationAnalysis or None
+        Trains of one intensity, which are drawn instead: the estimator takes their pulses for
+        equal and tells neither parameters nor a curve.
+
+    Raises
+    ------
+    ReportError
+        If a file cannot be written.
+    """
+    figure = Figure(figsize=(12.0, 8.4), layout='constrained', dpi=130)
+    fill_session_figure(figure, session, pulses, truth, title, trains)
+    with style():
+        for path in paths:
+            try:
+                figure.savefig(path)
+            except (OSError, ValueError) as error:
+                raise ReportError(f'expected to write a figure to {path}, got {error}') from error
+
+
+def fill_session_figure(
+    figure: Figure,
+    session: IdentifiedSession,
+    pulses: PulseTrain,
+    truth: KnownMuscle | None = None,
+    title: str = '',
+    trains: SummationAnalysis | None = None,
+) -> None:
+    """Draw a session into an empty figure; parameters as of `draw_session`."""
+    if trains is not None:
+        fill_train_figure(figure, trains, title, session.last.unit)
+        return
+    dose = dose_of(pulses, int(session.stamp_ns[0]))
+    course = course_of(session)
+    rows = len(course_panels(course)) or 2
+    figure.set_size_inches(12.0, 6.2 + 1.1 * rows)
+    with style():
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.1 * rows, 4.4))
+        # one estimate of everything has no course: the force takes its place
+        if course.has_course:
+            draw_course(_column(figure, grid[0, 0], [1.0] * rows), course, truth)
+        beside = grid[0, 1] if course.has_course else grid[0, :]
+        draw_force(_column(figure, beside, [1.4, 1.0]), session, dose)
+        draw_recruitment(figure.add_subplot(grid[1, 0]), session, dose, truth)
+        force = impulse_response(pulses, session)
+        draw_response(figure.add_subplot(grid[1, 1]), session, force, truth)
+        label(figure)
+        figure.suptitle(title, fontsize=12)
+
+
+def _column(figure: Figure, place: SubplotSpec, heights: list[float]) -> list[Axes]:
+    """Return axes one below the other, from above, that share their axis of time."""
+    rows = place.subgridspec(len(heights), 1, height_ratios=heights)
+    axes: list[Axes] = []
+    for index in range(len(heights)):
+        axes.append(figure.add_subplot(rows[index], sharex=axes[0] if axes else None))
+        axes[-1].tick_params(labelbottom=index == len(heights) - 1)
+    return axes
