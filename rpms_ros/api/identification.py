@@ -17,7 +17,7 @@ from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.verdict import Verdict
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.report.result import Curve, IdentificationResult, ImpulseResponse, Stated
-from rpms_ros.report.text import with_interval, write_text
+from rpms_ros.report.text import with_interval
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
@@ -209,7 +209,10 @@ class Identification:
         """
         text = json.dumps(self.to_dict(), allow_nan=False, indent=1)
         if path is not None:
-            write_text(Path(path), text)
+            try:
+                Path(path).write_text(text, encoding='utf-8')
+            except OSError as error:
+                raise ReportError(f'expected to write {path}, got {error}') from error
         return text
 
     def to_pandas(self, table: str = 'parameters') -> 'pd.DataFrame':

@@ -60,9 +60,10 @@ def draw_analysis(folder: Path, analysis: MuscleAnalysis, title: str = '') -> tu
         figures['trains'] = draw_trains(analysis.summation, title)
     if analysis.recruitment:
         figures['recruitment'] = draw_field(analysis.recruitment, title)
-    for figure in figures.values():
+    for name, figure in figures.items():
         _label_forces(figure, analysis.unit)
-    return tuple(_save(folder / f'{name}.png', figure) for name, figure in figures.items())
+        save_figure(figure, folder / f'{name}.png')
+    return tuple(folder / f'{name}.png' for name in figures)
 
 
 def draw_twitches(found: TwitchAnalysis, title: str = '') -> Figure:
@@ -323,9 +324,16 @@ def _figure(width: float, height: float, title: str) -> Figure:
     return figure
 
 
-def _save(path: Path, figure: Figure) -> Path:
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise ReportError(f'expected a figure file to write, got {path}: {error}') from error
-    return path
+def save_figure(figure: Figure, *paths: Path) -> None:
+    """Write a figure; the ending of each path names a format.
+
+    Raises
+    ------
+    ReportError
+        If a file cannot be written.
+    """
+    for path in paths:
+        try:
+            figure.savefig(path)
+        except (OSError, ValueError) as error:
+            raise ReportError(f'expected a figure file to write, got {path}: {error}') from error

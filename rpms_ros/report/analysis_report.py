@@ -1,8 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The analysis of a muscle as one JSON object: SI units, rates in Hz; missing numbers are null.
+"""The analysis of a muscle as one JSON object and as text: of several, tables with a row each.
 
-The analysis of a recording as a list for people, and of several as tables with a row each.
+In JSON: SI units, rates in Hz; missing numbers are null.
 """
 
 import math
@@ -36,11 +36,10 @@ def analysis_document(analysis: MuscleAnalysis) -> Document:
             **_fields(analysis, 'contents pulses samples sample_rate_hz noise unit'),
             'clocks': clocks
             and {
+                **_fields(clocks, 'spread clock_offset'),
                 'artifacts_found': clocks.found,
                 'artifacts': clocks.count,
                 'artifact_after_stamp': clocks.median_offset,
-                'spread': clocks.spread,
-                'clock_offset': clocks.clock_offset,
             },
             'twitches': analysis.twitches and _twitches(analysis.twitches),
             'dynamics': train_dynamics(analysis),
@@ -108,26 +107,20 @@ def analysis_text(analyses: Sequence[MuscleAnalysis], names: Sequence[str]) -> s
     """
     if len(analyses) == 1:
         return f'{names[0]}\n{labelled(_rows(analyses[0]))}'
-    kinds: tuple[tuple[str, Callable[[MuscleAnalysis], Columns]], ...] = (
-        ('recording', _force_columns),
-        ('twitches', _twitch_columns),
-        ('trains', _train_columns),
-        ('recruitment', _field_columns),
-    )
-    return '\n\n'.join(
-        text
-        for heading, columns_of in kinds
-        if (text := _table(heading, names, [columns_of(analysis) for analysis in analyses]))
-    )
-
-
-def _table(heading: str, names: Sequence[str], columns: Sequence[Columns]) -> str:
-    labels = list(dict.fromkeys(label for row in columns for label in row))
-    rows = [
-        (name, *(row.get(label, NOTHING) for label in labels))
-        for name, row in zip(names, columns, strict=True)
-    ]
-    return table((heading, *labels), rows) if labels else ''
+    kinds: dict[str, Callable[[MuscleAnalysis], Columns]] = {
+        'recording': _force_columns,
+        'twitches': _twitch_columns,
+        'trains': _train_columns,
+        'recruitment': _field_columns,
+    }
+    tables = []
+    for heading, columns_of in kinds.items():
+        columns = [columns_of(analysis) for analysis in analyses]
+        if labels := list(dict.fromkeys(label for row in columns for label in row)):
+            cells = ([row.get(label, NOTHING) for label in labels] for row in columns)
+            rows = [(name, *row) for name, row in zip(names, cells, strict=True)]
+            tables.append(table((heading, *labels), rows))
+    return '\n\n'.join(tables)
 
 
 def _force_columns(analysis: MuscleAnalysis) -> Columns:
@@ -142,32 +135,29 @@ def _force_columns(analysis: MuscleAnalysis) -> Columns:
 def _twitch_columns(analysis: MuscleAnalysis) -> Columns:
     if (found := analysis.twitches) is None:
         return {}
+    onset = found.crossing_latency
     return {
         'number': str(len(found.fits)),
         'rejected': str(sum(found.rejected.values())),
         'order': str(found.choice.order),
         'T_a [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
         'model delay [ms]': _milliseconds(found.latency.mean, found.latency.spread),
-        'onset, paper [ms]': _milliseconds(
-            found.crossing_latency.mean, found.crossing_latency.spread
-        ),
+        'onset, paper [ms]': _milliseconds(onset.mean, onset.spread),
     }
 
 
 def _train_columns(analysis: MuscleAnalysis) -> Columns:
     if (found := analysis.summation) is None:
         return {}
-    models = (('equal', 'fit, equal [%]'), ('gains', 'gains [%]'), ('law', 'law [%]'))
+    fits = {'equal': 'fit, equal [%]', 'gains': 'gains [%]', 'law': 'law [%]'}
+    if found.law is None:
+        del fits['law']
     return {
         'number': str(len(found.trains)),
         'T_a, equal [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
         'delay [ms]': _milliseconds(found.latency, found.latency_spread),
         'onset [ms]': _onset(found).removesuffix(' ms'),
-        **{
-            label: f'{found.mean_fit(model):.1f}'
-            for model, label in models
-            if model != 'law' or found.law is not None
-        },
+        **{label: f'{found.mean_fit(model):.1f}' for model, label in fits.items()},
     }
 
 
@@ -186,17 +176,14 @@ def _field_columns(analysis: MuscleAnalysis) -> Columns:
 
 def _rows(analysis: MuscleAnalysis) -> list[Row]:
     contents = ', '.join(
-        f'{count} {_plural(kind, count)}' for kind, count in analysis.contents.items()
+        f'{count} {kind if count == 1 or kind.endswith("s") else f"{kind}s"}'
+        for kind, count in analysis.contents.items()
     )
+    unit = analysis.unit
+    rate = f'{analysis.samples} samples at {analysis.sample_rate_hz:.0f} Hz'
     rows = [
         ('recording', contents or 'no pulses'),
-        (
-            QUANTITIES[analysis.unit],
-            (
-                f'{analysis.samples} samples at {analysis.sample_rate_hz:.0f} Hz, '
-                f'noise {analysis.noise:.3g} {analysis.unit}'
-            ),
-        ),
+        (QUANTITIES[unit], f'{rate}, noise {analysis.noise:.3g} {unit}'),
     ]
     if (clocks := analysis.artifacts) is not None:
         seen = f'{clocks.median_offset * 1e3:.2f} +- {clocks.spread * 1e3:.2f} ms after the stamp'
@@ -208,42 +195,30 @@ def _rows(analysis: MuscleAnalysis) -> list[Row]:
     if analysis.summation:
         rows += _train_rows(analysis.summation, train_dynamics(analysis))
     if analysis.recruitment:
-        rows += _field_rows(analysis.recruitment, analysis.unit)
+        rows += _field_rows(analysis.recruitment, unit)
     return rows
 
 
-def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
+def _counted(found: TwitchAnalysis | SummationAnalysis, count: int) -> str:
     rejected = ', '.join(f'{count} x {reason}' for reason, count in found.rejected.items())
-    choice = found.choice
+    return f'{count}, rejected: {rejected or "none"}'
+
+
+def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
+    choice, shared = found.choice, found.shared
+    free = f'as a real number {_plus_minus(choice.free_order, choice.free_order_spread)}'
     rows = [
-        ('twitches', f'{len(found.fits)}, rejected: {rejected or "none"}'),
-        (
-            'order',
-            (
-                f'{choice.order} (held-out error: {choice.held_out_order}; '
-                f'as a real number {_plus_minus(choice.free_order, choice.free_order_spread)})'
-            ),
-        ),
+        ('twitches', _counted(found, len(found.fits))),
+        ('order', f'{choice.order} (held-out error: {choice.held_out_order}; {free})'),
     ]
-    rows += [
-        (
-            f'  order {one.order}',
-            (
-                f'information +{one.information:.0f}, held-out error '
-                f'{one.held_out:.2%}, E_min {one.least_error:.3g}, T_a '
-                f'{_spread(one.time_constant, one.time_constant_spread)}'
-            ),
-        )
-        for one in choice.evidence
-    ]
+    for one in choice.evidence:
+        error = f'held-out error {one.held_out:.2%}, E_min {one.least_error:.3g}'
+        constant = _spread(one.time_constant, one.time_constant_spread)
+        text = f'information +{one.information:.0f}, {error}, T_a {constant}'
+        rows.append((f'  order {one.order}', text))
+    every = _spread(shared.time_constant, shared.time_constant_deviation, 3)
     rows.append(('T_a', _spread(found.time_constant, found.time_constant_spread)))
-    shared = found.shared
-    rows.append(
-        (
-            'T_a, all twitches at once',
-            _spread(shared.time_constant, shared.time_constant_deviation, 3),
-        )
-    )
+    rows.append(('T_a, all twitches at once', every))
     rows += _latency_rows('delay of the model', found.latency)
     return rows + _latency_rows('onset, paper', found.crossing_latency)
 
@@ -251,21 +226,15 @@ def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
 def _latency_rows(label: str, found: LatencyTable) -> list[Row]:
     how = f'{found.method}, from {found.reference}'
     rows = [(label, f'{_spread(found.mean, found.spread)} of {found.count} ({how})')]
-    if len(found.rows) > 1:
-        rows += [
-            (
-                f'  {label} at {row.intensity:.0%}',
-                f'{_spread(row.mean, row.spread)} of {row.count}',
-            )
-            for row in found.rows
-        ]
+    for row in found.rows if len(found.rows) > 1 else ():
+        text = f'{_spread(row.mean, row.spread)} of {row.count}'
+        rows.append((f'  {label} at {row.intensity:.0%}', text))
     return rows
 
 
 def _train_rows(found: SummationAnalysis, stated: TrainDynamics | None) -> list[Row]:
-    rejected = ', '.join(f'{count} x {reason}' for reason, count in found.rejected.items())
     rows = [
-        ('trains', f'{len(found.trains)}, rejected: {rejected or "none"}'),
+        ('trains', _counted(found, len(found.trains))),
         ('onset of force in trains', _onset(found)),
         *_stated_rows(stated),
         # Those of the history law are others: each belongs to its model.
@@ -277,15 +246,9 @@ def _train_rows(found: SummationAnalysis, stated: TrainDynamics | None) -> list[
     if found.law is not None:
         rows.append(('fit, history law', f'{found.mean_fit("law"):.1f} %'))
         if any(train.held_out for train in found.trains):
-            rows.append(
-                (
-                    '  on trains it has not seen',
-                    (
-                        f'{found.mean_fit("law", held_out=True):.1f} % (equal pulses '
-                        f'{found.mean_fit("equal", held_out=True):.1f} %)'
-                    ),
-                )
-            )
+            law, equal = (found.mean_fit(model, held_out=True) for model in ('law', 'equal'))
+            text = f'{law:.1f} % (equal pulses {equal:.1f} %)'
+            rows.append(('  on trains it has not seen', text))
     return rows
 
 
@@ -293,12 +256,10 @@ def _stated_rows(stated: TrainDynamics | None) -> list[Row]:
     """Return the rows of the model that `rpms identify` states, if that is not equal pulses."""
     if stated is None or stated.model != HISTORY_LAW:
         return []
-    named = (
-        ('T_a', stated.twitch_time_constant_s),
-        ('delay of the model', stated.latency_s),
-    )
+    named = {'T_a': stated.twitch_time_constant_s, 'delay of the model': stated.latency_s}
     return [
-        (f'{name}, {stated.model}', with_interval(plain(one), 1e3, ' ms')) for name, one in named
+        (f'{name}, {stated.model}', with_interval(vars(one), 1e3, ' ms'))
+        for name, one in named.items()
     ]
 
 
@@ -311,35 +272,27 @@ def _onset(found: SummationAnalysis) -> str:
 
 
 def _field_rows(found: FieldAnalysis, unit: str) -> list[Row]:
+    known = f'known to {found.worst_interval:.2%} of its maximum'
+    shape = f'{found.shape_difference:.2%} from a monotone fit'
     rows = [
-        (
-            'recruitment',
-            (
-                f'{len(found.points)} levels, known to {found.worst_interval:.2%} '
-                f'of its maximum, {found.shape_difference:.2%} from a monotone fit'
-            ),
-        ),
-        (
-            f'{QUANTITIES[unit]} at 100 %, 20 Hz',
-            _interval(found.maximum_force, lambda x: f'{x:.4g} {unit}'),
-        ),
+        ('recruitment', f'{len(found.points)} levels, {known}, {shape}'),
+        (f'{QUANTITIES[unit]} at 100 %, 20 Hz', _interval(found.maximum_force, '{:.4g} ' + unit)),
     ]
-    shown: dict[str, Callable[[float], str]] = {
-        'threshold': lambda x: f'{x:.1%}',
-        'saturation': lambda x: f'{x:.1%}',
-        'threshold_slope': lambda x: f'{x:.3g}',
-        'saturation_slope': lambda x: f'{x:.3g}',
+    shown = {
+        'threshold': '{:.1%}',
+        'saturation': '{:.1%}',
+        'threshold_slope': '{:.3g}',
+        'saturation_slope': '{:.3g}',
     }
     if found.rates_fitted:
-        shown['rate_saturation'] = lambda x: f'{x:.3g} Hz'
-        shown['rate_slope'] = lambda x: f'{x:.3g}'
+        shown |= {'rate_saturation': '{:.3g} Hz', 'rate_slope': '{:.3g}'}
     values = dict(found.parameters)
-    rows += [(f'  {name}', _interval(values[name], show)) for name, show in shown.items()]
-    return rows
+    return rows + [(f'  {name}', _interval(values[name], text)) for name, text in shown.items()]
 
 
-def _interval(interval: Interval, show: Callable[[float], str]) -> str:
-    return f'{show(interval.value)} ({show(interval.low)} to {show(interval.high)})'
+def _interval(interval: Interval, text: str) -> str:
+    value, low, high = map(text.format, (interval.value, interval.low, interval.high))
+    return f'{value} ({low} to {high})'
 
 
 def _spread(mean: float, spread: float, digits: int = 2) -> str:
@@ -354,7 +307,3 @@ def _plus_minus(mean: float, spread: float, digits: int = 2) -> str:
     """Return a number with its spread, which a single one does not have."""
     interval = '' if math.isnan(spread) else f' +- {spread:.{digits}f}'
     return f'{mean:.{digits}f}{interval}'
-
-
-def _plural(kind: str, count: int) -> str:
-    return kind if count == 1 or kind.endswith('s') else f'{kind}s'

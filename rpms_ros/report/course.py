@@ -1,9 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates over time: force, parameters, changes, flags, effort.
-
-Whether the muscle stayed the same over a session, in one or two sentences.
-"""
+"""Estimates over time: force, parameters, changes, flags, effort; whether it was one muscle."""
 
 import math
 from collections.abc import Iterator
@@ -21,6 +18,8 @@ from rpms_ros.identification.stream.faults import MEANING
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.schema import documented
 
+Band = tuple[float, float, float]
+"""A value and the ends of its interval."""
 MOST_SHOWN = 300
 """Most estimates that are drawn, evenly spaced: a page has no more pixels."""
 # Time for an estimator to settle; the first fifth of a shorter session [s].
@@ -155,13 +154,8 @@ class Course:
     @cached_property
     def disturbance(self) -> TimeCourse:
         """Force that the stimulation does not cause, with two standard deviations each side."""
-        half = float(ndtri(0.5 + 0.5 * _LEVEL_95))
         return _path(
-            (
-                one.disturbance,
-                one.disturbance - half * one.disturbance_deviation,
-                one.disturbance + half * one.disturbance_deviation,
-            )
+            _banded(one.disturbance, one.disturbance_deviation, _LEVEL_95)
             if one.disturbance_deviation > 0.0
             else None
             for one in self.estimates
@@ -205,7 +199,7 @@ def course_of(session: IdentifiedSession) -> Course:
     return Course(session.estimates, start, end)
 
 
-def _parameter(one: Estimate, name: str) -> tuple[float, float, float] | None:
+def _parameter(one: Estimate, name: str) -> Band | None:
     index = one.nonlinear_names.index(name)
     flags = one.nonlinear_identifiability
     if not one.samples or (len(flags) > index and flags[index] == NOT_INFORMED):
@@ -214,11 +208,15 @@ def _parameter(one: Estimate, name: str) -> tuple[float, float, float] | None:
     if len(one.nonlinear_covariance) <= index or not one.confidence:
         return value, np.nan, np.nan
     variance = max(float(one.nonlinear_covariance[index, index]), 0.0)
-    half = float(ndtri(0.5 + 0.5 * one.confidence)) * variance**0.5
+    return _banded(value, variance**0.5, one.confidence)
+
+
+def _banded(value: float, deviation: float, confidence: float) -> Band:
+    half = float(ndtri(0.5 + 0.5 * confidence)) * deviation
     return value, value - half, value + half
 
 
-def _physiology(one: Estimate, name: str) -> tuple[float, float, float] | None:
+def _physiology(one: Estimate, name: str) -> Band | None:
     for index in informed_physiology(one):
         if one.physiology_names[index] == name:
             columns = (one.physiology, one.physiology_lower, one.physiology_upper)
@@ -237,10 +235,9 @@ def _warnings(before: Estimate, one: Estimate) -> list[str]:
     return [*doubts, *(f'{name}: {MEANING.get(name, "of a monitor")}' for name in new)]
 
 
-def _path(rows: Iterator[tuple[float, float, float] | None]) -> TimeCourse:
+def _path(rows: Iterator[Band | None]) -> TimeCourse:
     table = np.array([(np.nan,) * 3 if row is None else row for row in rows], dtype=np.float64)
-    value, lower, upper = table.reshape(-1, 3).T
-    return TimeCourse(value, lower, upper)
+    return TimeCourse(*table.reshape(-1, 3).T)
 
 
 def _last(values: FloatArray) -> float:
@@ -320,9 +317,14 @@ def _same(course: Course) -> str:
 
 def _spans(course: Course) -> list[tuple[float, float]]:
     """Return the parts between sudden changes of the muscle, each without its first seconds."""
-    edges = [change.time_s for change in course.changes if change.kind in _MUSCLE]
+    edges = _edges(course)
     starts = [0.0, *(edge + _AFTER for edge in edges)]
     return list(zip(starts, [*edges, math.inf], strict=True))
+
+
+def _edges(course: Course) -> list[float]:
+    """Return the times of the sudden changes of the muscle [s]."""
+    return [change.time_s for change in course.changes if change.kind in _MUSCLE]
 
 
 def _slow(course: Course, start: float, end: float) -> str:
@@ -334,11 +336,12 @@ def _slow(course: Course, start: float, end: float) -> str:
     )
     if not force and not slower:
         return ''
-    when = _between(course, inside)
+    places = _narrow(course.force, inside)
+    first, last = course.time_s[places if len(places) else np.flatnonzero(inside)][[0, -1]]
     told = [f'the {_what(course)} at full intensity {force}'] if force else []
     told += [f'the twitch {slower}'] if slower else []
     text = ' and '.join(told)
-    return f'{text[0].upper()}{text[1:]} {when}.'
+    return f'{text[0].upper()}{text[1:]} between {first:.0f} and {last:.0f} s.'
 
 
 def _difference(path: TimeCourse, inside: np.ndarray, down: str, up: str) -> str:
@@ -350,14 +353,6 @@ def _difference(path: TimeCourse, inside: np.ndarray, down: str, up: str) -> str
     if abs(change) <= half or abs(change) < _WORTH:
         return ''
     return f'{down if change < 0.0 else up} by {_percent(abs(change), half)}'
-
-
-def _between(course: Course, inside: np.ndarray) -> str:
-    places = _narrow(course.force, inside)
-    if not len(places):
-        places = np.flatnonzero(inside)
-    first, last = course.time_s[places[0]], course.time_s[places[-1]]
-    return f'between {first:.0f} and {last:.0f} s'
 
 
 def _narrow(path: TimeCourse, inside: np.ndarray) -> np.ndarray:
@@ -388,7 +383,6 @@ def _told(change: Change, lasted: bool, course: Course) -> str:
             f'Something {at} looked like another muscle, but thresholds, twitch and '
             f'{_what(course)} were the same afterwards: an effort, a spasm or a bump, say.'
         )
-    force = _step(course.force, course, change)
     if change.kind == 'baseline':
         return f'The {_what(course)} at rest jumped {at}, which is not the muscle.'
     begin = {
@@ -396,10 +390,11 @@ def _told(change: Change, lasted: bool, course: Course) -> str:
         'gain': f'The {_what(course)} of all intensities changed {at}',
         'dynamics': f'The response to a pulse changed its shape {at}',
     }.get(change.kind, f'Something changed {at}')
-    parts = []
-    if change.kind == 'thresholds' and (moved := _moved(course, change)):
-        parts.append(moved)
-    if force:
+    threshold, parts = course.parameter('u_thr'), []
+    if change.kind == 'thresholds' and (pair := _around(threshold, course, change)):
+        before, after = (float(threshold.value[place]) for place in pair)
+        parts.append(f'the threshold went from {before:.2f} to {after:.2f}')
+    if force := _step(course.force, course, change):
         parts.append(f'the {_what(course)} at full intensity {force}')
     return f'{begin}: {", ".join(parts)}.' if parts else f'{begin}.'
 
@@ -412,29 +407,24 @@ def _lasted(course: Course, change: Change) -> bool:
     """
     if change.kind not in _MUSCLE:
         return True
-    compared = [course.force, course.parameter('u_thr'), course.parameter('u_sat')]
-    widest = (_NARROW, _NARROW_INTENSITY, _NARROW_INTENSITY)
-    for path, limit in zip(compared, widest, strict=True):
+    compared = (
+        (course.force, _NARROW, True),
+        (course.parameter('u_thr'), _NARROW_INTENSITY, True),
+        (course.parameter('u_sat'), _NARROW_INTENSITY, True),
+        (course.physiology(_TIME_CONSTANT), _NARROW, False),
+    )
+    for path, widest, without in compared:
         pair = _around(path, course, change, _LATE)
-        if pair is None or not _is_same(path, *pair, limit):
+        step, half = (0.0, 0.0) if pair is None else _ratio(path, *pair)
+        if (pair is None and without) or not abs(step) <= half <= widest:
             return True
-    constant = course.physiology(_TIME_CONSTANT)
-    pair = _around(constant, course, change, _LATE)
-    return pair is not None and not _is_same(constant, *pair, _NARROW)
-
-
-def _is_same(path: TimeCourse, first: int, last: int, widest: float) -> bool:
-    """Return whether two values agree within their intervals, which are narrow (relative)."""
-    step, half = _ratio(path, first, last)
-    return abs(step) <= half <= widest
+    return False
 
 
 def _step(path: TimeCourse, course: Course, change: Change) -> str:
     """Return the change of a quantity by a sudden change, empty if uncertain."""
     pair = _around(path, course, change)
-    if pair is None:
-        return ''
-    step, half = _ratio(path, *pair)
+    step, half = (0.0, math.nan) if pair is None else _ratio(path, *pair)
     if not math.isfinite(half):
         return ''
     if abs(step) <= max(half, _WORTH):
@@ -442,21 +432,11 @@ def _step(path: TimeCourse, course: Course, change: Change) -> str:
     return f'{"fell" if step < 0.0 else "rose"} by {_percent(abs(step), half)}'
 
 
-def _moved(course: Course, change: Change) -> str:
-    path = course.parameter('u_thr')
-    pair = _around(path, course, change)
-    if pair is None:
-        return ''
-    before, after = (float(path.value[place]) for place in pair)
-    return f'the threshold went from {before:.2f} to {after:.2f}'
-
-
 def _around(
     path: TimeCourse, course: Course, change: Change, after_s: float = _AFTER
 ) -> tuple[int, int] | None:
     """Return the last estimate before a change, and one so long after it."""
-    edges = [one.time_s for one in course.changes if one.kind in _MUSCLE]
-    later = min((edge for edge in edges if edge > change.time_s), default=math.inf)
+    later = min((edge for edge in _edges(course) if edge > change.time_s), default=math.inf)
     known, time = path.known, course.time_s
     before = np.flatnonzero(known & (time <= change.time_s))
     after = np.flatnonzero(known & (time > change.time_s) & (time <= later))

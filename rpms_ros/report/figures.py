@@ -32,7 +32,7 @@ from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.analysis import SummationAnalysis
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
-from rpms_ros.report.analysis_figures import draw_trains, fill_train_figure
+from rpms_ros.report.analysis_figures import draw_trains, fill_train_figure, save_figure
 from rpms_ros.report.course import Course, TimeCourse, course_of
 from rpms_ros.report.dose import Dose, dose_of
 from rpms_ros.report.known_muscle import KnownMuscle
@@ -423,26 +423,26 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def names_of(analysis: SessionReport) -> tuple[str, ...]:
+def names_of(report: SessionReport) -> tuple[str, ...]:
     """Return the figures that a report has."""
-    left_out = set(OF_THE_ESTIMATOR) if analysis.trains is not None else set()
-    if not analysis.course.has_course:
+    left_out = set(OF_THE_ESTIMATOR) if report.trains is not None else set()
+    if not report.course.has_course:
         left_out.add('parameters')
     return tuple(name for name in FIGURES if name not in left_out)
 
 
-def draw(name: str, analysis: SessionReport) -> Figure:
+def draw(name: str, report: SessionReport) -> Figure:
     """Return one of `FIGURES`, drawn."""
-    if name == 'force' and analysis.trains is not None:
-        return draw_trains(analysis.trains, unit=analysis.result.unit)
+    if name == 'force' and report.trains is not None:
+        return draw_trains(report.trains, unit=report.result.unit)
     painter, height, rows = FIGURES[name]
     if name == 'parameters':
-        rows = len(course_panels(analysis.course))
+        rows = len(course_panels(report.course))
         height += 1.6 * rows
     figure = Figure(figsize=(_WIDTH, height), layout='constrained', dpi=150)
     # lags and times are no common axis
     axes = figure.subplots(rows, 1, sharex=name != 'residuals', squeeze=False)
-    painter(list(axes.flat), analysis)
+    painter(list(axes.flat), report)
     label(figure)
     return figure
 
@@ -454,15 +454,20 @@ def label(figure: Figure) -> None:
             place.legend(loc='best')
 
 
-def as_svg(name: str, analysis: SessionReport) -> bytes:
+def as_svg(name: str, report: SessionReport) -> bytes:
     """Return a figure as an SVG file, the same for the same session."""
-    file = BytesIO()
     with style():
-        draw(name, analysis).savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
+        return svg_of(draw(name, report))
+
+
+def svg_of(figure: Figure) -> bytes:
+    """Return a figure as an SVG file that says neither when nor by what it was made."""
+    file = BytesIO()
+    figure.savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
     return file.getvalue()
 
 
-def write_figures(folder: Path, analysis: SessionReport) -> list[Path]:
+def write_figures(folder: Path, report: SessionReport) -> list[Path]:
     """Write all figures as PNG and SVG files; return their paths.
 
     Raises
@@ -473,9 +478,9 @@ def write_figures(folder: Path, analysis: SessionReport) -> list[Path]:
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in names_of(analysis):
+        for name in names_of(report):
             with style():
-                figure = draw(name, analysis)
+                figure = draw(name, report)
                 for ending in ('png', 'svg'):
                     written.append(folder / f'{name}.{ending}')
                     figure.savefig(written[-1])
@@ -525,11 +530,7 @@ def draw_session(
     figure = Figure(figsize=(12.0, 8.4), layout='constrained', dpi=130)
     fill_session_figure(figure, session, pulses, truth, title, trains)
     with style():
-        for path in paths:
-            try:
-                figure.savefig(path)
-            except (OSError, ValueError) as error:
-                raise ReportError(f'expected to write a figure to {path}, got {error}') from error
+        save_figure(figure, *paths)
 
 
 def fill_session_figure(

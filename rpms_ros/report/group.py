@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from io import BytesIO
 from pathlib import PurePath
 from statistics import NormalDist
 from typing import Any
@@ -22,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from rpms_ros.axis import QUANTITIES as QUANTITY_OF_UNIT
 from rpms_ros.identification.quality.verdict import DOUBTFUL, GRADES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.report.figures import note, style
+from rpms_ros.report.figures import FAINT, MODELLED, note, style, svg_of
 
 Row = Mapping[str, Any]
 
@@ -270,19 +269,12 @@ def _change(shown: Sequence[Mapping[str, Any]], quantity: Quantity) -> dict[str,
         if now is not None and len(known) > 1:
             before, number = known[place]
             more = change(now, number)
-            told[name] = {
-                'session': before['number'],
-                'change': asdict(more),
-                'beyond': _beyond(more),
-            }
+            width = more.half_width
+            # more than the intervals allow for
+            beyond = None if width is None else abs(more.value) > width
+            session = before['number']
+            told[name] = {'session': session, 'change': asdict(more), 'beyond': beyond}
     return told
-
-
-def _beyond(found: Measured) -> bool | None:
-    """Return whether a change is more than the intervals allow for; None without intervals."""
-    if found.lower is None or found.upper is None:
-        return None
-    return found.lower > 0.0 or found.upper < 0.0
 
 
 def _remarks(rows: Sequence[Row], one_person: bool) -> list[str]:
@@ -311,7 +303,6 @@ def _remarks(rows: Sequence[Row], one_person: bool) -> list[str]:
 
 MARKERS = {'good': 'o', 'doubtful': 's'}
 """A full circle, and an open square for what is doubtful."""
-_INK, _FAINT = '#000000', '#6e6e6e'
 # Names of more recordings than this cannot be read beside the points.
 _MOST_NAMES = 60
 _LONGEST_NAME = 28
@@ -325,11 +316,9 @@ def group_figure(document: Mapping[str, Any]) -> bytes:
     document : mapping
         As `group_document` makes it.
     """
-    file = BytesIO()
     with style():
-        figure = _over_dates(document) if document['one_person'] else _by_recording(document)
-        figure.savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
-    return file.getvalue()
+        draw = _over_dates if document['one_person'] else _by_recording
+        return svg_of(draw(document))
 
 
 def _over_dates(document: Mapping[str, Any]) -> Figure:
@@ -368,7 +357,7 @@ def _by_recording(document: Mapping[str, Any]) -> Figure:
     ):
         _points(place, recordings, quantity['column'], at, vertical=False)
         if spread['found']:
-            place.axvline(spread['found']['mean'], color=_FAINT, ls='--', lw=1.0)
+            place.axvline(spread['found']['mean'], color=FAINT, ls='--', lw=1.0)
         place.set(title=quantity['label'], xlabel=quantity['unit'])
     axes[0].set_ylim(count + 0.7, 0.3)
     if named:
@@ -410,15 +399,15 @@ def _points(
             yerr=widths if vertical else None,
             xerr=None if vertical else widths,
             fmt=MARKERS['good' if good else 'doubtful'],
-            color=_INK,
-            mfc=_INK if good else 'white',
+            color=MODELLED,
+            mfc=MODELLED if good else 'white',
             ms=4.5,
             capsize=3,
             lw=1.0,
         )
     if vertical and len(known) > 1:
         path = [(position, found['value']) for _, position, found in known]
-        place.plot(*zip(*path, strict=True), color=_FAINT, lw=0.8, zorder=1)
+        place.plot(*zip(*path, strict=True), color=FAINT, lw=0.8, zorder=1)
     if not known:
         note(place, 'in no recording')
 

@@ -21,6 +21,7 @@ from concurrent.futures import (
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
 from importlib import import_module
+from io import StringIO
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,7 @@ from rpms_ros.schema import plain
 Row = dict[str, Any]
 # There is a process for each processor already: threads in each would only compete.
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
+_ENDS = ('', '_lower', '_upper')
 _CURVE_SHOWN = (25, 50, 75, 100)
 _TRAIN_INTERVALS = ('onset_s', 'twitch_time_constant_s', 'latency_s')
 # columns that are fields of a result
@@ -92,17 +94,17 @@ def columns() -> dict[str, type]:
     """Return the names of the columns and the type of their values."""
     numbers = ['duration_s', 'rate_hz', 'output_error_n', 'output_error_of_range', *_PARAMETERS]
     numbers += ['u_thr_lower', 'u_thr_upper', 'confidence']
-    for share in _CURVE_SHOWN:
-        numbers += [f'steady_force_{share}{end}' for end in ('', '_lower', '_upper')]
+    curve = [f'steady_force_{share}' for share in _CURVE_SHOWN]
+    numbers += [f'{name}{end}' for name in curve for end in _ENDS]
     numbers += ['peak_force', 'time_to_peak_s']
     numbers += ['train_rate_hz', 'train_peak_force', 'train_fit_percent']
-    for name in dict.fromkeys((*PHYSIOLOGY_NAMES, *_TRAIN_INTERVALS)):
-        numbers += [name, f'{name}_lower', f'{name}_upper']
-    texts: dict[str, type] = {'recording': str, 'status': str, 'reason': str}
-    texts |= {'verdict': str, 'reasons': str, 'estimator': str}
-    texts |= {'train_model': str, 'unit': str, 'session_hash': str, 'report': str}
-    counts: dict[str, type] = {'samples': int, 'pulses': int, 'start_ns': int}
-    return texts | counts | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
+    stated = dict.fromkeys((*PHYSIOLOGY_NAMES, *_TRAIN_INTERVALS))
+    numbers += [f'{name}{end}' for name in stated for end in _ENDS]
+    texts = ['recording', 'status', 'reason', 'verdict', 'reasons', 'estimator']
+    texts += ['train_model', 'unit', 'session_hash', 'report']
+    counts = ['samples', 'pulses', 'start_ns']
+    kinds: dict[str, type] = dict.fromkeys(texts, str) | dict.fromkeys(counts, int)
+    return kinds | dict.fromkeys(numbers, float) | {'faults': str, 'notes': str}
 
 
 def work(path: str, options: StudyOptions) -> Row:
@@ -161,7 +163,7 @@ def _file_name(path: str) -> str:
 def replace_text(path: Path, text: str) -> None:
     """Write a file as a whole or not at all."""
     part = path.with_suffix('.part')
-    part.write_text(text, encoding='utf-8')
+    part.write_text(text, encoding='utf-8', newline='')
     part.replace(path)
 
 
@@ -250,9 +252,8 @@ def _on_cluster(
     with client:
         # Not pure: the cluster must not return a cached result of an earlier study.
         names = [str(path.resolve()) for path in paths]
-        futures = dict(
-            zip(client.map(work, names, options=options, pure=False), paths, strict=True)
-        )
+        submitted = client.map(work, names, options=options, pure=False)
+        futures = dict(zip(submitted, paths, strict=True))
         for future in distributed.as_completed(list(futures)):
             yield futures[future], _outcome(future)
 
@@ -267,8 +268,6 @@ def _outcome(future: 'Future[Row]') -> Row:
 
 
 _VERSION = 2
-
-
 # By these a folder or a file is known as something that a command of this package has written.
 _RESULTS = {'index.html', 'result.json', 'report.json', 'results.csv', 'results.parquet', 'rows'}
 _RESULT_FILES = ('.html', '.png', '.svg', '.json', '.csv', '.parquet', '.yaml', '.md', '.txt')
@@ -284,7 +283,9 @@ def found_recordings(paths: Iterable[Path], out: Path | None = None) -> list[Pat
     """
     found: dict[Path, None] = {}
     for path in paths:
-        inner = [path] if _is_recording(path) or not path.is_dir() else _below(path)
+        folders = (Path(folder) for folder, _, _ in os.walk(path))
+        below = sorted(folder for folder in folders if _is_recording(folder))
+        inner = [path] if _is_recording(path) or not path.is_dir() else below
         if not inner and not _is_result(path, out):
             inner = [path]
         found.update(dict.fromkeys(one for one in inner if not _is_result(one, out)))
@@ -299,19 +300,14 @@ def _is_result(path: Path, out: Path | None) -> bool:
         return path.suffix in _RESULT_FILES
     if not path.is_dir() or _is_recording(path):
         return False
-    names = {one.name for one in path.iterdir()}
-    return bool(names & _RESULTS)
-
-
-def _below(path: Path) -> list[Path]:
-    folders = (Path(folder) for folder, _, _ in os.walk(path))
-    return sorted(folder for folder in folders if _is_recording(folder))
+    return any(one.name in _RESULTS for one in path.iterdir())
 
 
 def _is_recording(path: Path) -> bool:
-    return path.is_dir() and any(
-        name.name.removesuffix('.zstd').endswith(tuple(READERS)) for name in path.iterdir()
-    )
+    if not path.is_dir():
+        return False
+    names = (one.name.removesuffix('.zstd') for one in path.iterdir())
+    return any(name.endswith(tuple(READERS)) for name in names)
 
 
 @dataclass
@@ -386,14 +382,14 @@ class StudyTable:
             raise RecordingError(f'expected to write into {self.folder}, got {error}') from error
 
     def _write_csv(self) -> None:
-        part = self.folder / 'results.csv.part'
-        with part.open('w', newline='', encoding='utf-8') as file:
-            writer = csv.DictWriter(file, list(columns()))
-            writer.writeheader()
-            writer.writerows(
-                {name: _cell(value) for name, value in row.items()} for row in self.rows()
-            )
-        part.replace(self.folder / 'results.csv')
+        file = StringIO()
+        writer = csv.DictWriter(file, list(columns()))
+        writer.writeheader()
+        for row in self.rows():
+            # no value that a spreadsheet takes for a formula
+            cells = ((name, str(value)) for name, value in row.items() if isinstance(value, str))
+            writer.writerow(row | {name: spreadsheet_text(text) for name, text in cells})
+        replace_text(self.folder / 'results.csv', file.getvalue())
 
     def _write_parquet(self) -> None:
         try:
@@ -433,15 +429,7 @@ class StudyTable:
     def _name(self, path: Path) -> str:
         """Return a name that changes with the recording, the options and the columns."""
         files = sorted(path.iterdir()) if path.is_dir() else [path]
-        states = [
-            (file.name, file.stat().st_size, file.stat().st_mtime_ns)
-            for file in files
-            if file.exists()
-        ]
+        found = [(file.name, file.stat()) for file in files if file.exists()]
+        states = [(name, state.st_size, state.st_mtime_ns) for name, state in found]
         text = json.dumps([_VERSION, str(path.resolve()), states, asdict(self.options)])
         return f'{hashlib.sha256(text.encode()).hexdigest()[:32]}.json'
-
-
-def _cell(value: object) -> object:
-    """Return a value that no spreadsheet takes for a formula."""
-    return spreadsheet_text(value) if isinstance(value, str) else value

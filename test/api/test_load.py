@@ -73,16 +73,6 @@ def test_a_session_is_written_and_read_again(simulated: Session, tmp_path: Path)
         simulated.save(tmp_path / 'kept')
 
 
-def test_a_flipped_bit_is_found(simulated: Session, tmp_path: Path) -> None:
-    simulated.save(tmp_path / 'kept')
-    session = rpms_ros.load(tmp_path / 'kept')
-    (file,) = (tmp_path / 'kept').glob('*.mcap')
-    content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
-    file.write_bytes(content)
-    assert 'FAULT' in {finding.state for finding in session.verify()}
-
-
 def test_what_is_not_on_the_disk_cannot_be_verified(simulated: Session) -> None:
     for session in (simulated, rpms_ros.load(SAMPLE).between(0.0, 1.0)):
         with pytest.raises(RpmsError, match=r'expected a session that was loaded.*save\(\)'):
@@ -107,6 +97,7 @@ def test_a_part_has_the_samples_and_pulses_of_its_time(simulated: Session) -> No
         ({'sign': 2}, 'expected sign 1 or -1, got 2'),
         ({'axis': 'w'}, 'expected .*axis.*w'),
         ({'columns': COLUMNS}, 'expected columns with a table or another file'),
+        ({'sheet': 'a'}, 'expected sheet with a table or another file'),
         ({'force_topic': 'torque'}, 'expected .*torque'),
     ],
 )
@@ -157,11 +148,6 @@ def test_a_wrong_option_of_a_file_is_named(
 ) -> None:
     with pytest.raises(RpmsError, match=message):
         rpms_ros.load(table(tmp_path), **change)  # type: ignore[arg-type]
-
-
-def test_options_of_files_are_refused_with_a_recording() -> None:
-    with pytest.raises(RpmsError, match='expected sheet with a table or another file'):
-        rpms_ros.load(SAMPLE, sheet='a')
 
 
 def test_every_kind_of_file_is_loaded(tmp_path: Path) -> None:

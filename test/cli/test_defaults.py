@@ -56,6 +56,10 @@ def test_the_sample_of_the_readme_has_the_saturation_that_it_was_made_with(
     assert found['recruitment']['u_thr'] == pytest.approx(0.48, abs=0.005)
     assert found['recruitment']['u_sat'] == pytest.approx(0.98, abs=0.005)
     assert found['verdict']['grade'] == 'good'
+    assert found['faults'] == {}
+    # Noise of 0.02 N, the sharpness alpha_thr of 5 taken for 6, and a basis with 0.5 % of its own.
+    assert found['output_error_of_range'] < 0.012
+    assert found['curve']['force'][-1] == pytest.approx(FULL, rel=0.1)
 
 
 def test_the_node_runs_the_recursion_for_people() -> None:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers that belong to one model are not read as those of another."""
 
-import csv
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rpms_ros.muscle import twitch
-from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording import write_recording
 from rpms_ros.report.result import NOT_A_TWITCH, IdentificationResult, ImpulseResponse, Stated
 
 Rpms = Callable[..., tuple[int, str, str]]
@@ -51,19 +47,3 @@ def test_peaks_differ_where_their_intervals_have_nothing_in_common(
     ):
         result = SimpleNamespace(physiology=twitch_peak, impulse_response=one)
         assert IdentificationResult.is_no_twitch.fget(result) is expected
-
-
-def test_a_study_of_trains_has_no_error_of_another_model(rpms: Rpms, tmp_path: Path) -> None:
-    lag = np.arange(4000)[:, None] / 2000 - 1.0 - np.arange(8) / 50 - 9e-3
-    force = 2.0 * twitch(lag, 15e-3, 3).sum(axis=1)
-    force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
-    onset = 1_000_000_000 + 20_000_000 * np.arange(8)
-    pulses = PulseTrain(onset, np.full(8, 0.7), np.arange(8), np.full(8, 1e-4))
-    trace = ForceTrace(500_000 * np.arange(4000), force)
-    write_recording(tmp_path / 'train', pulses, trace)
-    rpms('study', tmp_path / 'train', '--out', tmp_path / 'study', '--jobs', 1)
-    with (tmp_path / 'study' / 'results.csv').open(newline='') as file:
-        (row,) = csv.DictReader(file)
-    assert row['train_model'] == 'equal pulses'
-    assert float(row['train_fit_percent']) > 98.0
-    assert (row['output_error_n'], row['output_error_of_range']) == ('', '')
