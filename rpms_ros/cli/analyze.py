@@ -45,14 +45,8 @@ _EXAMPLES = """\
 
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
     """Add the command to the command line."""
-    parser = add_command(
-        subparsers,
-        'analyze',
-        run,
-        'latency, twitch, summation and recruitment from a recording',
-        _DESCRIPTION,
-        _EXAMPLES,
-    )
+    text = 'latency, twitch, summation and recruitment from a recording'
+    parser = add_command(subparsers, 'analyze', run, text, _DESCRIPTION, _EXAMPLES)
     text = 'folder or file of a recording'
     parser.add_argument('bags', type=Path, nargs='+', metavar='BAG', help=text)
     text = 'one JSON object on stdout and nothing else there; a list for several recordings'

@@ -66,18 +66,11 @@ _MOST_ESTIMATES = 1000
 
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
     """Add the command to the command line."""
-    parser = add_command(
-        subparsers,
-        'identify',
-        run,
-        'recruitment and dynamics of the muscle from a recording',
-        _DESCRIPTION,
-        _EXAMPLES,
-    )
+    text = 'recruitment and dynamics of the muscle from a recording'
+    parser = add_command(subparsers, 'identify', run, text, _DESCRIPTION, _EXAMPLES)
     add_bag(parser)
-    parser.add_argument(
-        '--json', action='store_true', help='one JSON object on stdout and nothing else there'
-    )
+    text = 'one JSON object on stdout and nothing else there'
+    parser.add_argument('--json', action='store_true', help=text)
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
     add_reading_options(parser)
     add_estimator_options(parser)

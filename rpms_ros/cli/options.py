@@ -69,12 +69,10 @@ def add_bag(parser: argparse.ArgumentParser) -> None:
 def add_topic_options(parser: argparse.ArgumentParser) -> None:
     """Add the names of the topics."""
     group = parser.add_argument_group('where the data are')
-    add_option(
-        group,
-        '--pulses-topic NAME',
-        'pulses',
-        'topic of delivered pulses, rpms_msgs/Pulse; without a leading slash also in a namespace',
+    text = (
+        'topic of delivered pulses, rpms_msgs/Pulse; without a leading slash also in a namespace'
     )
+    add_option(group, '--pulses-topic NAME', 'pulses', text)
     text = 'topic of the force: WrenchStamped, Wrench or Float64'
     add_option(group, '--force-topic NAME', 'force', text)
 
@@ -88,12 +86,8 @@ def topics_of(arguments: argparse.Namespace) -> 'Topics':
 
 def add_memory_option(parser: argparse.ArgumentParser) -> None:
     """Add the bound on what reading may take."""
-    parser.add_argument(
-        '--max-memory',
-        type=_bytes_of_gigabytes,
-        metavar='GB',
-        help='memory that reading the recording may take (default: 1 GB and four times its size)',
-    )
+    text = 'memory that reading the recording may take (default: 1 GB and four times its size)'
+    add_option(parser, '--max-memory GB', None, text, type=_bytes_of_gigabytes)
 
 
 def _bytes_of_gigabytes(text: str) -> int:
@@ -124,26 +118,21 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
 
 def add_quantity_option(parser: 'argparse._ActionsContainer') -> None:
     """Add what the sensor measures."""
-    add_option(
-        parser,
-        '--quantity',
-        'force',
+    text = (
         'what the sensor measures; of an isometric dynamometer the torque of the wrench is read '
-        'instead of its force, and everything is in N m',
-        choices=('force', 'torque'),
+        'instead of its force, and everything is in N m'
     )
+    add_option(parser, '--quantity', 'force', text, choices=('force', 'torque'))
 
 
 def add_estimator_options(parser: argparse.ArgumentParser, on_line: bool = False) -> None:
     """Add the options of the estimator."""
     group = parser.add_argument_group('estimator')
-    add_option(
-        group,
-        '--estimator NAME',
-        'recursive' if on_line else 'batch',
+    text = (
         'algorithm: batch (everything at once), or as on line horizon (the last 20 s), tracking '
-        '(a muscle that changes) or recursive (one pass, as the node by default)',
+        '(a muscle that changes) or recursive (one pass, as the node by default)'
     )
+    add_option(group, '--estimator NAME', 'recursive' if on_line else 'batch', text)
     add_preset_option(group)
     text = 'repetition rate for which the recruitment curve is stated [Hz]'
     add_option(group, '--rate-hz HZ', 20.0, text)

@@ -47,16 +47,14 @@ _EXAMPLES = """\
 
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
     """Add the command to the command line."""
-    parser = add_command(
-        subparsers, 'report', run, 'a recording as one page', _DESCRIPTION, _EXAMPLES
-    )
+    text = 'a recording as one page'
+    parser = add_command(subparsers, 'report', run, text, _DESCRIPTION, _EXAMPLES)
     add_bag(parser)
     add_option(parser, '--out FILE', Path('report.html'), 'page to write', type=Path)
     text = 'folder for the figures and report.json'
     add_option(parser, '--files DIR', None, text, type=Path)
-    parser.add_argument(
-        '--json', action='store_true', help='also print what the page holds as one JSON object'
-    )
+    text = 'also print what the page holds as one JSON object'
+    parser.add_argument('--json', action='store_true', help=text)
     text = 'JSON of an earlier session (`rpms identify --json` or `rpms report --json`) to compare'
     add_option(parser, '--previous FILE', None, text, type=Path)
     text = 'headline; the note "muscle" or the name of the recording if not given'

@@ -38,17 +38,10 @@ exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that i
 
 def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
     """Add the command to the command line."""
-    parser = add_command(
-        subparsers,
-        'study',
-        run,
-        'many recordings, one table and one page',
-        _DESCRIPTION,
-        _EXAMPLES,
-    )
-    parser.add_argument(
-        'bags', type=Path, nargs='+', metavar='BAG', help='recordings, or folders of recordings'
-    )
+    text = 'many recordings, one table and one page'
+    parser = add_command(subparsers, 'study', run, text, _DESCRIPTION, _EXAMPLES)
+    text = 'recordings, or folders of recordings'
+    parser.add_argument('bags', type=Path, nargs='+', metavar='BAG', help=text)
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='of the table')
     text = 'the recordings are sessions of one person: order them by their dates'
     parser.add_argument('--one-person', action='store_true', help=text)

@@ -134,16 +134,16 @@ def checklist_of(
         raise ReportError(
             f'expected items of the checklist ({", ".join(KEYS)}), got {", ".join(unknown)}'
         )
-    sources = (
-        (stated, 'stated for this report'),
-        (notes, 'notes in the recording'),
-        (_measured(dose), 'pulses of the recording'),
-    )
+    sources = {
+        'stated for this report': stated,
+        'notes in the recording': notes,
+        'pulses of the recording': _measured(dose),
+    }
     found = []
     for item in ITEMS:
-        known = ((values.get(item.key, '').strip(), origin) for values, origin in sources)
-        value, origin = next((pair for pair in known if pair[0]), (None, None))
-        found.append(replace(item, value=value, origin=origin))
+        known = {origin: one.get(item.key, '').strip() for origin, one in sources.items()}
+        origin = next((origin for origin, value in known.items() if value), None)
+        found.append(replace(item, value=origin and known[origin], origin=origin))
     return found
 
 
