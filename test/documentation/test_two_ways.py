@@ -107,9 +107,11 @@ def compare(title: str, passed: list[str]) -> None:
     # the others are names of estimators, actions and the like
     way = [name for name in way if '/' in name or Path(PACKAGE, f'{name}.py').exists()]
     found = list(dict.fromkeys(passed))
+    passed = [name for name in found if name not in values]
     print(f'{title}: {len(way)} modules, and {len(values)} of values and messages')
-    assert sorted(set(found) & set(values)) == sorted(values)
-    assert [name for name in found if name not in values] == way
+    assert passed == way, f'CONTRIBUTING.md, expected {passed}, got {way}'
+    unused = set(values) - set(found)
+    assert not unused, f'CONTRIBUTING.md, expected no value that is not used, got {unused}'
 
 
 def test_a_force_sample(graph, tracing, monkeypatch):
