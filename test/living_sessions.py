@@ -54,23 +54,20 @@ def tiring(subject, seconds=90.0):
 
 def scenario(kind, subject=SUBJECT):
     """Return what happens in a session of a kind."""
-    changes, efforts = (), ()
-    if kind == 'fatigue':
-        changes = tiring(subject)
-    elif kind == 'coil moved':
-        changes = (Change(at=MOVED_AT, threshold=0.56, saturation=1.06, gain=0.8),)
-    elif kind == 'bursts':
-        efforts = (VoluntaryEffort(at=6.0, peak=2.0, duration=1.5, every=12.0),)
-    elif kind == 'tremor':
-        efforts = (Tremor(amplitude=0.03 * MAXIMUM, frequency=8.0),)
-    elif kind == 'gain step':
-        changes = (Change(at=MOVED_AT, gain=0.8),)
-    elif kind == 'slower':
-        changes = (Change(at=MOVED_AT, time_constant=1.3 * subject.time_constant),)
+    changes = {
+        'fatigue': tiring(subject),
+        'coil moved': (Change(at=MOVED_AT, threshold=0.56, saturation=1.06, gain=0.8),),
+        'gain step': (Change(at=MOVED_AT, gain=0.8),),
+        'slower': (Change(at=MOVED_AT, time_constant=1.3 * subject.time_constant),),
+    }
+    efforts = {
+        'bursts': (VoluntaryEffort(at=6.0, peak=2.0, duration=1.5, every=12.0),),
+        'tremor': (Tremor(amplitude=0.03 * MAXIMUM, frequency=8.0),),
+    }
     return Scenario(
         name=kind,
-        living=LivingSettings(changes=changes),
-        efforts=efforts,
+        living=LivingSettings(changes=changes.get(kind, ())),
+        efforts=efforts.get(kind, ()),
         disturbances=Disturbances(noise=NOISE),
     )
 
