@@ -3,7 +3,7 @@
 """Analysis of a recording: results of each kind of pulse group, and why results are missing."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,10 +19,8 @@ from rpms_ros.identification.analysis.recruitment_field import (
 from rpms_ros.identification.analysis.responses import (
     AnalysisSettings,
     Artifacts,
-    CleanTrace,
     Cutter,
     Kind,
-    PulseGroup,
     Response,
     clean,
     counted_reasons,
@@ -39,7 +37,7 @@ from rpms_ros.identification.analysis.trains import (
 from rpms_ros.identification.analysis.twitches import TwitchAnalysis, analyze_twitches
 from rpms_ros.identification.stream.pulse_checks import outside_shares
 from rpms_ros.muscle import RateRecruitment
-from rpms_ros.pulses import ForceTrace, PulseTrain, nanoseconds
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain, nanoseconds
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ class _Analysis:
     ) -> None:
         self.settings = settings
         self._progress = progress
-        self.trace: CleanTrace = clean(force)
+        self.trace = clean(force)
         self.findings = list(self.trace.findings)
         shares = np.where(outside_shares(pulses.intensity), np.nan, pulses.intensity)
         self.pulses = self._within(in_order(replace(pulses, intensity=shares)))
@@ -150,10 +148,10 @@ class _Analysis:
             onset_ns = self.pulses.onset_ns + nanoseconds(artifacts.clock_offset)
             pulses = replace(self.pulses, onset_ns=onset_ns)
             cutter = Cutter(self.trace, pulses, artifacts, self.settings)
-            left_over = self._left_over(cutter)
-            twitches = self._twitches(cutter, left_over)
+            responses = self._responses(cutter)
+            twitches = self._twitches(responses)
             order = twitches.choice.order if twitches else _USUAL_ORDER
-            summation = self._trains(cutter, left_over, order)
+            summation = self._trains(responses, order)
             steady = self._steady(cutter)
             recruitment = self._field(steady)
         counts = Counter(group.kind for group in self.groups)
@@ -211,48 +209,45 @@ class _Analysis:
                 ' ms, as the artifacts show; the pulses are moved by that'
             )
 
-    def _left_over(self, cutter: Cutter) -> dict[int, str]:
-        """Return why groups that overlap with their neighbour are not used, by first pulse."""
-        found: dict[int, str] = {}
-        for index, group in enumerate(self.groups[:-1]):
-            response = cutter.cut(_shortened(group))
-            if isinstance(response, str) or group.count > MOST_PULSES:
+    def _responses(self, cutter: Cutter) -> list[Response | str]:
+        """Return the response to each group, or why it is not used."""
+        # a longer train only repeats itself
+        short = [replace(one, last=min(one.last, one.first + MOST_PULSES)) for one in self.groups]
+        responses = [cutter.cut(group) for group in short]
+        overlapping: dict[int, str] = {}
+        for index, response in enumerate(responses[:-1]):
+            if isinstance(response, str) or short[index] != self.groups[index]:
                 continue
-            share = _share_left(response)
-            if share > self.settings.left_over:
-                found[group.first] = 'not decayed when the next begins'
-                found[self.groups[index + 1].first] = 'begins while the one before lasts'
-        if found:
-            moment = (self.pulses.onset_ns[min(found)] - self.trace.stamp_ns[0]) / 1e9
+            if _share_left(response) > self.settings.left_over:
+                overlapping[index] = 'not decayed when the next begins'
+                overlapping[index + 1] = 'begins while the one before lasts'
+        if overlapping:
+            first_ns = self.pulses.onset_ns[self.groups[min(overlapping)].first]
+            moment = (first_ns - self.trace.stamp_ns[0]) / NANOSECONDS_PER_SECOND
             self.findings.append(
-                f'{len(found)} responses overlap, the first at {moment:.2f} s: more than '
+                f'{len(overlapping)} responses overlap, the first at {moment:.2f} s: more than '
                 f'{self.settings.left_over:.0%} is left when the next begins; they are not used'
             )
-        return found
+        return [overlapping.get(index, response) for index, response in enumerate(responses)]
 
-    def _cut(
-        self, cutter: Cutter, kind: Kind, left_over: Mapping[int, str]
+    def _of(
+        self, kind: Kind, responses: Sequence[Response | str]
     ) -> tuple[list[Response], Counter[str]]:
-        responses, reasons = [], Counter[str]()
-        for group in self.groups:
-            if group.kind is not kind:
-                continue
-            response = left_over.get(group.first) or cutter.cut(_shortened(group))
-            if isinstance(response, str):
-                reasons[response] += 1
-            else:
-                responses.append(response)
-        return responses, reasons
+        """Return the responses to groups of a kind, and the reasons against the others."""
+        pairs = zip(self.groups, responses, strict=True)
+        found = [response for group, response in pairs if group.kind is kind]
+        reasons = Counter(one for one in found if isinstance(one, str))
+        return [one for one in found if isinstance(one, Response)], reasons
 
-    def _twitches(self, cutter: Cutter, left_over: Mapping[int, str]) -> TwitchAnalysis | None:
-        if not any(group.kind is Kind.SINGLE for group in self.groups):
+    def _twitches(self, responses: Sequence[Response | str]) -> TwitchAnalysis | None:
+        singles, reasons = self._of(Kind.SINGLE, responses)
+        if not singles and not reasons:
             self.findings.append(
                 'there are no single pulses: latency and twitch come from trains, if there are any'
             )
             return None
-        responses, reasons = self._cut(cutter, Kind.SINGLE, left_over)
         found = analyze_twitches(
-            responses, reasons, self.trace.sample_period, self.settings, self._step('twitches')
+            singles, reasons, self.trace.sample_period, self.settings, self._step('twitches')
         )
         if isinstance(found, str):
             self.findings.append(found)
@@ -266,23 +261,19 @@ class _Analysis:
             )
         return found
 
-    def _trains(
-        self, cutter: Cutter, left_over: Mapping[int, str], order: int
-    ) -> SummationAnalysis | None:
+    def _trains(self, responses: Sequence[Response | str], order: int) -> SummationAnalysis | None:
         for kind, what in (
             (Kind.MODULATED, 'change from pulse to pulse: use `rpms identify` for them'),
             (Kind.OVERLAPPING, 'begin before the train before has decayed: not used'),
         ):
             if count := sum(group.kind is kind for group in self.groups):
                 self.findings.append(f'{count} group(s) of pulses {what}')
-        responses, reasons = self._cut(cutter, Kind.TRAIN, left_over)
-        if not responses:
-            if reasons:
-                self.findings.append(
-                    f'no response to a train qualifies ({counted_reasons(reasons)})'
-                )
-            return None
-        return analyze_trains(responses, order, reasons, self._step('trains'))
+        trains, reasons = self._of(Kind.TRAIN, responses)
+        if trains:
+            return analyze_trains(trains, order, reasons, self._step('trains'))
+        if reasons:
+            self.findings.append(f'no response to a train qualifies ({counted_reasons(reasons)})')
+        return None
 
     def _steady(self, cutter: Cutter) -> tuple[SteadyPoint, ...]:
         trace, onset = self.trace, cutter.pulses.onset_ns
@@ -330,11 +321,6 @@ class _Analysis:
             return None
         tell = self._progress
         return lambda done, total: tell(label, done, total)
-
-
-def _shortened(group: PulseGroup) -> PulseGroup:
-    """Return a group of at most `MOST_PULSES` pulses: a longer train only repeats itself."""
-    return replace(group, last=min(group.last, group.first + MOST_PULSES))
 
 
 def _share_left(response: Response) -> float:

@@ -17,6 +17,7 @@ from enum import Enum
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import label, median_filter
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.stream.stream_input import LARGEST_FORCE
@@ -239,16 +240,11 @@ def clean(trace: ForceTrace) -> CleanTrace:
         )
     period = float(np.median(np.diff(stamps))) / NANOSECONDS_PER_SECOND
     findings += _rate_findings(stamps)
-    return CleanTrace(stamps, force, saturated, period, _noise(force), tuple(findings))
-
-
-def _noise(force: FloatArray) -> float:
-    """Return the white noise [N], from the median of third differences: robust against artifacts.
-
-    The third difference of white noise has 20 times its variance; the median of the absolute
-    value of a normal variable is 0.6745 standard deviations.
-    """
-    return float(np.median(np.abs(np.diff(force, 3))) / 0.6745 / np.sqrt(20.0))
+    # The median of third differences is robust against artifacts.  Third differences of white
+    # noise have 20 times its variance; the median of the absolute value of a normal variable is
+    # 0.6745 standard deviations.
+    noise = float(np.median(np.abs(np.diff(force, 3))) / 0.6745 / np.sqrt(20.0))
+    return CleanTrace(stamps, force, saturated, period, noise, tuple(findings))
 
 
 def _saturated(force: FloatArray) -> BoolArray:
@@ -257,10 +253,9 @@ def _saturated(force: FloatArray) -> BoolArray:
     if force.max() == force.min():
         return result
     for end in (force.max(), force.min()):
-        at_end = force == end
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], at_end.astype(np.int8), [0]))))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
-            result[first:last] |= last - first >= _SATURATED_RUN
+        run_of, _ = label(force == end)
+        long = np.bincount(run_of) >= _SATURATED_RUN
+        result |= long[run_of] & (run_of > 0)
     return result
 
 
@@ -402,7 +397,8 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Arti
         part = trace.between(int(onset - reach[index]), int(onset + reach[index]) + 1)
         if part.stop - part.start < _MEDIAN_SPAN:
             continue
-        standing = _standing_out(trace.force[part])
+        force = trace.force[part]
+        standing = force - median_filter(force, _MEDIAN_SPAN, mode='nearest')
         best = int(np.argmax(standing))
         if standing[best] > least:
             moment = trace.stamp_ns[part.start + best]
@@ -452,13 +448,6 @@ def _reaches(onset_ns: IntArray, search: float) -> IntArray:
         half = np.diff(onset_ns) // 2
         reach = np.minimum(reach, np.minimum(np.append(half, half[-1]), np.append(half[0], half)))
     return reach
-
-
-def _standing_out(force: FloatArray) -> FloatArray:
-    """Return the force minus its running median."""
-    padded = np.pad(force, _MEDIAN_SPAN // 2, mode='edge')
-    windows = np.lib.stride_tricks.sliding_window_view(padded, _MEDIAN_SPAN)
-    return force - np.median(windows, axis=1)
 
 
 def _judged(offset: FloatArray, period: float) -> Artifacts:
