@@ -5,6 +5,11 @@
 Every message reads ``expected <condition>, got <value>`` and names the thing that was wrong.
 """
 
+from numbers import Integral
+
+LARGEST_SEED = 2**53
+"""Largest seed: JSON and YAML readers that use doubles hold it exactly."""
+
 
 class RpmsError(Exception):
     """Base class of every error that this package raises on purpose."""
@@ -40,3 +45,9 @@ class LiveError(RpmsError):
 
 class NodeError(RpmsError):
     """A node was configured with parameters that cannot work."""
+
+
+def check_seed(seed: object, error: type[RpmsError]) -> None:
+    """Raise `error` unless `seed` is one: what NumPy says names neither it nor the range."""
+    if not isinstance(seed, Integral) or not 0 <= int(seed) <= LARGEST_SEED:
+        raise error(f'expected a seed, a whole number from 0 to 2^53, got {seed!r}')

@@ -127,30 +127,25 @@ class PulseTrain:
             object.__setattr__(self, name, _whole(name, getattr(self, name)))
         for name in ('intensity', 'width'):
             object.__setattr__(self, name, _real(name, getattr(self, name)))
-        lengths = {len(self.onset_ns), len(self.intensity), len(self.sequence), len(self.width)}
+        lengths = {len(values) for values in self._arrays}
         if len(lengths) != 1:
             raise ValueError(f'expected arrays of one length, got lengths {sorted(lengths)}')
+
+    @property
+    def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        return self.onset_ns, self.intensity, self.sequence, self.width
 
     def __len__(self) -> int:
         return len(self.onset_ns)
 
     def __getitem__(self, selected: slice | BoolArray | IntArray) -> 'PulseTrain':
-        return PulseTrain(
-            self.onset_ns[selected],
-            self.intensity[selected],
-            self.sequence[selected],
-            self.width[selected],
-        )
+        return PulseTrain(*(values[selected] for values in self._arrays))
 
     @classmethod
     def joined(cls, trains: list['PulseTrain']) -> 'PulseTrain':
         """Return the pulses of all trains, one train after the other."""
-        return cls(
-            np.concatenate([train.onset_ns for train in trains]),
-            np.concatenate([train.intensity for train in trains]),
-            np.concatenate([train.sequence for train in trains]),
-            np.concatenate([train.width for train in trains]),
-        )
+        parts = zip(*(train._arrays for train in trains), strict=True)
+        return cls(*(np.concatenate(part) for part in parts))
 
     @classmethod
     def regular(

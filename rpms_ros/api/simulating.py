@@ -16,7 +16,7 @@ import numpy as np
 from rpms_ros import estimate_messages, messages
 from rpms_ros.api.loading import as_recording
 from rpms_ros.api.session import Session
-from rpms_ros.errors import MuscleError, RecordingError, StimulationError
+from rpms_ros.errors import MuscleError, RecordingError, StimulationError, check_seed
 from rpms_ros.muscle import SUBJECTS, Subject, random_subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import Surroundings, Truth, simulate_session
@@ -25,7 +25,6 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray
 from rpms_ros.recording.rosbag.definitions import known_types
 from rpms_ros.recording.rosbag.writing import FurtherTopic
 from rpms_ros.report.known_muscle import of_truths
-from rpms_ros.seeds import check_seed
 from rpms_ros.stimulation import (
     Schedule,
     constant,

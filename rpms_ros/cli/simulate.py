@@ -4,21 +4,12 @@
 
 import argparse
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rpms_ros.cli.options import add_command, add_option, progress
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted
-from rpms_ros.pulses import ForceTrace, PulseTrain
-
-if TYPE_CHECKING:
-    from rpms_ros.muscle import Subject
-    from rpms_ros.muscle.scenario import Scenario
-    from rpms_ros.muscle.simulation import Truth
-    from rpms_ros.stimulation import Schedule
 
 _DESCRIPTION = """\
 Simulates a session, faster than real time: a schedule of pulses, a muscle and a force sensor.
@@ -89,42 +80,51 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and record the session."""
-    from rpms_ros.api.simulating import (
-        SCHEDULES,
-        START_NS,
-        named_schedule,
-        named_subject,
-        sample_times,
-    )
+    from rpms_ros.api import simulating
+    from rpms_ros.muscle.scenario import Scenario, load_scenario
     from rpms_ros.muscle.simulation import Surroundings, simulate_session
     from rpms_ros.muscle.time_varying import muscle_of
+    from rpms_ros.recording import write_recording
 
     if arguments.out.exists():
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
-    scenario = _scenario(arguments)
-    schedule = named_schedule(
-        arguments.schedule,
-        arguments.duration,
-        arguments.pulse_rate,
-        arguments.seed,
-        arguments.intensity,
+    scenario = load_scenario(arguments.scenario) if arguments.scenario else Scenario()
+    # those that are given replace those of the scenario
+    given = {name: getattr(arguments, name) for name in _DISTURBANCES if getattr(arguments, name)}
+    scenario = replace(scenario, disturbances=replace(scenario.disturbances, **given))
+    seed, rate = arguments.seed, arguments.pulse_rate
+    schedule = simulating.named_schedule(
+        arguments.schedule, arguments.duration, rate, seed, arguments.intensity
     )
-    subject = named_subject(arguments.subject, arguments.seed)
-    from_file = arguments.schedule not in SCHEDULES
+    subject = simulating.named_subject(arguments.subject, seed)
+    from_file = arguments.schedule not in simulating.SCHEDULES
     _refuse_what_has_no_effect(arguments, from_file)
-    fixed_rate = None if arguments.own_rates or from_file else arguments.pulse_rate
-    pulses = schedule.pulses(START_NS)
-    stamp_ns = sample_times(schedule.length_s, arguments.rate)
+    fixed_rate = None if arguments.own_rates or from_file else rate
+    pulses = schedule.pulses(simulating.START_NS)
+    stamp_ns = simulating.sample_times(schedule.length_s, arguments.rate)
     with progress('simulating', len(stamp_ns), 'samples', arguments.quiet) as advance:
         forces, truths = simulate_session(
             muscle_of(subject, scenario.living, fixed_rate),
-            Surroundings(scenario, arguments.seed),
+            Surroundings(scenario, seed),
             pulses,
             stamp_ns,
             _TRUTH_RATE if arguments.scenario else 0.0,
             advance,
         )
-    _write(arguments, pulses, forces, truths, _notes(arguments, schedule, subject))
+    write_recording(
+        arguments.out,
+        pulses,
+        forces,
+        storage=arguments.storage,
+        compression=arguments.compression,
+        custom={
+            'subject': json.dumps(asdict(subject)),
+            'disturbances': json.dumps(given),
+            'schedule': schedule.name,
+            'seed': str(seed),
+        },
+        further=(simulating.truth_topic(truths),) if truths else (),
+    )
     counts = f'{counted(len(pulses), "pulse")}, {counted(len(forces), "sample")}'
     print(f'{arguments.out}: {counts}, {schedule.length_s:g} s')
     return 0
@@ -141,50 +141,3 @@ def _refuse_what_has_no_effect(arguments: argparse.Namespace, from_file: bool) -
         if getattr(arguments, name) != arguments.parser.get_default(name):
             option = f'--{name.replace("_", "-")}'
             raise RecordingError(f'expected {where} with {option}, got --schedule {schedule}')
-
-
-def _scenario(arguments: argparse.Namespace) -> 'Scenario':
-    """Return what happens; disturbances that are given replace those of the scenario."""
-    from rpms_ros.muscle.scenario import Scenario, load_scenario
-
-    scenario = load_scenario(arguments.scenario) if arguments.scenario else Scenario()
-    given = {name: getattr(arguments, name) for name in _DISTURBANCES if getattr(arguments, name)}
-    return replace(scenario, disturbances=replace(scenario.disturbances, **given))
-
-
-def _notes(
-    arguments: argparse.Namespace,
-    schedule: 'Schedule',
-    subject: 'Subject',
-) -> dict[str, str]:
-    """Return the true parameters of the session, for metadata.yaml."""
-    return {
-        'subject': json.dumps(asdict(subject)),
-        'disturbances': json.dumps(
-            {name: getattr(arguments, name) for name in _DISTURBANCES if getattr(arguments, name)}
-        ),
-        'schedule': schedule.name,
-        'seed': str(arguments.seed),
-    }
-
-
-def _write(
-    arguments: argparse.Namespace,
-    pulses: PulseTrain,
-    forces: ForceTrace,
-    truths: 'Sequence[Truth]',
-    notes: dict[str, str],
-) -> None:
-    """Write the recording, with the truth beside pulses and force where there is one."""
-    from rpms_ros.api.simulating import truth_topic
-    from rpms_ros.recording import write_recording
-
-    write_recording(
-        arguments.out,
-        pulses,
-        forces,
-        storage=arguments.storage,
-        compression=arguments.compression,
-        custom=notes,
-        further=(truth_topic(truths),) if truths else (),
-    )

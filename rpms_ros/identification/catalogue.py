@@ -12,7 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 from numbers import Real
 from types import MappingProxyType
 
-from rpms_ros.errors import IdentificationError
+from rpms_ros.errors import IdentificationError, check_seed
 from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.estimation.horizon import HorizonEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
@@ -27,7 +27,6 @@ from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset, 
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
 from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion
-from rpms_ros.seeds import check_seed
 
 GROUP = 'rpms_ros.estimators'
 _PARTS = ('add_pulses', 'estimate', 'forget_pulses', 'memory', 'name', 'on_line', 'update')

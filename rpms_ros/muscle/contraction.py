@@ -156,6 +156,14 @@ def check_rate(rate_hz: float | None) -> None:
         raise MuscleError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
 
 
+def repetition_rates(onset_ns: IntArray) -> FloatArray:
+    """Return the rate [Hz] of each of ascending pulses (pulses,), 0 of the first."""
+    rate = np.zeros(len(onset_ns))
+    interval = np.diff(onset_ns) / NANOSECONDS_PER_SECOND
+    rate[1:] = 1.0 / np.maximum(interval, REFRACTORY_PERIOD)
+    return rate
+
+
 def checked_pulses(
     onset_ns: npt.ArrayLike, intensity: npt.ArrayLike
 ) -> tuple[IntArray, FloatArray]:
@@ -320,13 +328,9 @@ class Contraction:
         """Return the peak force of each separate pulse's twitch (pulses,) [N]."""
         if self._fixed_rate is not None:
             return self.subject.pulse_weight(self._intensity, self._fixed_rate)
-        rate = np.zeros(len(self._onset_ns))
-        interval = np.diff(self._onset_ns) / NANOSECONDS_PER_SECOND
-        rate[1:] = 1.0 / np.maximum(interval, REFRACTORY_PERIOD)
-        if len(rate) and self._last_folded_ns is not None:
-            since = (self._onset_ns[0] - self._last_folded_ns) / NANOSECONDS_PER_SECOND
-            rate[0] = 1.0 / max(since, REFRACTORY_PERIOD)
-        return self.subject.pulse_weight(self._intensity, rate)
+        before = [] if self._last_folded_ns is None else [self._last_folded_ns]
+        rate = repetition_rates(np.append(np.array(before, dtype=np.int64), self._onset_ns))
+        return self.subject.pulse_weight(self._intensity, rate[len(before) :])
 
     def _fold_before(self, limit_ns: int) -> None:
         """Add the pulses whose twitch began before `limit_ns` to the moments."""

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.errors import MuscleError
+from rpms_ros.errors import MuscleError, check_seed
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray
-from rpms_ros.seeds import check_seed
 
 
 @dataclass(frozen=True)

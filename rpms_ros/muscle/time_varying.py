@@ -44,13 +44,13 @@ import numpy.typing as npt
 
 from rpms_ros.errors import MuscleError
 from rpms_ros.muscle.contraction import (
-    REFRACTORY_PERIOD,
     Contraction,
     Muscle,
     MuscleState,
     check_rate,
     checked_pulses,
     move_moments,
+    repetition_rates,
     twitch_peak_factor,
 )
 from rpms_ros.muscle.recruitment import SMALLEST_SEPARATION
@@ -506,17 +506,12 @@ class LivingContraction:
         """Return twitch onset [ns], peak at rest [N] and recruitment of the pulses to come."""
         at = self._elapsed(self._onset_ns)
         latency = np.rint(self._timeline('latency', at) * NANOSECONDS_PER_SECOND)
-        rate = np.zeros(len(self._onset_ns))
-        if self._fixed_rate is not None:
-            rate[:] = self._fixed_rate
-        elif len(rate):
-            # a late pulse may belong between pulses whose twitch has begun
-            every = np.concatenate((self._begun_ns, self._onset_ns))
-            order = np.argsort(every, kind='stable')
-            interval = np.diff(every[order]) / NANOSECONDS_PER_SECOND
-            of_every = np.zeros(len(every))
-            of_every[order[1:]] = 1.0 / np.maximum(interval, REFRACTORY_PERIOD)
-            rate = of_every[len(self._begun_ns) :]
+        # a late pulse may belong between pulses whose twitch has begun
+        every = np.concatenate((self._begun_ns, self._onset_ns))
+        order = np.argsort(every, kind='stable')
+        rate = np.empty(len(every))
+        rate[order] = self._fixed_rate or repetition_rates(every[order])
+        rate = rate[len(self._begun_ns) :]
         share = self._recruitment(
             self._intensity, self._timeline('threshold', at), self._timeline('saturation', at)
         )

@@ -26,7 +26,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS
-from rpms_ros.errors import MuscleError, NodeError
+from rpms_ros.errors import LARGEST_SEED, MuscleError, NodeError
 from rpms_ros.muscle import SUBJECTS, Disturbances, Subject, random_subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import SampledPlant, Surroundings
@@ -38,7 +38,6 @@ from rpms_ros.nodes.common.logger import logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import complete_or_gone, run
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse, nanoseconds
-from rpms_ros.seeds import LARGEST_SEED
 
 # Largest difference of two steps that is no jump.
 _LARGEST_STEP_NS = NANOSECONDS_PER_SECOND

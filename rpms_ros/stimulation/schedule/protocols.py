@@ -12,8 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rpms_ros.errors import StimulationError
-from rpms_ros.seeds import check_seed
+from rpms_ros.errors import StimulationError, check_seed
 from rpms_ros.stimulation.schedule.schedule import Pause, Repeat, Schedule, Segment
 from rpms_ros.stimulation.schedule.segments import (
     Constant,
