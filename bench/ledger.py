@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 import numpy as np
 from ledger_kills import dose_of, kill_repeatedly
 
-from rpms_ros.stimulation.limits.dose import PlannedPulse
+from rpms_ros.stimulation.limits.dose import BookedPulse
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 BATCH = 20
@@ -38,7 +38,7 @@ def reservations(count: int, folder: Path) -> None:
     with DoseLedger(folder, 'coil', 'P01') as ledger:
         took = []
         for _ in range(count):
-            plan = [PlannedPulse(time.monotonic_ns(), 0.45, 51.03)] * BATCH
+            plan = [BookedPulse(time.monotonic_ns(), 0.45, 51.03)] * BATCH
             begun = time.perf_counter()
             numbers = ledger.reserve(plan)
             took.append(time.perf_counter() - begun)

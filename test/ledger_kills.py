@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from rpms_ros.stimulation.limits.dose import DoseExceeded, DoseLimits, PlannedPulse
+from rpms_ros.stimulation.limits.dose import BookedPulse, DoseExceeded, DoseLimits
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 EXHAUSTED = 7
@@ -57,7 +57,7 @@ def stimulate(folder: Path, pulses: int, seed: int) -> int:
         while True:
             count = chance.randrange(1, 12)
             now = time.monotonic_ns()
-            plan = [PlannedPulse(now, 0.5, float(chance.randrange(1, 10))) for _ in range(count)]
+            plan = [BookedPulse(now, 0.5, float(chance.randrange(1, 10))) for _ in range(count)]
             try:
                 numbers = ledger.reserve(plan)
             except DoseExceeded:

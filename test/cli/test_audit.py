@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from rpms_ros.stimulation.limits.dose import PlannedPulse
+from rpms_ros.stimulation.limits.dose import BookedPulse
 from rpms_ros.stimulation.records.audit_log import AuditLog
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
@@ -90,7 +90,7 @@ def test_a_log_with_a_key(path, rpms, tmp_path):
 
 def test_a_ledger_is_verified_too(tmp_path, rpms):
     with DoseLedger(tmp_path, 'coil', 'P01') as ledger:
-        pulses = [PlannedPulse(time.monotonic_ns(), 0.5, 10.0)] * 4
+        pulses = [BookedPulse(time.monotonic_ns(), 0.5, 10.0)] * 4
         ledger.take(ledger.reserve(pulses)[0])
     path = tmp_path / 'patient-p01.ledger'
     code, out, _ = rpms('audit', path)

@@ -15,7 +15,7 @@ from rpms_ros.nodes.driver.parameters import (
     ledger_of,
     patience_s,
 )
-from rpms_ros.stimulation.limits.dose import PlannedPulse
+from rpms_ros.stimulation.limits.dose import BookedPulse
 
 
 @pytest.mark.parametrize(('parameter', 'percent'), [(1.0, 55), (0.305, 30)])
@@ -50,7 +50,7 @@ def test_the_ledger_of_a_device_is_known_by_its_serial_number_whatever_its_port_
         return ledger_of(settings, device_specification_of(settings))
 
     with opened('/dev/ttyUSB0') as ledger:
-        ledger.take(ledger.reserve([PlannedPulse(time.monotonic_ns(), 0.1, 2.0)])[0])
+        ledger.take(ledger.reserve([BookedPulse(time.monotonic_ns(), 0.1, 2.0)])[0])
     with opened('/dev/serial/by-id/usb-stimulator') as ledger:
         assert ledger.device == '0815'
         assert len(ledger.history(time.monotonic_ns())) == 1

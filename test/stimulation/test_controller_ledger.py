@@ -14,7 +14,7 @@ from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.interlocks import Refused
 from rpms_ros.stimulation.driver.states import DriverSettings, State
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.dose import BookedPulse, DoseLimits, LedgerError, PlannedPulse
+from rpms_ros.stimulation.limits.dose import BookedPulse, DoseLimits, LedgerError
 from rpms_ros.stimulation.limits.limits import Limits
 from rpms_ros.stimulation.records.audit_log import AuditLog
 from rpms_ros.stimulation.records.clocks import Clocks
@@ -145,7 +145,7 @@ def test_dose_that_somebody_else_uses_up_ends_the_run(virtual):
     driver = virtual(ledger=ledger).armed()
     run = driver.controller.start(TRAIN)
     driver.advance(0.2)
-    ledger.account.add([BookedPulse(0, 1.0, 0.0)] * 60, reserved=False)
+    ledger.count([BookedPulse(0, 1.0, 0.0)] * 60)
     driver.advance(5.0)
     assert (run.cause, driver.controller.state) == ('limit', State.DISARMED)
     assert 'dose_pulses: expected at most 120 pulses' in run.ended
@@ -277,7 +277,7 @@ def test_what_has_to_be_on_the_disk_is_synced_before_the_call_returns(tmp_path, 
     noted('fsync', os.fsync)
     with DoseLedger(tmp_path, 'device', 'P01') as ledger:
         calls.clear()
-        ledger.reserve([PlannedPulse(SECOND, 0.5, 1.0)])
+        ledger.reserve([BookedPulse(SECOND, 0.5, 1.0)])
         device, patient = dict.fromkeys(file for _, file in calls)
         assert calls == [
             ('write', device), ('fsync', device), ('write', patient), ('fsync', patient),

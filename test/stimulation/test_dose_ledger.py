@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.limits.dose import DoseExceeded, DoseLimits, LedgerError, PlannedPulse
+from rpms_ros.stimulation.limits.dose import BookedPulse, DoseExceeded, DoseLimits, LedgerError
 from rpms_ros.stimulation.records.clocks import EARLIEST_WALL_NS, Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
@@ -67,7 +67,7 @@ def opened(tmp_path, machine):
 
 def planned(machine, count, energy=10.0, ahead_s=0.0):
     first = machine.monotonic + round(ahead_s * SECOND)
-    return [PlannedPulse(first + i * SECOND // 20, 0.5, energy) for i in range(count)]
+    return [BookedPulse(first + i * SECOND // 20, 0.5, energy) for i in range(count)]
 
 
 def killed(ledger):
@@ -422,7 +422,7 @@ def test_any_tail_is_refused_or_only_adds(tmp_path_factory, tail, cut):
 LIMITED = """
     import resource, sys, time
     from pathlib import Path
-    from rpms_ros.stimulation.limits.dose import LedgerError, PlannedPulse
+    from rpms_ros.stimulation.limits.dose import LedgerError, BookedPulse
     from rpms_ros.stimulation.records.dose_ledger import DoseLedger
     ledger = DoseLedger(Path(sys.argv[1]), 'coil-1', 'P01')
     size = max(path.stat().st_size for path in Path(sys.argv[1]).iterdir())
@@ -430,12 +430,12 @@ LIMITED = """
     reserved = 0
     try:
         while True:
-            ledger.reserve([PlannedPulse(time.monotonic_ns(), 0.5, 10.0)] * 7)
+            ledger.reserve([BookedPulse(time.monotonic_ns(), 0.5, 10.0)] * 7)
             reserved += 7
     except LedgerError as fault:
         print(reserved, fault)
     try:
-        ledger.reserve([PlannedPulse(time.monotonic_ns(), 0.5, 10.0)])
+        ledger.reserve([BookedPulse(time.monotonic_ns(), 0.5, 10.0)])
     except LedgerError as fault:
         print(fault)
 """
@@ -476,7 +476,7 @@ def test_a_closed_ledger_reserves_nothing(machine, opened):
 
 def test_values_that_no_file_can_hold(machine, opened):
     with pytest.raises(StimulationError, match='expected a record that JSON can hold'):
-        opened(dose=None).reserve([PlannedPulse(machine.monotonic, float('nan'), 1.0)])
+        opened(dose=None).reserve([BookedPulse(machine.monotonic, float('nan'), 1.0)])
 
 
 def test_the_dose_holds_across_kills(tmp_path, beside):

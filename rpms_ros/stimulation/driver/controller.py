@@ -55,7 +55,7 @@ def refuse_over_dose(plan: Plan, limits: Limits, ledger: MemoryLedger) -> None:
     """Raise Refused if a plan is more than the patient may get."""
     energy_j = limits.pulse_energy_j * float(np.sum(plan.intensity**2))
     try:
-        ledger.account.check_total(len(plan), energy_j)
+        ledger.check(len(plan), energy_j)
     except DoseExceeded as error:
         raise Refused(error.limit, str(error)) from error
 

@@ -35,7 +35,7 @@ from rpms_ros.stimulation.driver.device_owner import (
 from rpms_ros.stimulation.driver.fired_pulse import Fired
 from rpms_ros.stimulation.driver.interlocks import BUSY
 from rpms_ros.stimulation.driver.states import Run, State
-from rpms_ros.stimulation.limits.dose import LedgerError, PlannedPulse
+from rpms_ros.stimulation.limits.dose import BookedPulse, LedgerError
 from rpms_ros.stimulation.limits.limiter import TIMING_LIMITS, PulseLimiter
 from rpms_ros.stimulation.limits.limits import Limits
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
@@ -90,7 +90,7 @@ class Reservations:
                 return
             energy = self._limits.energy_j
             pulses = [
-                PlannedPulse(run.onset_ns(index), intensity, energy(intensity))
+                BookedPulse(run.onset_ns(index), intensity, energy(intensity))
                 for index, intensity in enumerate(run.intensities[first:last], first)
             ]
             self._open.update(enumerate(self._ledger.reserve(pulses), first))
@@ -100,7 +100,7 @@ class Reservations:
         """Return whether a pulse of the run is reserved and not taken."""
         return index in self._open
 
-    def count(self, pulses: Sequence[PlannedPulse]) -> None:
+    def count(self, pulses: Sequence[BookedPulse]) -> None:
         """Count pulses that were given beside the run's; raises LedgerError as `extend` does."""
         self._ledger.count(pulses)
 
@@ -195,7 +195,7 @@ class PulseOwner(DeviceOwner):
         # how long the last preparation took
         self._preparing_ns = 0
         # pulses since the intensity was read, and whether it was read since it was set
-        self._unread: list[PlannedPulse] = []
+        self._unread: list[BookedPulse] = []
         self._read = False
         self._wait_for_nothing()
 
@@ -285,14 +285,14 @@ class PulseOwner(DeviceOwner):
             return found, True
         self.fail('intensity', wrong)
         more = [
-            PlannedPulse(pulse.time_ns, found, self.limits.energy_j(found) - pulse.energy_j)
+            BookedPulse(pulse.time_ns, found, self.limits.energy_j(found) - pulse.energy_j)
             for pulse in unread
             if found > pulse.intensity
         ]
         self._count_more(run, more)
         return found, False
 
-    def _count_more(self, run: Run, pulses: list[PlannedPulse]) -> None:
+    def _count_more(self, run: Run, pulses: list[BookedPulse]) -> None:
         """Put energy on all books that pulses had beside what was booked before them."""
         now, energy = self._clock(), sum(pulse.energy_j for pulse in pulses)
         for books in (self.limiter, self.confirmed):
@@ -451,7 +451,7 @@ class PulseOwner(DeviceOwner):
         run.cursor += 1
         self.commanded += 1
         if math.isfinite(self.device.read_back_s):
-            self._unread.append(PlannedPulse(onset_ns, pulse.intensity, energy))
+            self._unread.append(BookedPulse(onset_ns, pulse.intensity, energy))
         self._active_ns = onset_ns
         self._set_intensity = None
         self._wait_for_nothing()

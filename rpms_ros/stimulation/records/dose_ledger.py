@@ -5,8 +5,6 @@
 Pulses are reserved ahead, some at a time.  After a crash everything reserved and not given back
 counts as delivered.  There is one ledger a device (its coil, its rest) and one a patient (the
 dose, whichever device gave it); each reservation stands in both.
-
-What the ledgers of a device and of a patient say about earlier processes.
 """
 
 import json
@@ -15,7 +13,7 @@ import re
 import secrets
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -27,11 +25,9 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.limits.dose import (
     BookedPulse,
-    DoseAccount,
+    DoseExceeded,
     DoseLimits,
-    DoseTotals,
     LedgerError,
-    PlannedPulse,
 )
 from rpms_ros.stimulation.records.append_only import BEGIN, ChainedFile, Record, wall_ns_of
 from rpms_ros.stimulation.records.clocks import Clocks
@@ -42,24 +38,6 @@ _BATCH = re.compile(rb'"batch":"([0-9a-f-]+)"')
 _PULSE = re.compile(rb'\[-?\d+,([0-9.eE+-]+),([0-9.eE+-]+)\]')
 
 
-class Past(NamedTuple):
-    """A pulse of an earlier process.
-
-    Attributes
-    ----------
-    age_ns : int
-        How long ago, at least [ns].
-    intensity : float
-        Share of the maximum.
-    energy_j : float
-        Energy [J].
-    """
-
-    age_ns: int
-    intensity: float
-    energy_j: float
-
-
 @dataclass
 class Batch:
     """Pulses that were reserved together.
@@ -68,12 +46,12 @@ class Batch:
     ----------
     content : mapping
         The record.
-    pulses : dict of int to Past
-        Those that count, by their index within the batch.
+    pulses : dict of int to BookedPulse
+        Those that count, by their index within the batch; their age, negative, as time.
     """
 
     content: Mapping[str, Any]
-    pulses: dict[int, Past]
+    pulses: dict[int, BookedPulse]
 
 
 @dataclass
@@ -147,7 +125,7 @@ class LedgerReader:
         if other == self.partner:
             self.shared.append(key)
 
-    def _pulses(self, content: Mapping[str, Any]) -> dict[int, Past]:
+    def _pulses(self, content: Mapping[str, Any]) -> dict[int, BookedPulse]:
         """Return the pulses of a record that may still count, by their index."""
         rows, boot_id, written_ns = content['pulses'], content['boot_id'], content['boot_ns']
         wall_ns = wall_ns_of(content['time']) - written_ns
@@ -158,7 +136,7 @@ class LedgerReader:
         for index, (time_ns, intensity, energy_j) in enumerate(rows):
             age = self.clocks.age_ns(boot_id, time_ns, wall_ns + time_ns)
             if age < self.horizon_ns:
-                found[index] = Past(age, float(intensity), float(energy_j))
+                found[index] = BookedPulse(-age, float(intensity), float(energy_j))
         return found
 
 
@@ -215,7 +193,7 @@ def require_all(reader: LedgerReader, others: Iterable[Path]) -> None:
                 )
 
 
-def readable(torn: bytes, known: LedgerReader) -> list[Past]:
+def readable(torn: bytes, known: LedgerReader) -> list[BookedPulse]:
     """Return the pulses of a record that was cut off, as far as it can be read, as of now.
 
     Raises
@@ -229,12 +207,12 @@ def readable(torn: bytes, known: LedgerReader) -> list[Past]:
     found = []
     for row in _PULSE.findall(torn):
         try:
-            past = Past(0, *(float(figure) for figure in row))
+            intensity, energy_j = (float(figure) for figure in row)
         except ValueError:
-            past = Past(0, math.nan, math.nan)
-        if not (0.0 <= past.intensity <= 1.0 and 0.0 <= past.energy_j <= LARGEST_ENERGY_J):
+            intensity = energy_j = math.nan
+        if not (0.0 <= intensity <= 1.0 and 0.0 <= energy_j <= LARGEST_ENERGY_J):
             raise LedgerError(f'expected pulses in the record that was cut off, got {row}')
-        found.append(past)
+        found.append(BookedPulse(0, intensity, energy_j))
     return found
 
 
@@ -243,6 +221,30 @@ SHORTEST_HISTORY_H = 24.0
 LONGEST_NAME = 64
 # of a reservation that has to be written once more: when it was made stays what it was
 _COPIED = ('batch', 'device', 'patient', 'pulses', 'time', 'boot_id', 'boot_ns')
+
+
+class DoseTotals(NamedTuple):
+    """What a patient got within the window, reserved pulses included.
+
+    Attributes
+    ----------
+    pulses : int
+        Number of pulses.
+    energy_j : float
+        Energy [J].
+    """
+
+    pulses: int
+    energy_j: float
+
+
+@dataclass
+class _Entry:
+    time_ns: int
+    energy_j: float
+    counts: bool = True
+    # batch and index within it, on the disk
+    place: tuple[str, int] = '', 0
 
 
 class MemoryLedger:
@@ -259,14 +261,41 @@ class MemoryLedger:
     def __init__(
         self, dose: DoseLimits | None = None, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        self.account = DoseAccount(dose, clock)
+        self._dose = dose
+        self._clock = clock
+        self._counting = threading.Lock()
+        self._entries: deque[_Entry] = deque()
+        self._open: dict[int, _Entry] = {}
+        self._numbers = 0
+        self._pulses = 0
+        self._energy_j = 0.0
 
     def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
         """Return no pulses: a ledger in memory has no earlier processes."""
         del now_monotonic_ns
         return ()
 
-    def reserve(self, pulses: Sequence[PlannedPulse]) -> range:
+    def check(self, more: int, energy_j: float) -> None:
+        """Raise DoseExceeded if so many pulses of so much energy [J] would be too much."""
+        dose = self._dose
+        if dose is None:
+            return
+        count, energy = self.totals()
+        if count + more > dose.pulses:
+            raise DoseExceeded(
+                'dose_pulses',
+                f'expected at most {dose.pulses} pulses in {dose.window_h:g} h, '
+                f'got {count + more}',
+            )
+        energy += energy_j
+        # relative rounding of a sum of many thousand pulses
+        if energy > dose.energy_j * (1.0 + 1e-9):
+            raise DoseExceeded(
+                'dose_energy_j',
+                f'expected at most {dose.energy_j:g} J in {dose.window_h:g} h, got {energy:.6g} J',
+            )
+
+    def reserve(self, pulses: Sequence[BookedPulse]) -> range:
         """Count pulses that are going to be fired; return a number for each.
 
         Raises
@@ -274,8 +303,12 @@ class MemoryLedger:
         LedgerError
             If they cannot be counted; DoseExceeded if they are more than the patient may get.
         """
-        self.account.check(pulses)
-        return self.account.add(pulses)
+        self.check(len(pulses), sum(pulse.energy_j for pulse in pulses))
+        entries = self._count(pulses)
+        with self._counting:
+            first, self._numbers = self._numbers, self._numbers + len(entries)
+            self._open.update(enumerate(entries, first))
+        return range(first, self._numbers)
 
     def take(self, number: int) -> None:
         """Note that a reserved pulse is triggered now; each can be taken once.
@@ -287,7 +320,9 @@ class MemoryLedger:
         LedgerError
             If the pulse is not reserved, was taken or was given back.
         """
-        self.account.take(number)
+        with self._counting:
+            if self._open.pop(number, None) is None:
+                raise LedgerError(f'expected a reserved pulse, got number {number}')
 
     def settle(self, numbers: Iterable[int] | None = None) -> None:
         """Give reserved pulses back that were not taken, so certainly never triggered.
@@ -302,9 +337,9 @@ class MemoryLedger:
         LedgerError
             If one of them is not reserved or was taken.
         """
-        self.account.give_back(numbers)
+        self._give_back(numbers)
 
-    def count(self, pulses: Sequence[PlannedPulse]) -> None:
+    def count(self, pulses: Sequence[BookedPulse]) -> None:
         """Count pulses that were given, whatever the patient may get.
 
         Raises
@@ -312,11 +347,16 @@ class MemoryLedger:
         LedgerError
             If they cannot be written.
         """
-        self.account.add(pulses, reserved=False)
+        self._count(pulses)
 
     def totals(self) -> DoseTotals:
         """Return what the patient got within the window of the dose, reserved pulses included."""
-        return self.account.totals
+        with self._counting:
+            if self._dose is not None:
+                start = self._clock() - self._dose.window_ns
+                while self._entries and self._entries[0].time_ns <= start:
+                    self._drop(self._entries.popleft())
+            return DoseTotals(self._pulses, self._energy_j)
 
     def close(self) -> None:
         """Give back what was not taken."""
@@ -327,6 +367,34 @@ class MemoryLedger:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def _count(self, pulses: Iterable[BookedPulse]) -> list[_Entry]:
+        entries = [_Entry(pulse.time_ns, pulse.energy_j) for pulse in pulses]
+        with self._counting:
+            if self._dose is not None:
+                self._entries.extend(entries)
+            self._pulses += len(entries)
+            for entry in entries:
+                self._energy_j += entry.energy_j
+        return entries
+
+    def _give_back(self, numbers: Iterable[int] | None) -> list[_Entry]:
+        with self._counting:
+            given = list(self._open if numbers is None else dict.fromkeys(numbers))
+            wrong = [number for number in given if number not in self._open]
+            if wrong:
+                raise LedgerError(f'expected reserved pulses to give back, got numbers {wrong}')
+            entries = [self._open.pop(number) for number in given]
+            for entry in entries:
+                self._drop(entry)
+            return entries
+
+    def _drop(self, entry: _Entry) -> None:
+        """Stop counting a pulse that has left the window, or was given back."""
+        if entry.counts:
+            entry.counts = False
+            self._pulses -= 1
+            self._energy_j = self._energy_j - entry.energy_j if self._pulses else 0.0
 
 
 class DoseLedger(MemoryLedger):
@@ -364,8 +432,7 @@ class DoseLedger(MemoryLedger):
         self.device, self.patient = device, patient
         self._session = secrets.token_hex(4)
         self._batches = 0
-        self._places: dict[int, tuple[str, int]] = {}
-        self._lock = threading.Lock()
+        self._writing = threading.Lock()
         self._files: list[ChainedFile] = []
         self._broken: str | None = None
         self._opened_ns = self._clocks.boot_ns()
@@ -383,7 +450,7 @@ class DoseLedger(MemoryLedger):
             self.close()
             raise LedgerError(str(fault)) from fault
         past = self.history(self._clocks.monotonic_ns())
-        self.account.add([pulse for pulse in past if pulse.on_patient], reserved=False)
+        self._count(pulse for pulse in past if pulse.on_patient)
 
     def history(self, now_monotonic_ns: int) -> tuple[BookedPulse, ...]:
         """Return the pulses of earlier processes that may still count, oldest first.
@@ -405,7 +472,7 @@ class DoseLedger(MemoryLedger):
             for pulse in self._past
         )
 
-    def reserve(self, pulses: Sequence[PlannedPulse]) -> range:
+    def reserve(self, pulses: Sequence[BookedPulse]) -> range:
         """Put pulses that are going to be fired on the disk; return a number for each.
 
         Raises
@@ -414,25 +481,21 @@ class DoseLedger(MemoryLedger):
             If they cannot be written; DoseExceeded if they are more than the patient may get.
             None of them may be fired then.
         """
-        with self._lock:
-            self.account.check(pulses)
+        with self._writing:
+            self.check(len(pulses), sum(pulse.energy_j for pulse in pulses))
             if not pulses:
                 return range(0)
             batch = self._write(pulses)
-            numbers = self.account.add(pulses)
-            self._places.update((number, (batch, i)) for i, number in enumerate(numbers))
+            numbers = super().reserve(pulses)
+            for index, number in enumerate(numbers):
+                self._open[number].place = batch, index
             return numbers
 
-    def count(self, pulses: Sequence[PlannedPulse]) -> None:
+    def count(self, pulses: Sequence[BookedPulse]) -> None:
         """Put pulses that were given on the disk, whatever the patient may get."""
-        with self._lock:
-            self.account.add(pulses, reserved=False)
+        with self._writing:
+            self._count(pulses)
             self._write(pulses)
-
-    def take(self, number: int) -> None:
-        """Note that a reserved pulse is triggered now; each can be taken once."""
-        self.account.take(number)
-        self._places.pop(number, None)
 
     def settle(self, numbers: Iterable[int] | None = None) -> None:
         """Give reserved pulses back that were not taken, so certainly never triggered.
@@ -442,9 +505,8 @@ class DoseLedger(MemoryLedger):
         LedgerError
             If one of them is not reserved or was taken, or the files cannot be written.
         """
-        with self._lock:
-            given = self.account.give_back(numbers)
-            places = [self._places.pop(number) for number in given]
+        with self._writing:
+            places = [entry.place for entry in self._give_back(numbers)]
             if places:
                 self._append([{'kind': SETTLE, 'unfired': places}], sync=False)
 
@@ -457,7 +519,7 @@ class DoseLedger(MemoryLedger):
         for file in self._files:
             file.close()
 
-    def _write(self, pulses: Sequence[PlannedPulse]) -> str:
+    def _write(self, pulses: Sequence[BookedPulse]) -> str:
         ahead = self._clocks.boot_ns() - self._clocks.monotonic_ns()
         batch = f'{self._session}-{self._batches}'
         self._batches += 1
@@ -489,7 +551,7 @@ class DoseLedger(MemoryLedger):
         cut = [*readable(self._files[0].torn, device), *readable(self._files[1].torn, device)]
         if cut:
             now = self._clocks.monotonic_ns()
-            self._write([PlannedPulse(now, past.intensity, past.energy_j) for past in cut])
+            self._write([past._replace(time_ns=now) for past in cut])
         return _past(device, patient, cut)
 
 
@@ -507,10 +569,10 @@ def _opened(folder: Path, reader: LedgerReader) -> ChainedFile:
 
 
 def _past(
-    device: LedgerReader, patient: LedgerReader, cut: Sequence[Past]
+    device: LedgerReader, patient: LedgerReader, cut: Sequence[BookedPulse]
 ) -> tuple[BookedPulse, ...]:
     """Return all pulses, oldest first, with their (negative) age in place of a time."""
-    found = [BookedPulse(-past.age_ns, past.intensity, past.energy_j) for past in cut]
+    found = list(cut)
     for reader in (device, patient):
         for batch in reader.batches.values():
             on_device = batch.content['device'] == device.name
@@ -518,7 +580,7 @@ def _past(
                 continue
             on_patient = batch.content['patient'] == patient.name
             found.extend(
-                BookedPulse(-past.age_ns, past.intensity, past.energy_j, on_device, on_patient)
-                for past in batch.pulses.values()
+                pulse._replace(on_device=on_device, on_patient=on_patient)
+                for pulse in batch.pulses.values()
             )
     return tuple(sorted(found, key=lambda pulse: pulse.time_ns))
