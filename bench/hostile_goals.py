@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Ten thousand hostile goal texts on the real driver node: the test of the suite, at full count.
+"""Ten thousand hostile goals on the real driver node: the test of the suite, at full count.
 
 Prints how many goals were answered; exit code 1 if one was not, or if the node did not live.
 """
@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-TEST = 'test/nodes/test_driver_hostile_texts.py'
+TEST = 'test/nodes/test_driver_hostile_goals.py'
 
 
 def main() -> int:

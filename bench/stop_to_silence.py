@@ -30,7 +30,6 @@ from driver_graph import graph, load, spin_until, start
 
 RATE_HZ = 50.0
 MARGIN_S = 0.020
-SCHEDULE = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.3}]'
 # much longer than the bound: later pulses are not expected
 SILENCE_S = 0.3
 # longer than a simulated device bears
@@ -55,7 +54,7 @@ class Driver(stimulator_driver.StimulatorDriver):
 sys.exit(run(Driver))
 """
 # the operator in a process of their own, told by lines what to do
-CLIENT = f"""
+CLIENT = """
 import sys, threading
 import rclpy
 from lifecycle_msgs.srv import ChangeState
@@ -63,6 +62,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rpms_ros.nodes.common.subscriptions import use_fast_discovery
 from rpms_ros.nodes.common.operator import OperatorClient
+from rpms_ros.stimulation import constant
 use_fast_discovery()
 rclpy.init()
 node, executor = Node('client'), EventsExecutor()
@@ -95,7 +95,7 @@ while True:
     while not ask(ada.confirm).success:
         if not ada.token:
             break
-    handle = ask(lambda: ada.start({SCHEDULE!r}))
+    handle = ask(lambda: ada.start(constant(0.3, 60.0, 50.0)))
     print('started', flush=True)
     until(lambda: bool(told))
     word = told.pop(0)

@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 from rpms_msgs.msg import Schedule as ScheduleMessage, ScheduleSegment
 from rpms_ros.errors import StimulationError
 from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
-from rpms_ros.schedule_messages import KINDS, is_given, schedule_message, schedule_of
+from rpms_ros.schedule_messages import KINDS, schedule_message, schedule_of
 from rpms_ros.stimulation import Schedule, schedule_from_text, schedule_to_text
 from rpms_ros.stimulation.schedule.description import SEGMENT_KINDS
 
@@ -153,11 +153,6 @@ def test_a_fault_is_named_by_its_place(segments: list[ScheduleSegment], said: st
 )
 def test_values_of_the_whole_are_bounded(values: dict[str, Any], said: str) -> None:
     assert refusal(train(), **values).startswith(said)
-    assert is_given(ScheduleMessage(**values))
-
-
-def test_an_empty_message_is_none() -> None:
-    assert not is_given(ScheduleMessage())
 
 
 NUMBERS = st.floats(width=64) | st.sampled_from([0.0, 0.5, 1.0, 20.0])

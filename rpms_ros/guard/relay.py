@@ -3,6 +3,7 @@
 """The guard: relays commands while the driver lives, and disarms when it does not."""
 
 import contextlib
+import os
 import select
 import time
 from collections import deque
@@ -10,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rpms_ros.guard import packets, rapid2
-from rpms_ros.guard.driver_socket import DriverGone, DriverSocket
 from rpms_ros.guard.line import Exchange, Line, LineBusy, LineError
 from rpms_ros.guard.packets import Packet
 
+# More in one turn would keep the guard from the line.
+_AT_ONCE = 100
 _SECOND = 1_000_000_000
 # A driver asks one thing at a time; one more may wait while the guard asks something itself.
 _WAITING = 2
@@ -55,6 +57,51 @@ class GuardLimits:
         for name in ('beat_limit_s', 'answer_limit_s', 'keep_alive_s'):
             if not 0.01 <= (value := getattr(self, name)) <= 60.0:
                 raise ValueError(f'expected {name} in [0.01, 60] s, got {value}')
+
+
+class DriverGone(Exception):
+    """The driver has left, or sends what no driver sends."""
+
+
+class DriverSocket:
+    """Packets of one driver, over a descriptor that does not block and keeps their boundaries.
+
+    Parameters
+    ----------
+    descriptor : int
+        Of the socket.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+
+    def received(self) -> list[Packet]:
+        """Return what the driver has sent, oldest first.
+
+        Raises
+        ------
+        DriverGone
+            If its end is closed, or if one of them is no packet.
+        """
+        received: list[Packet] = []
+        while len(received) < _AT_ONCE:
+            try:
+                raw = os.read(self.descriptor, packets.MAXIMUM_PACKET + 1)
+                if not raw:
+                    raise DriverGone('the driver is gone')
+                received.append(packets.unpacked(raw, packets.FROM_DRIVER))
+            except BlockingIOError:
+                break
+            except OSError as error:
+                raise DriverGone(f'the driver is gone: {error}') from error
+            except ValueError as error:
+                raise DriverGone(str(error)) from error
+        return received
+
+    def tell(self, kind: bytes, payload: bytes = b'', sequence: int = 0, time_ns: int = 0) -> None:
+        """Send a packet; one that cannot be sent is dropped."""
+        with contextlib.suppress(OSError):
+            os.write(self.descriptor, packets.packed(Packet(kind, sequence, time_ns, payload)))
 
 
 class Guard:

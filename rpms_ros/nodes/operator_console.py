@@ -35,6 +35,7 @@ from rpms_ros.nodes.common.operator import (
 )
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.stimulation import load_schedule
 from rpms_ros.stimulation.driver.stop_buttons import HeldKey, JoystickButton
 
 ASK, ENABLE, RELEASE = 'a', 'e', 'r'
@@ -91,7 +92,7 @@ class OperatorConsole(Node):
 
     Raises
     ------
-    NodeError
+    RpmsError
         If there is no terminal, or the schedule cannot be read.
     """
 
@@ -105,7 +106,8 @@ class OperatorConsole(Node):
     def _build(self, keyboard: Keyboard | None) -> None:
         """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, ConsoleParameters)
-        self._schedule = _text_of(self.settings.schedule_file)
+        file = self.settings.schedule_file
+        self._schedule = load_schedule(Path(file).expanduser()) if file else None
         self._keyboard = Keyboard() if keyboard is None else keyboard
         self._parts.callback(self._keyboard.close)
         if not self._keyboard.there:
@@ -241,15 +243,6 @@ class OperatorConsole(Node):
         self._joystick.heard(message.buttons, now_ns)
         # each one is said: a release may be over before the next look
         self._enable(self._is_enabled(now_ns))
-
-
-def _text_of(name: str) -> str:
-    if not name:
-        return ''
-    try:
-        return Path(name).expanduser().read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        raise NodeError(f'expected a readable schedule file, got {name}: {error}') from error
 
 
 def main() -> int:

@@ -25,7 +25,7 @@ from rpms_ros.nodes.common.logger import logger_of
 from rpms_ros.nodes.common.parameters import declare_parameters
 from rpms_ros.nodes.common.runner import complete_or_gone, run
 from rpms_ros.nodes.common.subscriptions import stay_on_this_machine
-from rpms_ros.nodes.driver.goals import AUDIT, ScheduleAction, text_of
+from rpms_ros.nodes.driver.goals import AUDIT, ScheduleAction
 from rpms_ros.nodes.driver.parameters import (
     DriverParameters,
     SessionFigures,
@@ -46,13 +46,11 @@ from rpms_ros.nodes.driver.services import (
 from rpms_ros.nodes.driver.watch import DriverWatch
 from rpms_ros.stimulation import Schedule, load_schedule
 from rpms_ros.stimulation.driver.authority import Authority
-from rpms_ros.stimulation.driver.controller import StimulationController
-from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, POSSIBLE
-from rpms_ros.stimulation.driver.states import State
+from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
+from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR
+from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
-from rpms_ros.stimulation.driver.threads import ControllerThreads
 from rpms_ros.stimulation.records.clocks import DeviceLock
-from rpms_ros.stimulation.schedule.description import schedule_to_text
 
 _TICK_S = 0.05
 _SIGN_S = 0.01
@@ -257,7 +255,7 @@ class StimulatorDriver(GuardedLifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _on_start(self, goal: RunSchedule.Goal, schedule: Schedule) -> None:
-        self._reports.announce(schedule, text_of(goal, schedule), goal.operator_id)
+        self._reports.announce(schedule, goal.operator_id)
 
     def _on_reset(self) -> None:
         self._reports.say('stop was reset')
@@ -309,8 +307,7 @@ class StimulatorDriver(GuardedLifecycleNode):
                 self.change(Transition.TRANSITION_ACTIVATE)
             schedule = self._schedule
             if self.controller.state is State.ARMED and schedule is not None:
-                text = schedule_to_text(schedule)
-                self.controller.start(schedule, lambda: self._reports.announce(schedule, text, ''))
+                self.controller.start(schedule, lambda: self._reports.announce(schedule, ''))
         except RpmsError as error:
             self._reports.refuse(str(error))
 

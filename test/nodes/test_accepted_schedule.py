@@ -23,12 +23,11 @@ from rpms_ros.pulses import PulseTrain
 from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.recording.rosbag.scan import Scan
 from rpms_ros.recording.rosbag.verifying import verify as verify_recording
-from rpms_ros.stimulation import constant
+from rpms_ros.schedule_messages import schedule_message
+from rpms_ros.stimulation import Schedule, constant, schedule_from_text
 from rpms_ros.stimulation.records.audit_log import verify_log
 
-TEXT = """name: wärm-up
-segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]
-"""
+WARM_UP = replace(constant(0.5, 0.2, 50.0), name='wärm-up')
 
 
 @pytest.fixture
@@ -59,9 +58,10 @@ class Running:
         self.driver.change(Transition.TRANSITION_CONFIGURE)
         self.driver.change(Transition.TRANSITION_ACTIVATE)
 
-    def run(self, text: str) -> RunSchedule.Result:
+    def run(self, schedule: Schedule) -> RunSchedule.Result:
         """Ask for a schedule; return how that ended."""
-        goal = RunSchedule.Goal(schedule=text, operator_id='ada')
+        typed = schedule_message(schedule, MESSAGE_TYPES)
+        goal = RunSchedule.Goal(typed_schedule=typed, operator_id='ada')
         sent = self.client.send_goal_async(goal)
         self.graph.wait_for(sent.done)
         ended = sent.result().get_result_async()
@@ -94,7 +94,7 @@ def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, 
     graph.wait_for(lambda: driver.count_subscribers(topics.ACCEPTED_SCHEDULE) == 2)
     graph.wait_for(lambda: driver.count_subscribers(topics.PULSES) == 1)
     running.arm()
-    assert running.run(TEXT).completed
+    assert running.run(WARM_UP).completed
     graph.wait_for(lambda: recorder.counts[topics.PULSES].messages == 10)
     graph.wait_for(lambda: recorder.counts[topics.ACCEPTED_SCHEDULE].messages == 1)
     late = heard_by(graph, 'late')
@@ -103,8 +103,8 @@ def test_a_schedule_is_told_before_its_first_pulse_and_recorded(graph, running, 
     assert late == early
     assert (told.name, told.operator_id, told.pulses) == ('wärm-up', 'ada', 10)
     assert told.duration == pytest.approx(0.2)  # one rounding of the sum of the segments
-    assert told.schedule == TEXT
-    assert told.sha256 == hashlib.sha256(TEXT.encode()).hexdigest()
+    assert schedule_from_text(told.schedule) == WARM_UP
+    assert told.sha256 == hashlib.sha256(told.schedule.encode()).hexdigest()
     recorder.close()
     order = recorded(tmp_path / 'session')
     assert order.index('/accepted_schedule') < order.index('/pulses')
@@ -127,10 +127,10 @@ def test_the_audit_log_vouches_for_the_pulses_of_a_recording(graph, running, tmp
     for index in range(3):
         force.publish(messages.force_message(index, 1.0, messages.AXES['z'], MESSAGE_TYPES))
     running.arm()
-    assert running.run(TEXT).completed
+    assert running.run(WARM_UP).completed
     graph.wait_for(lambda: not running.driver._active)
     running.driver.change(Transition.TRANSITION_ACTIVATE)
-    assert running.run(TEXT).completed
+    assert running.run(WARM_UP).completed
     graph.wait_for(lambda: not running.driver._active)
     graph.wait_for(lambda: recorder.counts[topics.PULSES].messages == 20)
     graph.wait_for(lambda: recorder.counts[topics.FORCE].messages == 3)
@@ -162,9 +162,9 @@ def audit_findings(path: Path, audit: Path) -> list[tuple[str, str]]:
 def test_a_schedule_that_is_refused_is_told_to_nobody(graph, running) -> None:
     heard = heard_by(graph, 'other')
     graph.wait_for(lambda: running.driver.count_subscribers(topics.ACCEPTED_SCHEDULE) == 1)
-    assert 'expected state ARMED, got UNCONFIGURED' in running.run(TEXT).reason
+    assert 'expected state ARMED, got UNCONFIGURED' in running.run(WARM_UP).reason
     running.arm()
-    assert running.run(TEXT.replace('wärm-up', 'second')).completed
+    assert running.run(replace(WARM_UP, name='second')).completed
     graph.wait_for(lambda: len(heard) == 1)
     assert heard[0].name == 'second'
 

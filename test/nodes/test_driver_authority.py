@@ -20,17 +20,19 @@ from rpms_msgs.msg import DriverStatus, Pulse
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.operator import ButtonPublisher, OperatorClient
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.driver.interlocks import Refused
 
 CODES = RunSchedule.Result
-LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+LONG = constant(0.5, 60.0, 50.0)
 # a client in a process of its own: arms, starts a train, and waits to be killed
-CLIENT = f"""
+CLIENT = """
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rpms_ros.nodes.common.subscriptions import use_fast_discovery
 from rpms_ros.nodes.common.operator import OperatorClient
+from rpms_ros.stimulation import constant
 use_fast_discovery()
 rclpy.init()
 node, executor = Node('client'), EventsExecutor()
@@ -48,7 +50,7 @@ ada.enable = True
 until(lambda: ask(ada.request).success)
 until(lambda: ada.token)
 until(lambda: ask(ada.confirm).success)
-handle = ask(lambda: ada.start({LONG!r}))
+handle = ask(lambda: ada.start(constant(0.5, 60.0, 50.0)))
 until(lambda: False)
 """
 
@@ -163,13 +165,13 @@ def test_a_confirmation_that_did_not_arm_lets_nobody_arm_instead(clinic):
     assert lab.ask(lab.ada.confirm()).success
 
 
-def test_a_goal_of_anybody_else_is_refused_before_its_schedule_is_parsed(clinic):
+def test_a_goal_of_anybody_else_is_refused_before_its_schedule_is_looked_at(clinic):
     lab = clinic()
     lab.arm()
     eve = OperatorClient(lab.other, 'eve')
     for token in ('', 'x', lab.ada.token):
         eve.token = token
-        refused = lab.result(eve, 'name: 2001-99-99')
+        refused = lab.result(eve, constant(0.5, 60.0, 90.0))
         assert refused.error_code == CODES.NO_AUTHORITY
         assert refused.reason.startswith('expected operator and token: that of ada')
     eve.timer.cancel()

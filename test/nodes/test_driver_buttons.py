@@ -18,12 +18,15 @@ from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus, Pulse
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.nodes.driver.watch import says_released
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.schedule_messages import schedule_message
+from rpms_ros.stimulation import constant
 
-LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+LONG = constant(0.5, 60.0, 50.0)
 # for what comes at once on a machine that has nothing else to do [s]
 PATIENCE = 60.0
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -71,7 +74,11 @@ class Ward:
     def run(self):
         self.pulses.clear()
         self.graph.wait_for(self.arms, PATIENCE)
-        handle = self.ask(self.goals.send_goal_async(RunSchedule.Goal(schedule=LONG)))
+        handle = self.ask(
+            self.goals.send_goal_async(
+                RunSchedule.Goal(typed_schedule=schedule_message(LONG, MESSAGE_TYPES))
+            )
+        )
         ended = handle.get_result_async()
         self.graph.wait_for(lambda: bool(self.pulses) or ended.done(), PATIENCE)
         assert self.pulses, ended.result()

@@ -18,9 +18,10 @@ from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.operator import ButtonPublisher, OperatorClient
 from rpms_ros.nodes.driver.parameters import driver_settings_of
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
-LONG = 'segments: [{kind: constant, rate_hz: 10.0, duration_s: 20.0, intensity: 0.1}]'
+LONG = constant(0.1, 20.0, 10.0)
 
 
 @pytest.fixture

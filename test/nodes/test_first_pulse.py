@@ -15,11 +15,13 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.node import Node
 
+from rpms_msgs.msg import Schedule, ScheduleSegment
 from rpms_ros.nodes.common.parameters import descriptions
 from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.nodes.operator_console import ConsoleParameters, OperatorConsole
 from rpms_ros.nodes.recorder import RecorderParameters
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import schedule_from_text
 from rpms_ros.stimulation.limits.patient import patient_from_mapping
 from rpms_ros.stimulation.schedule.description import from_text
@@ -42,6 +44,13 @@ def interface(name):
     """Return the class of ``package/kind/Name``."""
     package, kind, name = name.split('/')
     return getattr(import_module(f'{package}.{kind}'), name)
+
+
+def goal_of(kind, fields):
+    """Return a goal as `ros2 action send_goal` makes it of a text."""
+    segments = yaml.safe_load(fields)['typed_schedule']['segments']
+    typed = Schedule(segments=[ScheduleSegment(**segment) for segment in segments])
+    return interface(kind).Goal(typed_schedule=typed)
 
 
 class Desk:
@@ -83,7 +92,7 @@ class Desk:
     def goal(self, name, kind, fields):
         client = ActionClient(self.node, interface(kind), name)
         self.graph.wait_for(client.server_is_ready)
-        handle = self.ask(client.send_goal_async(interface(kind).Goal(**yaml.safe_load(fields))))
+        handle = self.ask(client.send_goal_async(goal_of(kind, fields)))
         return self.ask(handle.get_result_async()).result
 
 
@@ -145,7 +154,7 @@ def check(desk, arguments):
             assert {'/request_arming', '/confirm_arming'} <= set(services)
         case ['action', 'send_goal', name, kind, fields]:
             assert actions[name] == [kind]
-            schedule_from_text(interface(kind).Goal(**yaml.safe_load(fields)).schedule)
+            schedule_of(goal_of(kind, fields).typed_schedule)
         case ['param', 'set', node, name, value]:
             assert node == DRIVER
             assert descriptions(DriverParameters)[name].dynamic

@@ -13,7 +13,7 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from rpms_msgs.msg import DriverStatus, OperatorHeartbeat, Pulse
-from rpms_ros.errors import NodeError
+from rpms_ros.errors import NodeError, RpmsError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.keyboard import Keyboard
 from rpms_ros.nodes.common.operator import ButtonPublisher
@@ -259,7 +259,7 @@ def test_the_console_arms_runs_and_disarms(graph, terminal, tmp_path):
     ],
 )
 def test_a_console_that_cannot_work_is_refused(graph, terminal, parameters, reason):
-    with pytest.raises(NodeError, match=reason):
+    with pytest.raises(RpmsError, match=reason):
         graph.add(lambda **options: OperatorConsole(terminal[1], **options), **parameters)
 
 

@@ -3,6 +3,7 @@
 """The driver as a node: silent until told to run, a goal from begin to end, stops."""
 
 import asyncio
+import math
 import os
 import random
 import subprocess
@@ -21,21 +22,21 @@ from rclpy.node import Node
 
 import rpms_ros
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import AcceptedSchedule, DriverStatus, Pulse
+from rpms_msgs.msg import AcceptedSchedule, DriverStatus, Pulse, Schedule as ScheduleMessage
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.driver.pulses import ask_for_realtime
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.schedule_messages import schedule_message
-from rpms_ros.stimulation import constant, schedule_from_text
+from rpms_ros.stimulation import Schedule, constant
 from rpms_ros.stimulation.records.audit_log import verify_log
 
 SPECIFICATIONS = (
     Path(rpms_ros.__file__).parent / 'stimulation' / 'limits' / 'device_specifications'
 )
-SHORT = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 0.2, intensity: 0.5}]'
-LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+SHORT = constant(0.5, 0.2, 50.0)
+LONG = constant(0.5, 60.0, 50.0)
 
 
 class Laboratory:
@@ -81,7 +82,9 @@ class Laboratory:
         self.graph.wait_for(lambda: self.change(Transition.TRANSITION_ACTIVATE))
 
     def send(self, schedule, **who):
-        goal = RunSchedule.Goal(schedule=schedule, **who)
+        if isinstance(schedule, Schedule):
+            schedule = schedule_message(schedule, MESSAGE_TYPES)
+        goal = RunSchedule.Goal(typed_schedule=schedule, **who)
         take = self.feedback.append
         return self.done(
             self.client.send_goal_async(goal, feedback_callback=lambda m: take(m.feedback))
@@ -186,59 +189,29 @@ def test_deactivation_ends_the_goal(graph):
 
 
 @pytest.mark.parametrize(
-    ('schedule', 'reason'),
+    ('changes', 'reason'),
     [
-        ('segments: [', 'expected a YAML document'),
-        (
-            SHORT.replace('50.0', '0'),
-            r'segments[0].rate_hz: expected a number in [0.001, 1000] Hz',
-        ),
-        (SHORT.replace('50.0', '10000'), 'segments[0].rate_hz: expected a number'),
-        (SHORT.replace('50.0', '60.0'), 'maximum_rate_hz: expected at most 50 Hz'),
-        (SHORT.replace('0.2', '-0.2'), 'segments[0].duration_s: expected a number'),
-        (SHORT.replace('0.2', '.nan'), 'segments[0].duration_s: expected a number'),
+        (None, 'segments: expected at least one segment, got none'),
+        ({'rate_hz': 0.0}, 'segments[0].rate_hz: expected a number in [0.001, 1000] Hz'),
+        ({'rate_hz': 60.0}, 'maximum_rate_hz: expected at most 50 Hz'),
+        ({'duration_s': -0.2}, 'segments[0].duration_s: expected a number'),
+        ({'duration_s': math.nan}, 'segments[0].duration_s: expected a number'),
+        ({'high': 0.1}, 'segments[0].high: expected nothing here'),
     ],
 )
-def test_bad_goals_are_refused_with_one_reason(graph, schedule, reason):
+def test_bad_goals_are_refused_with_one_reason(graph, changes, reason):
     lab = Laboratory(graph)
     lab.activate()
+    schedule = ScheduleMessage()
+    if changes is not None:
+        schedule = schedule_message(SHORT, MESSAGE_TYPES)
+        for name, value in changes.items():
+            setattr(schedule.segments[0], name, value)
     code, said = lab.refusal(schedule)
     assert reason in said
     limit = reason.startswith('maximum_rate_hz')
     assert code == (RunSchedule.Result.OVER_LIMIT if limit else RunSchedule.Result.BAD_SCHEDULE)
     graph.wait_for(lambda: reason in lab.reason)
-    assert lab.pulses == []
-
-
-def test_a_typed_goal_is_run_as_a_text_is(graph, tmp_path):
-    log = tmp_path / 'audit'
-    lab = Laboratory(graph, audit_log=str(log))
-    lab.activate()
-    typed = schedule_message(schedule_from_text(SHORT), MESSAGE_TYPES)
-    answer = lab.result(lab.send('', typed_schedule=typed))
-    assert answer.result.completed
-    assert answer.result.pulses_delivered == 10
-    assert 'rate_hz: 50.0' in log.read_text()
-
-
-def test_a_typed_goal_is_refused_as_a_text_is(graph):
-    lab = Laboratory(graph)
-    lab.activate()
-    typed = schedule_message(schedule_from_text(SHORT), MESSAGE_TYPES)
-    codes = RunSchedule.Result
-    assert lab.refusal(SHORT, typed_schedule=typed) == (
-        codes.BAD_SCHEDULE,
-        'expected either schedule or typed_schedule, got both',
-    )
-    assert lab.refusal('')[0] == codes.BAD_SCHEDULE
-    typed.segments[0].rate_hz = 60.0
-    code, reason = lab.refusal('', typed_schedule=typed)
-    assert code == codes.OVER_LIMIT
-    assert 'maximum_rate_hz: expected at most 50 Hz' in reason
-    typed.segments[0].high = 0.1
-    code, reason = lab.refusal('', typed_schedule=typed)
-    assert code == codes.BAD_SCHEDULE
-    assert 'segments[0].high: expected nothing here' in reason
     assert lab.pulses == []
 
 
@@ -500,7 +473,7 @@ def test_what_it_does_is_said_in_the_log(graph, capfd, tmp_path):
     specification.write_text(hurried.replace('sources:\n', 'sources:\n  idle_disarm_s: chosen\n'))
     lab = Laboratory(graph, device_specification=str(specification))
     lab.activate()
-    lab.refusal('segments: [')
+    lab.refusal(ScheduleMessage())
     assert lab.result(lab.send(SHORT)).result.completed
     lab.wait_for_state(DriverStatus.DISARMED)
     lab.arm()
@@ -510,8 +483,8 @@ def test_what_it_does_is_said_in_the_log(graph, capfd, tmp_path):
     for line in (
         'configured: device open, disarmed',
         'armed by nobody in particular',
-        'refused: line 1',
-        'running schedule, 10 pulses',
+        'refused: segments: expected',
+        'running constant, 10 pulses',
         'disarmed: completed',
         'disarmed: idle: no pulse for 3 s while armed',
     ):

@@ -16,11 +16,14 @@ from std_srvs.srv import Trigger
 from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import DriverStatus, Pulse
 from rpms_ros.nodes.common import qos, topics
+from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
+from rpms_ros.schedule_messages import schedule_message
+from rpms_ros.stimulation import constant, paper_random
 from rpms_ros.stimulation.devices import SimulatedFaults
 
-LONG = 'segments: [{kind: constant, rate_hz: 50.0, duration_s: 60.0, intensity: 0.5}]'
+LONG = constant(0.5, 60.0, 50.0)
 
 
 class Bench:
@@ -79,7 +82,9 @@ class Bench:
         self.graph.wait_for(lambda: bool(self.pulses))
 
     def send(self, schedule=LONG):
-        future = self.client.send_goal_async(RunSchedule.Goal(schedule=schedule))
+        future = self.client.send_goal_async(
+            RunSchedule.Goal(typed_schedule=schedule_message(schedule, MESSAGE_TYPES))
+        )
         self.graph.wait_for(future.done)
         return future.result()
 
@@ -290,8 +295,7 @@ def test_temperature_over_the_limit_stops(graph):
 def test_undeliverable_schedule_is_refused_with_an_offer(graph, patient_file):
     bench = Bench(graph, device_specification='rapid2-240v', patient_file=str(patient_file))
     bench.arm()
-    paper = 'segments: [{kind: uniform_random, rate_hz: 20.0, duration_s: 90.0}]'
-    code, reason = bench.refusal(paper)
+    code, reason = bench.refusal(paper_random(seed=0))
     assert code == RunSchedule.Result.OVER_LIMIT
     assert reason.startswith('maximum_intensity: expected an intensity in [0, 0.55]')
     bench.wait_for_reason('maximum_intensity: expected an intensity in [0, 0.55]')

@@ -10,10 +10,9 @@ import pytest
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
-from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
 from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, EXECUTOR, HEARTBEAT
 from rpms_ros.stimulation.driver.states import DriverSettings, State
-from rpms_ros.stimulation.driver.threads import ControllerThreads
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 

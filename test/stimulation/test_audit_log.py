@@ -64,15 +64,6 @@ def test_a_log_that_is_removed_takes_nothing_more_and_a_look_finds_it(path):
             log.append('arm')
 
 
-def test_one_process_at_a_time(path):
-    with (
-        AuditLog(path),
-        pytest.raises(StimulationError, match='write and lock, got it in use by another process'),
-    ):
-        AuditLog(path)
-    AuditLog(path).close()
-
-
 @pytest.mark.parametrize(
     ('change', 'line'),
     [

@@ -110,7 +110,7 @@ def test_name_that_two_distributions_claim(distribution):
         ('acme_stimulator:not_callable', r"expected the device 'acme' at .*, got TypeError"),
         (
             'acme_stimulator:half',
-            r'expected a device at .*, got Half without arm, beat, close, .*, trigger_s',
+            r'expected a device at .*, got Half without arm, arm_s, beat, .*, trigger_s',
         ),
     ],
 )

@@ -9,7 +9,6 @@ import re
 import numpy as np
 import pytest
 
-from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import (
     Constant,
     Pause,
@@ -149,63 +148,6 @@ def test_every_figure_of_a_profile_has_its_source():
     assert RAPID.limits.pulse_energy_j == 252.0
     assert RAPID.limits.window_energy_j == 63_000.0
     assert not RAPID.simulated_only
-
-
-SPECIFICATION = """\
-name: mine
-description: mine
-simulated_only: true
-limits: {maximum_rate_hz: 10.0}
-sources: {maximum_rate_hz: a guess}
-"""
-
-
-@pytest.mark.parametrize(
-    ('change', 'fault'),
-    [
-        (('maximum_rate_hz: 10.0', 'maximum_rate_hz: -1'), r'line 4, limits\.maximum_rate_hz'),
-        (('maximum_rate_hz: 10.0', 'fastest: 1'), r'line 4, limits\.fastest: expected one of'),
-        (
-            ('{maximum_rate_hz: a guess}', '{}'),
-            r'line 5, sources\.maximum_rate_hz: expected a text',
-        ),
-        (
-            ('name: mine', 'name: 3'),
-            r'line 1, name: expected a text of 1 to 64 printable characters, got 3',
-        ),
-        (('name: mine', 'nme: mine'), 'line 1, nme: expected one of'),
-        (('{maximum_rate_hz: 10.0}', '[1]'), r'line 4, limits: expected a mapping .* got \[1\]'),
-        (
-            ('10.0}', '10.0, rate_limits_hz: [1.0, 2.0]}'),
-            r'sources\.rate_limits_hz: expected a text',
-        ),
-        (
-            ('name: mine', 'thermal: {ambient: 1.0}\nname: mine'),
-            r'sources\.ambient: expected a text',
-        ),
-        (('name: mine', '['), 'expected a YAML document'),
-    ],
-)
-def test_faults_of_a_profile_are_named_by_their_place(tmp_path, change, fault):
-    path = tmp_path / 'mine.yaml'
-    path.write_text(SPECIFICATION)
-    assert load_device_specification(str(path)).limits.maximum_rate_hz == 10.0
-    path.write_text(SPECIFICATION.replace(*change))
-    with pytest.raises(StimulationError, match=fault):
-        load_device_specification(str(path))
-
-
-def test_conditions_between_limits_are_faults_of_the_profile(tmp_path):
-    path = tmp_path / 'mine.yaml'
-    text = SPECIFICATION.replace('10.0}', '10.0, rate_intensities: [0.5]}')
-    path.write_text(text.replace('a guess}', 'a guess, rate_intensities: a guess}'))
-    with pytest.raises(StimulationError, match='limits: expected a rate limit up to'):
-        load_device_specification(str(path))
-
-
-def test_unknown_device_is_named_with_those_known():
-    with pytest.raises(StimulationError, match=r'expected a device of rapid2-240v, simulated or'):
-        load_device_specification('oracle')
 
 
 def test_forecast_of_silence():

@@ -4,10 +4,8 @@
 
 import dataclasses
 import math
-from itertools import pairwise
 
 import pytest
-from hypothesis import given, strategies as st
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
@@ -119,13 +117,6 @@ def test_wait_after_a_train(pulses, rate, intensity):
     assert limiter.refusal(round((end + wait + 0.001) * SECOND), 0.1, WIDTH) is None
 
 
-def test_shortest_wait_is_half_a_second():
-    limiter = PulseLimiter(RAPID)
-    assert limiter.wait_s == 0.0
-    give(limiter, regular(10, 10.0), 0.3)
-    assert limiter.wait_s == 0.5
-
-
 @pytest.mark.parametrize(('rate', 'intensity'), [(20.0, 0.7), (15.0, 1.0)])
 def test_on_time_in_a_minute(rate, intensity):
     joule = 252.0 * intensity**2
@@ -178,22 +169,6 @@ def test_history_counts_as_if_this_process_had_fired_it():
     # 275 J of 300 J in ten seconds, until the first of them is ten seconds ago
     assert limiter.refusal(9 * SECOND - 1, 0.6, WIDTH).limit == 'continuous_power_w'
     assert limiter.refusal(9 * SECOND, 0.6, WIDTH) is None
-
-
-@given(st.lists(st.tuples(st.floats(0.001, 0.3), st.floats(0.0, 1.0)), min_size=1, max_size=60))
-def test_what_passes_keeps_every_limit(steps):
-    limiter = PulseLimiter(RAPID, tolerance_s=0.0)
-    time_s, given_pulses = 0.0, []
-    for gap, intensity in steps:
-        time_s += gap
-        time_ns = round(time_s * SECOND)
-        if limiter.refusal(time_ns, intensity, WIDTH) is None:
-            limiter.book(time_ns, intensity)
-            given_pulses.append((time_ns, intensity))
-    for (before, weak), (after, strong) in pairwise(given_pulses):
-        rate = RAPID.highest_rate_hz(max(weak, strong))
-        # both onsets are rounded to 1 ns
-        assert after - before >= SECOND / rate - 3
 
 
 @pytest.mark.parametrize(

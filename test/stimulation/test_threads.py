@@ -12,11 +12,10 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import DeviceError, SimulatedDevice, SimulatedFaults
-from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
 from rpms_ros.stimulation.driver.device_owner import NoAnswer, Orders
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR
 from rpms_ros.stimulation.driver.states import DriverSettings, State
-from rpms_ros.stimulation.driver.threads import ControllerThreads
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 
 CALLS = ('open', 'prepare', 'fire', 'rest', 'beat', 'silence')

@@ -26,6 +26,8 @@ from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
 from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.schedule_messages import schedule_message
+from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.driver.authority import host_identity, operator_name
 
 HEARTBEAT_RATE = 50.0
@@ -88,9 +90,13 @@ class OperatorClient:
         future: Future = self._confirm.call_async(request)
         return future
 
-    def start(self, schedule: str, **callbacks: Any) -> Future:
+    def start(self, schedule: Schedule, **callbacks: Any) -> Future:
         """Send a schedule as this operator."""
-        goal = RunSchedule.Goal(schedule=schedule, operator_id=self.operator, token=self.token)
+        goal = RunSchedule.Goal(
+            typed_schedule=schedule_message(schedule, MESSAGE_TYPES),
+            operator_id=self.operator,
+            token=self.token,
+        )
         future: Future = self.goals.send_goal_async(goal, **callbacks)
         return future
 

@@ -16,11 +16,11 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 
 from rpms_msgs.action import RunSchedule
-from rpms_ros import schedule_messages
 from rpms_ros.errors import RpmsError, StimulationError
 from rpms_ros.nodes.common import topics
 from rpms_ros.nodes.common.logger import plain_text
-from rpms_ros.stimulation import Schedule, schedule_from_text, schedule_to_text
+from rpms_ros.schedule_messages import schedule_of
+from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.interlocks import SUSPEND, Refused
@@ -196,7 +196,7 @@ class ScheduleAction:
             self._refuse(goal, CODES.INTERNAL_ERROR, reason)
 
     def _begun(self, request: RunSchedule.Goal) -> Run:
-        """Start what is asked for; the text is read only when its sender may ask for it."""
+        """Start what is asked for; the schedule is read only when its sender may ask for it."""
         if self._goal is not None or self._controller.state is State.RUNNING:
             raise GoalRefused(CODES.WRONG_STATE, 'expected no schedule running, got a second goal')
         self._allowed(request)
@@ -247,30 +247,16 @@ class ScheduleAction:
         return RunSchedule.Result(reason='expected a deferred execution')
 
 
-def text_of(request: RunSchedule.Goal, schedule: Schedule) -> str:
-    """Return the YAML document of a goal: as it came, or written from its typed schedule."""
-    text: str = request.schedule
-    return text or schedule_to_text(schedule)
-
-
 def _schedule_of(request: RunSchedule.Goal) -> Schedule:
     """Return the schedule in a goal from anybody.
 
     Raises
     ------
     GoalRefused
-        If it does not describe exactly one, whatever the readers of it make of it.
+        If it does not describe one, whatever the reader of it makes of it.
     """
     try:
-        if not schedule_messages.is_given(request.typed_schedule):
-            return schedule_from_text(request.schedule)
-        if request.schedule:
-            raise GoalRefused(
-                CODES.BAD_SCHEDULE, 'expected either schedule or typed_schedule, got both'
-            )
-        return schedule_messages.schedule_of(request.typed_schedule)
-    except GoalRefused:
-        raise
+        return schedule_of(request.typed_schedule)
     except StimulationError as error:
         raise GoalRefused(CODES.BAD_SCHEDULE, str(error)) from error
     except Exception as error:

@@ -15,9 +15,9 @@ from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
-from rpms_ros.pulses import Pulse
+from rpms_ros.pulses import Pulse, PulseHash
 from rpms_ros.stimulation.devices import Delivery
-from rpms_ros.stimulation.driver.fired_pulse import Fired, PulseHash
+from rpms_ros.stimulation.driver.pulse_owner import Fired
 
 UNVERIFIED = {
     'delivery': PulseMessage.UNVERIFIED_DELIVERY,

@@ -13,6 +13,7 @@ resets are written by a thread of their own, so that nobody can hold the executo
 that are refused; of too many at once some are counted only.
 """
 
+import hashlib
 import queue
 import threading
 import time
@@ -34,14 +35,13 @@ from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.common.logger import logger_of, plain_text
 from rpms_ros.printable import counted
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation import Schedule
+from rpms_ros.stimulation import Schedule, schedule_to_text
 from rpms_ros.stimulation.driver.authority import Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.states import State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 from rpms_ros.stimulation.records.audit_log import AuditLog
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
-from rpms_ros.stimulation.schedule.description import text_hash
 
 
 @dataclass(frozen=True)
@@ -316,8 +316,8 @@ class DriverReports:
             logger_of(self._node).warning(self._note)
             self._audit.note('refusal', reason=said)
 
-    def announce(self, schedule: Schedule, text: str, operator: str) -> None:
-        """Log and publish a schedule before its first pulse; `text` is what it came as.
+    def announce(self, schedule: Schedule, operator: str) -> None:
+        """Log and publish a schedule before its first pulse.
 
         Raises
         ------
@@ -325,7 +325,9 @@ class DriverReports:
             If the audit log cannot be written.
         """
         name, operator_id = plain_text(schedule.name), plain_text(operator)
-        pulses, sha256 = int(schedule.pulse_count), text_hash(text)
+        pulses, text = int(schedule.pulse_count), schedule_to_text(schedule)
+        # as `sha256sum` of its file
+        sha256 = hashlib.sha256(text.encode('utf-8', 'replace')).hexdigest()
         self._audit.require(
             'schedule',
             operator=operator_id,

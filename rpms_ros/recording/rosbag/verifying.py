@@ -16,7 +16,7 @@ import numpy as np
 from rpms_ros.errors import RecordingError, StimulationError
 from rpms_ros.identification.stream.pulse_checks import no_overlap, outside_shares, range_outside
 from rpms_ros.printable import counted, printable
-from rpms_ros.pulses import IntArray, PulseTrain
+from rpms_ros.pulses import HashedPulses, IntArray, PulseTrain, hash_of
 from rpms_ros.recording.rosbag.checksums import SUMS_NAME, read_checksums, sha256, signature_fits
 from rpms_ros.recording.rosbag.reading import (
     DAMAGE,
@@ -27,7 +27,6 @@ from rpms_ros.recording.rosbag.reading import (
     read_recording,
     session_hash,
 )
-from rpms_ros.stimulation.driver.fired_pulse import HashedPulses, hash_of
 from rpms_ros.stimulation.records.audit_log import verify_log
 
 

@@ -192,11 +192,6 @@ def quantized_down(intensity: Shares, steps: int) -> Shares:
 
 
 GROUP = 'rpms_ros.devices'
-_METHODS = (
-    'arm', 'beat', 'close', 'fire', 'keep_alive', 'open', 'prepare', 'quantized', 'rest',
-    'silence',
-)  # fmt: skip
-_FIGURES = ('arm_s', 'prepare_s', 'real', 'sets_width', 'trigger_s')
 
 
 @dataclass(frozen=True)
@@ -249,8 +244,8 @@ def build_device(name: str, options: DeviceOptions) -> Device:
         raise StimulationError(
             f'expected the device {name!r} at {point.value}, got {type(error).__name__}: {error}'
         ) from error
-    lacking = [part for part in _METHODS if not callable(getattr(device, part, None))]
-    lacking += [part for part in _FIGURES if not hasattr(device, part)]
+    parts = sorted(part for part in vars(Device) if not part.startswith('_'))
+    lacking = [part for part in parts if getattr(device, part, None) is None]
     if lacking:
         raise StimulationError(
             f'expected a device at {point.value}, got {type(device).__name__} without '

@@ -120,42 +120,33 @@ class Authority:
         Longest silence of the heartbeat [s].
     valid_s : float
         From the request of a token to its confirmation [s].
+
+    Attributes
+    ----------
+    generation : int
+        Number of this token, or of the time without one: another one after each change.
+    operator : str
+        Who has asked for a token or has armed; empty if nobody.
+    confirmed : bool
+        Whether an operator has armed.
+    enabled : bool
+        Whether the operator holds the enable, as the last heartbeat said.
     """
 
     def __init__(self, timeout_s: float, valid_s: float = 10.0) -> None:
         self.valid_s = valid_s
         self._timeout_s = timeout_s
         self._lock = threading.RLock()
-        self._generation = 0
-        self._operator = ''
+        self.generation = 0
+        self.operator = ''
         self._token = ''
         self._until_ns = 0
-        self._confirmed = False
+        self.confirmed = False
         self._source: bytes | None = None
         self._sequence: int | None = None
         self._seen_ns: int | None = None
-        self._enabled = False
+        self.enabled = False
         self._forget_beats()
-
-    @property
-    def generation(self) -> int:
-        """Number of this token, or of the time without one: another one after each change."""
-        return self._generation
-
-    @property
-    def operator(self) -> str:
-        """Who has asked for a token or has armed; empty if nobody."""
-        return self._operator
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether an operator has armed."""
-        return self._confirmed
-
-    @property
-    def enabled(self) -> bool:
-        """Whether the operator holds the enable, as the last heartbeat said."""
-        return self._enabled
 
     def request(self, operator: str, now_ns: int) -> str:
         """Return a new token for an operator.
@@ -168,9 +159,9 @@ class Authority:
         name = operator_name(operator)
         with self._lock:
             pending = bool(self._token) and now_ns <= self._until_ns
-            if self._confirmed or (pending and name != self._operator):
-                raise Refused(AUTHORITY, f'expected no other operator, got {self._operator}')
-            self._operator, self._token = name, secrets.token_hex(_TOKEN_BYTES)
+            if self.confirmed or (pending and name != self.operator):
+                raise Refused(AUTHORITY, f'expected no other operator, got {self.operator}')
+            self.operator, self._token = name, secrets.token_hex(_TOKEN_BYTES)
             self._until_ns = now_ns + nanoseconds(self.valid_s)
             self._forget_beats()
             return self._token
@@ -190,8 +181,8 @@ class Authority:
                 return refusal
             self._source, self._sequence = beat.source, beat.sequence
             # whoever has armed and lets go arms again, also if it was for one heartbeat only
-            held = self._enabled or not self._confirmed
-            self._seen_ns, self._enabled = now_ns, beat.enable and held
+            held = self.enabled or not self.confirmed
+            self._seen_ns, self.enabled = now_ns, beat.enable and held
             return None
 
     def confirm(self, operator: str, token: str, now_ns: int) -> None:
@@ -205,7 +196,7 @@ class Authority:
         """
         with self._lock:
             self._require_token(operator, token)
-            if not self._confirmed and now_ns > self._until_ns:
+            if not self.confirmed and now_ns > self._until_ns:
                 raise Refused(
                     AUTHORITY,
                     f'expected the confirmation within {self.valid_s:g} s of the request, '
@@ -214,17 +205,17 @@ class Authority:
             problem = self.problem(now_ns)
             if problem is not None:
                 raise Refused(AUTHORITY, problem)
-            self._confirmed = True
+            self.confirmed = True
 
     def take_back(self) -> None:
         """Undo a confirmation that did not arm; the token can be confirmed again in its time."""
-        self._confirmed = False
+        self.confirmed = False
 
     def require(self, operator: str, token: str) -> None:
         """Raise Refused unless this is the operator who has armed."""
         with self._lock:
             self._require_token(operator, token)
-            if not self._confirmed:
+            if not self.confirmed:
                 raise Refused(AUTHORITY, f'expected {operator} to have armed, got no confirmation')
 
     def problem(self, now_ns: int) -> str | None:
@@ -233,42 +224,42 @@ class Authority:
             if self._doubt:
                 return self._doubt
             if self._seen_ns is None:
-                return f'expected a heartbeat of {self._operator or "an operator"}, got none yet'
+                return f'expected a heartbeat of {self.operator or "an operator"}, got none yet'
             if now_ns - self._seen_ns > nanoseconds(self._timeout_s):
                 age_s = (now_ns - self._seen_ns) / 1e9
                 return (
-                    f'expected a heartbeat of {self._operator} within {self._timeout_s:g} s, '
+                    f'expected a heartbeat of {self.operator} within {self._timeout_s:g} s, '
                     f'got none for {age_s:.3g} s'
                 )
-            if not self._enabled:
-                return f'expected {self._operator} to hold the enable, got it released'
+            if not self.enabled:
+                return f'expected {self.operator} to hold the enable, got it released'
             return None
 
     def released_enable(self, now_ns: int) -> bool:
         """Return whether nothing is wrong except that the operator has released the enable."""
         with self._lock:
-            enabled, self._enabled = self._enabled, True
+            enabled, self.enabled = self.enabled, True
             alive = self.problem(now_ns) is None
-            self._enabled = enabled
+            self.enabled = enabled
             return alive and not enabled
 
     def release(self) -> None:
         """Release the operator: the token is no longer accepted."""
         with self._lock:
-            self._operator = self._token = ''
-            self._confirmed = False
+            self.operator = self._token = ''
+            self.confirmed = False
             self._forget_beats()
 
     def _forget_beats(self) -> None:
-        self._generation += 1
+        self.generation += 1
         self._heartbeat = Heartbeat(self._timeout_s)
         self._source = self._sequence = self._seen_ns = None
-        self._enabled = False
+        self.enabled = False
         self._doubt = ''
 
     def _require_token(self, operator: str, token: str) -> None:
-        if not self._is_token(token) or operator.strip(' ') != self._operator:
-            held = f'that of {self._operator}' if self._operator else 'one that was asked for'
+        if not self._is_token(token) or operator.strip(' ') != self.operator:
+            held = f'that of {self.operator}' if self.operator else 'one that was asked for'
             raise Refused(AUTHORITY, f'expected operator and token: {held}, got another one')
 
     def _is_token(self, token: str) -> bool:

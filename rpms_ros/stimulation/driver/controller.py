@@ -3,25 +3,24 @@
 """The driver apart from ROS: every schedule and every pulse goes through here.
 
 Threads: the owner takes steps and fires the pulses, a supervisor watches it, a third one keeps the
-dose ledger ahead of it (see `threads`); commands and signs of life come from any other.
-
-Checks of a whole schedule before its first pulse.
+dose ledger ahead of it; commands and signs of life come from any other.
 """
 
 import dataclasses
+import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Device
-from rpms_ros.stimulation.driver.device_owner import Equipment
+from rpms_ros.stimulation.driver.device_owner import LOOK_NS
 from rpms_ros.stimulation.driver.interlocks import Refused
 from rpms_ros.stimulation.driver.pulse_owner import PulseOwner, Reservations
-from rpms_ros.stimulation.driver.safety_monitor import POSSIBLE
-from rpms_ros.stimulation.driver.states import Command, DriverSettings, Run, State, after
+from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, Run, State, after
 from rpms_ros.stimulation.limits.coil_temperature import coil_after
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
 from rpms_ros.stimulation.limits.dose import DoseExceeded, LedgerError
@@ -116,7 +115,7 @@ class StimulationController(PulseOwner):
         self.ledger = MemoryLedger() if ledger is None else ledger
         history = self.ledger.history(clock())
         coil = coil_after(history, thermal, clock()) if thermal else None
-        super().__init__(Equipment(device, settings, specification.limits, coil, clock))
+        super().__init__(device, settings, specification.limits, coil, clock)
         self.specification = specification
         for books in (self.limiter, self.confirmed):
             books.book_history(history)
@@ -284,3 +283,103 @@ def _refuse_unfit(
             'expected one width for a device on which none can be set, got '
             f'{narrowest:g} s to {widest:g} s in device specification {specification.name!r}'
         )
+
+
+_JOIN_S = 2.0
+_RESERVE_S = 0.1
+# how long one thread of Python keeps the others waiting: the one that fires pulses is one of them
+_SWITCH_S = 5e-4
+
+
+class _MonitoredThread(threading.Thread):
+    """Steps until closed; any other end makes pulses impossible.
+
+    ``step`` does what is due and returns how long nothing will be [s].
+    """
+
+    def __init__(
+        self,
+        controller: StimulationController,
+        name: str,
+        wake: threading.Event,
+        step: Callable[[], float],
+    ) -> None:
+        super().__init__(name=name, daemon=True)
+        self._controller = controller
+        self._wake = wake
+        self.step = step
+        self._closing = False
+
+    def run(self) -> None:
+        """Step until closed."""
+        try:
+            while not self._closing:
+                duration_s = self.step()
+                if duration_s > 0 and self._wake.wait(duration_s):
+                    self._wake.clear()
+        finally:
+            if not self._closing:
+                reason = f'{self.name}: expected to run on, got an exception'
+                self._controller.fail(self.name, reason)
+
+    def close(self) -> None:
+        """End it and wait for its end, but not for a device that hangs."""
+        self._closing = True
+        self._wake.set()
+        if self.is_alive() and threading.current_thread() is not self:
+            self.join(_JOIN_S)
+
+
+class ControllerThreads:
+    """The three threads of a controller: owner of the device, supervisor, and the ledger's.
+
+    Parameters
+    ----------
+    controller : StimulationController
+        Whose.
+    """
+
+    def __init__(self, controller: StimulationController) -> None:
+        self._controller = controller
+        self._threads: list[_MonitoredThread] = []
+
+    def start(self) -> None:
+        """Start those that do not run."""
+        controller = self._controller
+        sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_S))
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
+        running = {thread.name for thread in self._threads}
+        # the first look of the supervisor is a sign of life: not later than the first order
+        controller.supervise()
+        for name, wake, step in (
+            ('owner_thread', controller.wake, self._fire),
+            ('supervisor_thread', threading.Event(), self._supervise),
+            ('ledger_thread', threading.Event(), self._reserve),
+        ):
+            if name in running:
+                continue
+            thread = _MonitoredThread(controller, name, wake, step)
+            if step == self._fire:
+                controller.orders.owner = thread
+            thread.start()
+            self._threads.append(thread)
+
+    def close(self) -> None:
+        """End all of them."""
+        for thread in self._threads:
+            thread.close()
+
+    def __iter__(self) -> Iterator[threading.Thread]:
+        return iter(self._threads)
+
+    def _fire(self) -> float:
+        due_ns = self._controller.step()
+        return (due_ns - time.monotonic_ns()) / NANOSECONDS_PER_SECOND
+
+    def _supervise(self) -> float:
+        self._controller.supervise()
+        return LOOK_NS / NANOSECONDS_PER_SECOND
+
+    def _reserve(self) -> float:
+        self._controller.reserve()
+        return _RESERVE_S

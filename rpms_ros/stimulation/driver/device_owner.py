@@ -25,8 +25,8 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Device, DeviceError, DeviceStatus, TooLate
 from rpms_ros.stimulation.driver.interlocks import BUSY, Refused
-from rpms_ros.stimulation.driver.safety_monitor import POSSIBLE, SUPERVISOR, Halt, SafetyMonitor
-from rpms_ros.stimulation.driver.states import Command, DriverSettings, State, after
+from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, SafetyMonitor
+from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, State, after
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.limits import Limits
 
@@ -230,10 +230,10 @@ _SLACK_S = 0.3
 Arguments = ParamSpec('Arguments')
 
 
-class Equipment(NamedTuple):
-    """What a driver drives.
+class DeviceOwner(SafetyMonitor):
+    """Opens, arms, keeps alive and closes a device.
 
-    Attributes
+    Parameters
     ----------
     device : Device
         What gives the pulses.
@@ -247,28 +247,19 @@ class Equipment(NamedTuple):
         Monotonic time [ns].
     """
 
-    device: Device
-    settings: DriverSettings
-    limits: Limits
-    coil: CoilTemperature | None
-    clock: Callable[[], int]
-
-
-class DeviceOwner(SafetyMonitor):
-    """Opens, arms, keeps alive and closes a device.
-
-    Parameters
-    ----------
-    equipment : Equipment
-        The device, and what belongs to it.
-    """
-
-    def __init__(self, equipment: Equipment) -> None:
-        super().__init__(equipment.device, equipment.settings, equipment.clock)
-        self.limits = equipment.limits
-        self.coil = equipment.coil
+    def __init__(
+        self,
+        device: Device,
+        settings: DriverSettings,
+        limits: Limits,
+        coil: CoilTemperature | None,
+        clock: Callable[[], int],
+    ) -> None:
+        super().__init__(device, settings, clock)
+        self.limits = limits
+        self.coil = coil
         self.orders = Orders(self.wake)
-        self._deadlines = Deadlines(equipment.clock, _HELD_UP_NS)
+        self._deadlines = Deadlines(clock, _HELD_UP_NS)
         # when the device was armed, and when it was armed or fired last
         self._armed_ns = 0
         self._active_ns = 0

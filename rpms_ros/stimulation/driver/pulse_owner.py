@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Firing the pulses of a run, each after everything that can stand against it was asked.
 
-Pulses of a run are put into the dose ledger before they are fired.
-
-How long it takes to put pulses on the disk is not known, so it is done by a thread of its own,
-some pulses at a time; a pulse that is not there yet is not fired.
-
-How late delivered pulses were against their schedule.
+Pulses of a run are put into the dose ledger before they are fired.  How long that takes is not
+known, so it is done by a thread of its own, some pulses at a time; a pulse that is not there yet
+is not fired.
 """
 
 import dataclasses
@@ -21,6 +18,7 @@ from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import (
     UNVERIFIED,
     Delivery,
+    Device,
     DeviceError,
     DeviceStatus,
     TooLate,
@@ -29,16 +27,47 @@ from rpms_ros.stimulation.driver.device_owner import (
     AGAIN_NS,
     LOOK_NS,
     DeviceOwner,
-    Equipment,
     intensity_fault,
 )
-from rpms_ros.stimulation.driver.fired_pulse import Fired
 from rpms_ros.stimulation.driver.interlocks import BUSY
-from rpms_ros.stimulation.driver.states import Run, State
+from rpms_ros.stimulation.driver.states import DriverSettings, Run, State
+from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.dose import BookedPulse, LedgerError
 from rpms_ros.stimulation.limits.limiter import TIMING_LIMITS, PulseLimiter
 from rpms_ros.stimulation.limits.limits import Limits
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
+
+
+@dataclass(frozen=True)
+class Fired:
+    """One pulse whose trigger was sent to the device.
+
+    Attributes
+    ----------
+    due_ns : int
+        When the schedule wanted it, monotonic clock [ns].
+    intensity : float
+        What was commanded (share).
+    width_s : float
+        Duration [s].
+    sequence : int
+        Counts the commanded pulses.
+    delivery : Delivery or None
+        What the device says it did; all of it unverified if the device did not answer; None if it
+        says that no pulse came.
+    delivered_sequence : int
+        Counts those with a delivery.
+    answered : bool
+        Whether the device answered.
+    """
+
+    due_ns: int
+    intensity: float
+    width_s: float
+    sequence: int
+    delivery: Delivery | None
+    delivered_sequence: int
+    answered: bool = True
 
 
 class Reservations:
@@ -167,23 +196,25 @@ _MARGIN_NS = 10_000_000
 class PulseOwner(DeviceOwner):
     """Fires the run that there is, and compares what was given with what was asked for.
 
-    Parameters
-    ----------
-    equipment : Equipment
-        The device, and what belongs to it.
-
     Attributes
     ----------
     on_fired : callable
         Called by the owner after every trigger; what it raises is a fault.
     """
 
-    def __init__(self, equipment: Equipment) -> None:
-        super().__init__(equipment)
+    def __init__(
+        self,
+        device: Device,
+        settings: DriverSettings,
+        limits: Limits,
+        coil: CoilTemperature | None,
+        clock: Callable[[], int],
+    ) -> None:
+        super().__init__(device, settings, limits, coil, clock)
         # two books: what may have been given, written before each trigger, and what was given as
         # far as the device tells; a pulse has to pass both
-        self.limiter = PulseLimiter(equipment.limits)
-        self.confirmed = PulseLimiter(equipment.limits)
+        self.limiter = PulseLimiter(limits)
+        self.confirmed = PulseLimiter(limits)
         self.lateness = Lateness()
         self.on_fired: Callable[[Fired], None] = _nobody
         self.commanded = 0
@@ -191,7 +222,7 @@ class PulseOwner(DeviceOwner):
         self.unverified = 0
         self.dropped = 0
         self._reservations: Reservations | None = None
-        self._trigger_ns = nanoseconds(equipment.device.trigger_s)
+        self._trigger_ns = nanoseconds(device.trigger_s)
         # how long the last preparation took
         self._preparing_ns = 0
         # pulses since the intensity was read, and whether it was read since it was set

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from rpms_ros.stimulation.devices.registry import Device
 from rpms_ros.stimulation.driver.interlocks import HOLD_SHARE, Interlocks, Refused
-from rpms_ros.stimulation.driver.states import Command, DriverSettings, Run, State, after
+from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, Run, State, after
 
 EXECUTOR = 'executor'
 SUPERVISOR = 'supervisor'
@@ -23,8 +23,6 @@ FORCE = 'force'
 # of the node, which hears operators and buttons
 HEARTBEAT = 'heartbeat'
 EMERGENCY_STOP = 'emergency_stop'
-POSSIBLE = (State.ARMED, State.RUNNING)
-"""States in which a pulse is possible."""
 
 _TEMPERATURE = 'temperature'
 _FORCE_LIMIT = 'force_limit'

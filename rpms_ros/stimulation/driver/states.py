@@ -5,9 +5,7 @@
 A stop is latched beside the state, because it has to work in every one of them: it takes the
 state to where no pulse is possible and keeps it from being armed until it is reset.
 
-One run of a schedule: which pulse is next, and what was delivered.
-
-Settings of a driver that belong to neither a schedule nor a device.
+Beside it: one run of a schedule, and the settings that belong to neither a schedule nor a device.
 """
 
 import enum
@@ -46,29 +44,17 @@ TRANSITIONS: dict[tuple[State, Command], State] = {
     (State.DISARMED, Command.ARM): State.ARMED,
     (State.ARMED, Command.START): State.RUNNING,
     (State.RUNNING, Command.FINISH): State.DISARMED,
+}
+POSSIBLE = (State.ARMED, State.RUNNING)
+"""States in which a pulse is possible."""
+for _state in State:
     # what makes pulses impossible is legal everywhere; no device is open when unconfigured, so
     # there is no fault to clean up
-    (State.UNCONFIGURED, Command.DISARM): State.UNCONFIGURED,
-    (State.DISARMED, Command.DISARM): State.DISARMED,
-    (State.ARMED, Command.DISARM): State.DISARMED,
-    (State.RUNNING, Command.DISARM): State.DISARMED,
-    (State.FAULT, Command.DISARM): State.FAULT,
-    (State.UNCONFIGURED, Command.STOP): State.UNCONFIGURED,
-    (State.DISARMED, Command.STOP): State.DISARMED,
-    (State.ARMED, Command.STOP): State.DISARMED,
-    (State.RUNNING, Command.STOP): State.DISARMED,
-    (State.FAULT, Command.STOP): State.FAULT,
-    (State.UNCONFIGURED, Command.FAIL): State.UNCONFIGURED,
-    (State.DISARMED, Command.FAIL): State.FAULT,
-    (State.ARMED, Command.FAIL): State.FAULT,
-    (State.RUNNING, Command.FAIL): State.FAULT,
-    (State.FAULT, Command.FAIL): State.FAULT,
-    (State.UNCONFIGURED, Command.CLEANUP): State.UNCONFIGURED,
-    (State.DISARMED, Command.CLEANUP): State.UNCONFIGURED,
-    (State.ARMED, Command.CLEANUP): State.UNCONFIGURED,
-    (State.RUNNING, Command.CLEANUP): State.UNCONFIGURED,
-    (State.FAULT, Command.CLEANUP): State.UNCONFIGURED,
-}
+    _safe = State.DISARMED if _state in POSSIBLE else _state
+    _failed = _state if _state is State.UNCONFIGURED else State.FAULT
+    TRANSITIONS[_state, Command.DISARM] = TRANSITIONS[_state, Command.STOP] = _safe
+    TRANSITIONS[_state, Command.FAIL] = _failed
+    TRANSITIONS[_state, Command.CLEANUP] = State.UNCONFIGURED
 """Every legal transition; any other pair is refused and changes nothing."""
 
 

@@ -17,6 +17,7 @@ from rpms_ros.stimulation.schedule.fields import (
     bounded_names,
     read_bounded,
     read_flag,
+    read_part,
     read_text,
     refuse_unknown,
 )
@@ -105,7 +106,7 @@ def _read(content: object) -> DeviceSpecification:
         name=read_text(document, 'name', '', LONGEST_NAME),
         description=read_text(document, 'description', '', LONGEST_TEXT),
         limits=bounds,
-        thermal=_thermal(thermal),
+        thermal=None if thermal is None else read_part(CoilThermal, thermal, 'thermal'),
         simulated_only=simulated_only,
         sources=sources,
         serial_number=read_text(document, 'serial_number', '', LONGEST_NAME)
@@ -132,11 +133,3 @@ def _refuse_gaps(limits: Mapping[str, object], thermal: object) -> None:
         raise DescriptionError('thermal', 'expected thermal figures of a real device, got nothing')
     for name, bound in _OF_REAL_DEVICES.items():
         bound.read(limits[name], f'limits.{name}')
-
-
-def _thermal(content: object) -> CoilThermal | None:
-    if content is None:
-        return None
-    mapping = as_mapping(content, 'thermal')
-    refuse_unknown(mapping, bounded_names(CoilThermal), 'thermal')
-    return CoilThermal(**read_bounded(CoilThermal, mapping, 'thermal'))

@@ -19,7 +19,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.device_specification import LONGEST_NAME, DeviceSpecification
@@ -30,9 +29,9 @@ from rpms_ros.stimulation.schedule.fields import (
     DescriptionError,
     as_mapping,
     bounded,
-    bounded_names,
     check_bounds,
     read_bounded,
+    read_part,
     read_text,
     refuse_unknown,
 )
@@ -148,8 +147,8 @@ def patient_from_mapping(content: object) -> Patient:
         identifier=read_text(document, 'identifier', '', LONGEST_NAME),
         device=read_text(document, 'device', '', LONGEST_NAME),
         **read_bounded(Patient, document, ''),
-        dose=_part(DoseLimits, document, 'dose'),
-        rest=_part(Rest, document, 'rest'),
+        dose=read_part(DoseLimits, document.get('dose'), 'dose'),
+        rest=read_part(Rest, document.get('rest'), 'rest'),
         set_by=read_text(document, 'set_by', '', LONGEST_NAME),
         set_on=_day(document, 'set_on'),
         expires=_day(document, 'expires'),
@@ -207,12 +206,6 @@ def _refuse_mismatch(specification: DeviceSpecification, patient: Patient, today
             f'patient {patient.identifier}: expected a day from {patient.set_on} to '
             f'{patient.expires}, got {today}'
         )
-
-
-def _part(kind: Any, document: Mapping[str, object], key: str) -> Any:
-    content = as_mapping(document.get(key), key)
-    refuse_unknown(content, bounded_names(kind), key)
-    return kind(**read_bounded(kind, content, key))
 
 
 def _day(document: Mapping[str, object], key: str) -> date:

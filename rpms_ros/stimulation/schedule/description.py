@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Schedules as text: YAML of a file and of an action goal, one schema, faults with their place.
+"""Schedules as text: YAML of a file, faults with their place.
 
 name: warm-up
 seed: 1
@@ -12,7 +12,6 @@ segments:
 Descriptions in YAML: every fault is a StimulationError with file, line and place.
 """
 
-import hashlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -170,11 +169,6 @@ def schedule_to_mapping(schedule: Schedule) -> dict[str, Any]:
 def schedule_to_text(schedule: Schedule) -> str:
     """Return the YAML document that describes ``schedule``."""
     return yaml.dump(schedule_to_mapping(schedule), Dumper=_Dumper, sort_keys=False)
-
-
-def text_hash(text: str) -> str:
-    """Return the SHA-256 of a document as hexadecimal digits, as `sha256sum` of its file does."""
-    return hashlib.sha256(text.encode('utf-8', 'replace')).hexdigest()
 
 
 class _Dumper(yaml.SafeDumper):

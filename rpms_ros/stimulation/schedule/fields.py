@@ -10,10 +10,12 @@ fault is named by its place, as in ``segments[2].rate_hz``.
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
-from typing import Any
+from typing import Any, TypeVar
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.strict_yaml import join, shown
+
+Part = TypeVar('Part')
 
 
 class DescriptionError(StimulationError):
@@ -192,6 +194,19 @@ def read_bounded(kind: type, content: Mapping[str, object], place: str) -> dict[
         elif _required(entry):
             raise DescriptionError(join(place, entry.name), f'expected {bound}, got nothing')
     return values
+
+
+def read_part(kind: type[Part], content: object, place: str) -> Part:
+    """Return the dataclass of bounded fields alone that a mapping describes.
+
+    Raises
+    ------
+    DescriptionError
+        If it is no mapping, or something is missing, unknown or out of its bound.
+    """
+    mapping = as_mapping(content, place)
+    refuse_unknown(mapping, bounded_names(kind), place)
+    return kind(**read_bounded(kind, mapping, place))
 
 
 def bounded_names(kind: type) -> list[str]:

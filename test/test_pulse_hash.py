@@ -4,8 +4,7 @@
 
 from hypothesis import given, strategies as st
 
-from rpms_ros.pulses import Pulse, PulseTrain
-from rpms_ros.stimulation.driver.fired_pulse import PulseHash, hash_of
+from rpms_ros.pulses import Pulse, PulseHash, PulseTrain, hash_of
 
 PULSES = st.lists(
     st.builds(
