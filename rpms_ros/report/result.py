@@ -197,6 +197,7 @@ def _period(recording: 'Recording', most_estimates: int | None) -> float:
     return min(enough, period_of_estimates(duration))
 
 
+NO_CHECKSUMS = 'the recording has no checksums: a change of its numbers would not be noticed'
 ONE_INTENSITY = (
     'all pulses have nearly one intensity: only the product of recruitment and dynamics can be '
     'identified; there is no recruitment curve, and the impulse response is that of a pulse of '
@@ -362,6 +363,7 @@ def result_of(
     if not (np.isfinite(response).all() and np.isfinite(last.curve_force).all()):
         raise ReportError('expected data that lead to finite forces, got a response without')
     notes = [*recording.facts.remarks]
+    notes += [] if recording.facts.checksums else [NO_CHECKSUMS]
     notes += [ONE_INTENSITY] if not known and of_one_intensity(pulses, stamps) else []
     notes += [FOLLOWED] if FOLLOWED in last.reasons else []
     verdict = verdict_of(session, pulses, recording.forces, settings, dynamics)

@@ -9,7 +9,6 @@ from array import array
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -113,22 +112,6 @@ def test_what_was_exported_imports_again_with_the_same_numbers(
     assert session_hash(after) == session_hash(before)
     np.testing.assert_array_equal(after.forces.force, before.forces.force)
     np.testing.assert_array_equal(after.pulses.intensity, before.pulses.intensity)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('kind', FORMATS)
-def test_the_result_of_what_was_exported_is_the_same(
-    rpms: Rpms,
-    as_json: Callable[..., dict[str, Any]],
-    short_session: Path,
-    tmp_path: Path,
-    kind: str,
-) -> None:
-    place = tmp_path / ('a.mat' if kind == 'mat' else 'a')
-    assert rpms('export', short_session, '--to', kind, '--out', place)[0] == 0
-    assert rpms('import', place, '--out', tmp_path / 'again')[0] == 0
-    before = as_json('identify', short_session, '--estimator', 'batch', '--json')
-    assert as_json('identify', tmp_path / 'again', '--estimator', 'batch', '--json') == before
 
 
 def test_pandas_reads_the_tables(rpms: Rpms, session: Path) -> None:
@@ -269,14 +252,6 @@ def test_what_does_not_fit_is_named(
     code, _, err = rpms('export', session, *options)
     assert code == 2
     assert pytest.raises(AssertionError, match=message).matches(AssertionError(err)) is True
-
-
-def test_a_table_is_imported_first(rpms: Rpms, tmp_path: Path) -> None:
-    table = tmp_path / 'trial.csv'
-    table.write_text('time,force,trigger\n0,0,0\n')
-    code, _, err = rpms('export', table, '--out', tmp_path / 'out', '--to', 'csv')
-    assert code == 2
-    assert '`rpms import` makes a recording of a table' in err
 
 
 DAMAGE: dict[str, tuple[str, Callable[[str], str]]] = {

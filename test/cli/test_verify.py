@@ -4,6 +4,7 @@
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -129,6 +130,21 @@ def test_intensities_in_percent_are_guessed(rpms: Rpms, tmp_path: Path) -> None:
     assert code == 1
     text = '20 intensities outside 0 to 1, up to 99.8: percent?'
     assert lines_of(out)['values'] == f'FAULT    {text}\n'
+
+
+def test_a_recording_without_checksums_is_told_by_identify_too(
+    rpms: Rpms, short_session: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / 'bag'
+    shutil.copytree(short_session, path)
+    text = 'the recording has no checksums: a change of its numbers would not be noticed'
+    whole = rpms('identify', path)
+    assert text not in whole[2]
+    (path / 'SHA256SUMS').unlink()
+    code, out, err = rpms('identify', path)
+    assert text in err
+    assert (code, out) == whole[:2]
+    assert 'unknown  there is no SHA256SUMS' in rpms('verify', path)[1]
 
 
 def test_what_cannot_be_read(rpms: Rpms, tmp_path: Path) -> None:

@@ -272,13 +272,6 @@ def test_wrong_type_on_a_topic(write_with_rosbags: WriteWithRosbags, make: Any) 
         read_recording(write_with_rosbags(messages))
 
 
-def test_topic_without_messages(session: Session, tmp_path: Path) -> None:
-    path = tmp_path / 'bag'
-    write_recording(path, PulseTrain.of([]), session[1])
-    with pytest.raises(RecordingError, match=r'expected messages on topic /pulses in .*, got n'):
-        read_recording(path)
-
-
 @pytest.mark.parametrize('storage', list(StoragePlugin))
 def test_two_types_on_a_topic(
     write_with_rosbags: WriteWithRosbags, make: Any, storage: Any
@@ -320,17 +313,6 @@ def test_definition_that_is_another_one_is_used_and_named(
     assert recording.pulses.width[0] == np.array(1e-4).view(np.int64)
 
 
-def test_definition_without_the_field_is_refused(session: Session, tmp_path: Path) -> None:
-    path = tmp_path / 'bag'
-    write_recording(path, *session, storage='sqlite3')
-    change = 'UPDATE message_definitions SET encoded_message_definition = replace('
-    with sqlite3.connect(storage_file(path)) as connection:
-        connection.execute(change + "encoded_message_definition, 'float64 width', 'float64 w')")
-    connection.close()
-    with pytest.raises(RecordingError, match='expected fields width in the definition of rpms_ms'):
-        read_recording(path)
-
-
 def test_forces_without_stamps_count_from_reception(
     write_with_rosbags: WriteWithRosbags, make: Any
 ) -> None:
@@ -358,12 +340,6 @@ def test_values_are_handed_on_as_they_are(write_with_rosbags: WriteWithRosbags, 
     assert recording.forces.stamp_ns.tolist() == [9, 8, 7, 6]
     assert recording.pulses.intensity.tolist() == [1.5, 0.5]
     assert recording.pulses.sequence.tolist() == [7, 0]
-
-
-@pytest.mark.parametrize('axis', ['w', '1,2', '0,0,0', 'nan,0,1', (1.0,), '1;0;0'])
-def test_axis_that_is_none(tmp_path: Path, axis: Any) -> None:
-    with pytest.raises(RecordingError, match='expected axis x, y, z, -x or three numbers'):
-        read_recording(tmp_path / 'bag', axis=axis)
 
 
 def test_sign_that_is_none(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording.rosbag.definitions import (
     PULSE,
-    WRENCH_STAMPED,
     direction_of,
     known_types,
     written_definition,
@@ -89,16 +88,6 @@ def test_what_rosbags_refuses_is_left_out(drawn: list[Any]) -> None:
             continue
         assert columns.good[index]
         assert columns.number['sequence'][index] == slow.sequence
-
-
-def test_a_message_cut_short_is_left_out_and_the_others_stay() -> None:
-    force = ForceTrace(np.arange(4, dtype=np.int64), np.arange(4.0))
-    records = encode_forces(force, direction_of('z'))
-    raw = [records.message(index) for index in range(4)]
-    raw[2] = raw[2][:-8]
-    columns = decoder_of(WRENCH_STAMPED, ('wrench.force.z',)).decode(records_of(raw))
-    assert columns.good.tolist() == [True, True, False, True]
-    assert columns.number['wrench.force.z'].tolist() == [0.0, 1.0, 0.0, 3.0]
 
 
 def test_a_message_with_sequences_is_decoded_one_by_one() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import GateSettings, read_csv
+from rpms_ros.recording.importing import ImportOptions, read_csv
 from rpms_ros.recording.importing.gates import gate_pulses
 
 HEADER = 'Time [s],STIM [ ],"fGM [N]"\n'
@@ -48,7 +48,7 @@ def test_pulses_are_found_whatever_the_level_and_noise(
     stamp_ns = np.arange(len(levels), dtype=np.int64) * MILLISECOND
     # A fifth of the height, either way: the two thresholds lie 45 % from either level.
     noise = np.random.default_rng(seed).uniform(-0.2, 0.2, len(levels))
-    pulses = gate_pulses(stamp_ns, rest + height * (levels + noise), GateSettings(intensity=0.4))
+    pulses = gate_pulses(stamp_ns, rest + height * (levels + noise), ImportOptions(intensity=0.4))
     low, high = np.array(spans).T
     onset = np.cumsum(low + high) - high
     assert pulses.onset_ns.tolist() == (onset * MILLISECOND).tolist()
@@ -59,7 +59,7 @@ def test_pulses_are_found_whatever_the_level_and_noise(
 def test_chatter_at_the_threshold_is_one_pulse() -> None:
     gate = np.array([0.0, 0.45, 0.53, 0.6, 0.48, 0.52, 0.49, 1.0, 0.51, 0.2, 0.0])
     stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
-    pulses = gate_pulses(stamp_ns, gate, GateSettings())
+    pulses = gate_pulses(stamp_ns, gate, ImportOptions())
     assert pulses.onset_ns.tolist() == [3 * MILLISECOND]
     assert pulses.width.tolist() == [0.006]
 
@@ -67,22 +67,16 @@ def test_chatter_at_the_threshold_is_one_pulse() -> None:
 def test_threshold_can_be_chosen() -> None:
     gate = np.array([0.0, 0.0, 2.0, 0.0, 8.0, 0.0])
     stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
-    assert len(gate_pulses(stamp_ns, gate, GateSettings())) == 1
-    assert len(gate_pulses(stamp_ns, gate, GateSettings(threshold=1.0))) == 2
+    assert len(gate_pulses(stamp_ns, gate, ImportOptions())) == 1
+    assert len(gate_pulses(stamp_ns, gate, ImportOptions(threshold=1.0))) == 2
 
 
 def test_gate_that_is_up_at_the_ends() -> None:
     gate = np.array([8.0, 8.0, 0.0, 8.0, 8.0, 8.0])
     stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
-    pulses = gate_pulses(stamp_ns, gate, GateSettings())
+    pulses = gate_pulses(stamp_ns, gate, ImportOptions())
     assert pulses.onset_ns.tolist() == [3 * MILLISECOND]
     assert pulses.width.tolist() == [0.002]
-
-
-def test_force_that_is_missing_stays_missing(tmp_path: Path) -> None:
-    rows = ['0,0,1', '0.001,8,nan', '0.002,0,inf']
-    _, forces = read_csv(table(tmp_path, rows), *COLUMNS)
-    np.testing.assert_array_equal(forces.force, [1.0, np.nan, np.inf])
 
 
 @pytest.mark.parametrize(
@@ -120,16 +114,6 @@ def test_missing_file(tmp_path: Path) -> None:
         read_csv(tmp_path / 'trial.csv', *COLUMNS)
 
 
-def test_binary_file(tmp_path: Path) -> None:
-    path = tmp_path / 'trial.csv'
-    path.write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(
-        RecordingError,
-        match=r'expected a table of text in .*trial.csv, got bytes that are no text',
-    ):
-        read_csv(path, *COLUMNS)
-
-
 @pytest.mark.parametrize(
     ('threshold', 'intensity', 'message'),
     [
@@ -140,10 +124,10 @@ def test_binary_file(tmp_path: Path) -> None:
 )
 def test_bad_gate_settings(threshold: float | None, intensity: float, message: str) -> None:
     with pytest.raises(RecordingError, match=message):
-        GateSettings(threshold, intensity)
+        ImportOptions(threshold=threshold, intensity=intensity)
 
 
 def test_a_whole_number_is_an_intensity_too() -> None:
     stamp_ns = np.arange(3, dtype=np.int64) * MILLISECOND
-    pulses = gate_pulses(stamp_ns, np.array([0.0, 8.0, 0.0]), GateSettings(intensity=1))
+    pulses = gate_pulses(stamp_ns, np.array([0.0, 8.0, 0.0]), ImportOptions(intensity=1))
     assert pulses.intensity.dtype == np.float64

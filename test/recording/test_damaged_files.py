@@ -54,8 +54,8 @@ def test_small_files_that_unpack_into_much_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With a limit that a test can reach."""
-    monkeypatch.setattr('rpms_ros.recording.importing.matlab.LEAST', 1_000_000)
-    monkeypatch.setattr('rpms_ros.recording.importing.excel._LARGEST', 1_000_000)
+    monkeypatch.setattr('rpms_ros.recording.importing.formats.LEAST', 1_000_000)
+    monkeypatch.setattr('rpms_ros.recording.importing.formats._LARGEST_WORKBOOK', 1_000_000)
     zeros = np.zeros(500_000)
     savemat(tmp_path / 'a.mat', {'force': zeros}, do_compression=True)
     with h5py.File(tmp_path / 'b.mat', 'w', userblock_size=512) as file:

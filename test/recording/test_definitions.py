@@ -15,7 +15,6 @@ from rpms_ros.recording.rosbag.definitions import (
     FOLDER,
     PULSE,
     differs_from_known,
-    known_types,
     types_of,
     written_definition,
 )
@@ -55,10 +54,6 @@ def test_hash_is_that_of_the_generated_messages(name: str) -> None:
 def test_a_written_definition_says_the_same_when_it_is_read() -> None:
     text, digest = written_definition(PULSE)
     assert types_of(PULSE, text, 'ros2msg').hash_rihs01(PULSE) == digest
-
-
-def test_without_a_definition_the_known_type_counts() -> None:
-    assert types_of(PULSE, '', 'ros2msg') is known_types()
 
 
 @pytest.mark.parametrize('text', [PULSE_IDL, '=' * 80 + f'\nIDL: {PULSE}\n{PULSE_IDL}'])

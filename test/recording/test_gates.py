@@ -11,7 +11,6 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.importing import (
     Ambiguous,
-    GateSettings,
     Imported,
     ImportOptions,
     import_file,
@@ -65,13 +64,13 @@ def test_edges_of_a_gate() -> None:
     stamp_ns = np.arange(100, dtype=np.int64)
     low = np.full(100, 5.0)
     low[[20, 60]] = 0.0
-    assert gate_pulses(stamp_ns, low, GateSettings()).onset_ns.tolist() == [20, 60]
-    rising = GateSettings(edge='rising')
+    assert gate_pulses(stamp_ns, low, ImportOptions()).onset_ns.tolist() == [20, 60]
+    rising = ImportOptions(edge='rising')
     assert gate_pulses(stamp_ns, low, rising).onset_ns.tolist() == [21, 61]
     with pytest.raises(RecordingError, match=r'a gate that falls through 9, got levels 0 to 5'):
-        gate_pulses(stamp_ns, low, GateSettings(9.0, edge='falling'))
+        gate_pulses(stamp_ns, low, ImportOptions(threshold=9.0, edge='falling'))
     with pytest.raises(RecordingError, match=r"expected an edge rising or falling, got 'up'"):
-        GateSettings(edge='up')
+        ImportOptions(edge='up')
 
 
 def test_noise_is_no_gate(tmp_path: Path) -> None:

@@ -100,12 +100,6 @@ def test_topics_below_a_namespace(write_with_rosbags: WriteWithRosbags, make: An
     assert recording.forces.force.tolist() == [8.0]
 
 
-def test_custom_notes_are_kept(session: Session, tmp_path: Path) -> None:
-    path = tmp_path / 'bag'
-    write_recording(path, *session, custom={'operator': 'Käthe', 'channel': '1'})
-    assert read_facts(path).custom == {'operator': 'Käthe', 'channel': '1'}
-
-
 def test_a_storage_file_by_itself(session: Session, tmp_path: Path) -> None:
     for storage, suffix in (('mcap', 'mcap'), ('sqlite3', 'db3')):
         path = tmp_path / storage

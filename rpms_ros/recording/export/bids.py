@@ -1,9 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A BIDS dataset of one session: force as physio, pulses as events, parameters in ``nibs/``.
-
-Sidecars of a BIDS dataset: what its columns mean, and what made it.
-"""
+"""A BIDS dataset of one session: force as physio, pulses as events, parameters in ``nibs/``."""
 
 import gzip
 import json
@@ -18,15 +15,61 @@ from typing import Any
 import numpy as np
 
 from rpms_ros import __version__
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, IntArray, PulseTrain
-from rpms_ros.recording.export.content import SessionExport, seconds_text
-from rpms_ros.recording.export.tables import estimate_columns
+from rpms_ros.recording.export.tables import SessionExport, estimate_columns, seconds_text
 
 _LABEL = re.compile(r'[A-Za-z0-9]+', re.ASCII)
 _DESCRIPTION = 'dataset_description.json'
 # The year 2000: stamps before are those of a clock that began with the machine.
 _EARLIEST_S = 946_684_800
+_BIDS_VERSION = '1.11.0'
+_DRAFT = 'NIBS-BIDS (BEP 037), proposal v6.3 of July 2026'
+"""What the folder nibs/ follows: https://github.com/nigelrogasch/nibs-bids."""
+_README = f"""\
+Force of a muscle that was stimulated by repetitive pulses, written by rpms_ros {__version__}.
+
+- beh/*_recording-force_physio.tsv.gz: force samples with their times
+- beh/*_events.tsv: one row for each pulse; nibs_event_id names its parameters
+- nibs/*_nibs.tsv: parameters of the pulses, as {_DRAFT} has them
+- derivatives/rpms_ros: estimates of the muscle that were made during the session, if any
+
+The folder nibs/ is not part of BIDS {_BIDS_VERSION}, so .bidsignore names it.  What the recording
+does not tell is not stated: stimulator, coil or electrodes and where they were placed.
+"""
+_IGNORED = '**/nibs\n'
+
+
+def _column(name: str, text: str, **more: Any) -> dict[str, Any]:
+    return {'LongName': name, 'Description': text, **more}
+
+
+_PNS = 'A muscle is stimulated through the nerves within it.'
+_REFERENCE = 'Identifier of a parameter set; referenced from the events.'
+_NUMBER = 'Counter of the driver; a number left out is a pulse that was not seen.'
+_DIRECT = 'The intensity is stated directly, not as multiple of a threshold.'
+_EVENT_COLUMNS = {
+    'onset': _column('Onset of the pulse', 'Time after the first force sample.', Units='s'),
+    'duration': _column('Duration of the pulse', 'As stated.', Units='s'),
+    'nibs_event_id': _column(
+        'Stimulation parameters', 'References nibs_event_id in nibs/*_nibs.tsv.'
+    ),
+    'sequence': _column('Number of the pulse', _NUMBER),
+}
+_NIBS_COLUMNS = {
+    'nibs_event_id': _column('Stimulation parameters', _REFERENCE),
+    'nibs_type': _column(
+        'Stimulation modality', _PNS, Levels={'PNS': 'Peripheral nerve stimulation'}
+    ),
+    'stimulus_intensity': _column(
+        'Intensity', 'Delivered amplitude of the pulse.', Units='% Maximum Stimulator Output'
+    ),
+    'stimulus_duration': _column('Pulse width', 'Duration of the pulse.', Units='s'),
+    'intensity_scaling': _column(
+        'Scaling of the intensity', _DIRECT, Levels={'absolute': 'directly specified'}
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -85,20 +128,17 @@ def write_bids(folder: Path, session: SessionExport, names: BidsNames) -> None:
     RecordingError
         If there are fewer than two force samples, so that there is no rate.
     """
-    facts = {key: value for key, value in session.facts().items() if key != 'notes'}
     visit = folder / names.folder
     for place in (visit / 'beh', visit / 'nibs'):
         place.mkdir(parents=True)
     title = 'Stimulated muscle' if session.anonymous else f'Stimulated muscle: {session.name}'
-    _write_json(folder / _DESCRIPTION, dataset(title, 'raw'))
-    (folder / 'README').write_text(README, encoding='utf-8')
-    (folder / '.bidsignore').write_text(IGNORED, encoding='utf-8')
+    _write_json(folder / _DESCRIPTION, _dataset(title, 'raw'))
+    (folder / 'README').write_text(_README, encoding='utf-8')
+    (folder / '.bidsignore').write_text(_IGNORED, encoding='utf-8')
     _write_table(folder / 'participants.tsv', {'participant_id': [f'sub-{names.subject}']})
     physio = names.file('recording-force_physio')
     _write_force(visit / 'beh' / f'{physio}.tsv.gz', session)
-    rate_hz = _rate_hz(session.forces.stamp_ns)
-    sidecar = force_sidecar(session.unit, rate_hz, names.task, facts)
-    _write_json(visit / 'beh' / f'{physio}.json', sidecar)
+    _write_json(visit / 'beh' / f'{physio}.json', _force_sidecar(session, names.task))
     _write_pulses(visit, session, names)
     scan = f'beh/{physio}.tsv.gz'
     start = {'filename': [scan], 'acq_time': [_start(session.stated_origin_ns)]}
@@ -118,11 +158,17 @@ def _write_pulses(visit: Path, session: SessionExport, names: BidsNames) -> None
         'sequence': pulses.sequence.tolist(),
     }
     _write_table(visit / 'beh' / f'{events}.tsv', columns)
-    _write_json(visit / 'beh' / f'{events}.json', EVENT_COLUMNS)
+    _write_json(visit / 'beh' / f'{events}.json', _EVENT_COLUMNS)
     nibs = names.file('nibs')
     _write_table(visit / 'nibs' / f'{nibs}.tsv', sets)
-    place = f'bids::{names.folder}/beh/{events}.tsv'
-    _write_json(visit / 'nibs' / f'{nibs}.json', nibs_sidecar(place, names.task))
+    sidecar = {
+        'NIBSDescription': 'Repetitive stimulation of a muscle; one parameter set for each '
+        'intensity and width that occurs.',
+        'ConcurrentModalities': ['beh'],
+        'IntendedFor': f'bids::{names.folder}/beh/{events}.tsv',
+        'TaskName': names.task,
+    }
+    _write_json(visit / 'nibs' / f'{nibs}.json', sidecar | _NIBS_COLUMNS)
 
 
 def _parameter_sets(pulses: PulseTrain) -> tuple[list[str], dict[str, Sequence[Any]]]:
@@ -135,13 +181,13 @@ def _parameter_sets(pulses: PulseTrain) -> tuple[list[str], dict[str, Sequence[A
     return labels, {
         'nibs_event_id': list(known.values()),
         'nibs_type': ['PNS'] * len(known),
-        'stimulus_intensity': [percent_text(intensity) for intensity, _ in known],
+        'stimulus_intensity': [_percent(intensity) for intensity, _ in known],
         'stimulus_duration': [width for _, width in known],
         'intensity_scaling': ['absolute'] * len(known),
     }
 
 
-def percent_text(share: float) -> str:
+def _percent(share: float) -> str:
     """Return a share in per cent, moved by two decimal places: no digit changes."""
     return format(Decimal(repr(share)).scaleb(2), 'f')
 
@@ -159,7 +205,7 @@ def _write_estimates(folder: Path, session: SessionExport, names: BidsNames, tit
     assert session.estimates is not None
     visit = folder / names.folder / 'beh'
     visit.mkdir(parents=True)
-    _write_json(folder / _DESCRIPTION, dataset(title, 'derivative'))
+    _write_json(folder / _DESCRIPTION, _dataset(title, 'derivative'))
     columns = estimate_columns(session.estimates, session.origin_ns)
     _write_table(visit / f'{names.file("desc-estimates_timeseries")}.tsv', columns)
 
@@ -200,119 +246,28 @@ def _write_json(path: Path, document: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(document, allow_nan=False, indent=1), encoding='utf-8')
 
 
-BIDS_VERSION = '1.11.0'
-DRAFT = 'NIBS-BIDS (BEP 037), proposal v6.3 of July 2026'
-"""What the folder nibs/ follows: https://github.com/nigelrogasch/nibs-bids."""
-INTENSITY_UNIT = '% Maximum Stimulator Output'
-_GENERATED = [{'Name': 'rpms_ros', 'Version': __version__}]
-README = f"""\
-Force of a muscle that was stimulated by repetitive pulses, written by rpms_ros {__version__}.
-
-- beh/*_recording-force_physio.tsv.gz: force samples with their times
-- beh/*_events.tsv: one row for each pulse; nibs_event_id names its parameters
-- nibs/*_nibs.tsv: parameters of the pulses, as {DRAFT} has them
-- derivatives/rpms_ros: estimates of the muscle that were made during the session, if any
-
-The folder nibs/ is not part of BIDS {BIDS_VERSION}, so .bidsignore names it.  What the recording
-does not tell is not stated: stimulator, coil or electrodes and where they were placed.
-"""
-IGNORED = '**/nibs\n'
-EVENT_COLUMNS: dict[str, Any] = {
-    'onset': {
-        'LongName': 'Onset of the pulse',
-        'Description': 'Time after the first force sample.',
-        'Units': 's',
-    },
-    'duration': {'LongName': 'Duration of the pulse', 'Description': 'As stated.', 'Units': 's'},
-    'nibs_event_id': {
-        'LongName': 'Stimulation parameters',
-        'Description': 'References nibs_event_id in nibs/*_nibs.tsv.',
-    },
-    'sequence': {
-        'LongName': 'Number of the pulse',
-        'Description': 'Counter of the driver; a number left out is a pulse that was not seen.',
-    },
-}
-NIBS_COLUMNS: dict[str, Any] = {
-    'nibs_event_id': {
-        'LongName': 'Stimulation parameters',
-        'Description': 'Identifier of a parameter set; referenced from the events.',
-    },
-    'nibs_type': {
-        'LongName': 'Stimulation modality',
-        'Description': 'A muscle is stimulated through the nerves within it.',
-        'Levels': {'PNS': 'Peripheral nerve stimulation'},
-    },
-    'stimulus_intensity': {
-        'LongName': 'Intensity',
-        'Description': 'Delivered amplitude of the pulse.',
-        'Units': INTENSITY_UNIT,
-    },
-    'stimulus_duration': {
-        'LongName': 'Pulse width',
-        'Description': 'Duration of the pulse.',
-        'Units': 's',
-    },
-    'intensity_scaling': {
-        'LongName': 'Scaling of the intensity',
-        'Description': 'The intensity is stated directly, not as multiple of a threshold.',
-        'Levels': {'absolute': 'directly specified'},
-    },
-}
-
-
-def dataset(name: str, kind: str) -> dict[str, Any]:
+def _dataset(name: str, kind: str) -> dict[str, Any]:
     """Return the description of a dataset: ``raw`` or ``derivative``."""
     return {
         'Name': name,
-        'BIDSVersion': BIDS_VERSION,
+        'BIDSVersion': _BIDS_VERSION,
         'DatasetType': kind,
-        'GeneratedBy': _GENERATED,
+        'GeneratedBy': [{'Name': 'rpms_ros', 'Version': __version__}],
     }
 
 
-def force_sidecar(
-    unit: str, rate_hz: float, task: str, facts: dict[str, object]
-) -> dict[str, Any]:
-    """Return the description of the force.
-
-    Parameters
-    ----------
-    unit : str
-        ``N`` or ``N m``.
-    rate_hz : float
-        Median rate of the samples [Hz].
-    task : str
-        Name of the task.
-    facts : dict
-        What `SessionExport.facts` says.
-    """
-    quantity = 'force' if unit == 'N' else 'torque'
+def _force_sidecar(session: SessionExport, task: str) -> dict[str, Any]:
+    """Return the description of the force."""
+    quantity = QUANTITIES[session.unit]
+    when = 'Time of the sample after the first one, as it was stamped.'
+    what = f'Isometric {quantity} of the stimulated muscle, positive for a pull.'
     return {
         'TaskName': task,
         'PhysioType': 'generic',
-        'SamplingFrequency': rate_hz,
+        'SamplingFrequency': _rate_hz(session.forces.stamp_ns),
         'StartTime': 0,
         'Columns': ['timestamp', quantity],
-        'timestamp': {
-            'Description': 'Time of the sample after the first one, as it was stamped.',
-            'Units': 's',
-        },
-        quantity: {
-            'Description': f'Isometric {quantity} of the stimulated muscle, positive for a pull.',
-            'Units': unit,
-        },
-        'RpmsRos': facts,
-    }
-
-
-def nibs_sidecar(events: str, task: str) -> dict[str, Any]:
-    """Return the description of the pulses; `events` is the BIDS URI of their times."""
-    return {
-        'NIBSDescription': 'Repetitive stimulation of a muscle; one parameter set for each '
-        'intensity and width that occurs.',
-        'ConcurrentModalities': ['beh'],
-        'IntendedFor': events,
-        'TaskName': task,
-        **NIBS_COLUMNS,
+        'timestamp': {'Description': when, 'Units': 's'},
+        quantity: {'Description': what, 'Units': session.unit},
+        'RpmsRos': {key: value for key, value in session.facts().items() if key != 'notes'},
     }

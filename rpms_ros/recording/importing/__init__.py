@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of laboratories as pulses and forces: reading, guessing what is what, converting."""
 
-from rpms_ros.recording.importing.conversion import ImportChoices, converted
-from rpms_ros.recording.importing.gates import GateSettings
-from rpms_ros.recording.importing.guess import Guess, guessed
-from rpms_ros.recording.importing.signals import Ambiguous, Events, Signal, SignalFile
+from rpms_ros.recording.importing.guess import Guess, guess_by
+from rpms_ros.recording.importing.signals import (
+    Ambiguous,
+    Events,
+    ImportOptions,
+    Signal,
+    SignalFile,
+)
 from rpms_ros.recording.importing.whole_file import (
     Imported,
-    ImportOptions,
-    guess_by,
     import_file,
     is_foreign,
     read_csv,
@@ -19,16 +21,12 @@ from rpms_ros.recording.importing.whole_file import (
 __all__ = [
     'Ambiguous',
     'Events',
-    'GateSettings',
     'Guess',
-    'ImportChoices',
     'ImportOptions',
     'Imported',
     'Signal',
     'SignalFile',
-    'converted',
     'guess_by',
-    'guessed',
     'import_file',
     'is_foreign',
     'read_csv',

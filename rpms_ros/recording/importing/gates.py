@@ -1,23 +1,32 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a sampled signal is a gate, and what is told of its pulses."""
+"""Pulses of a file of a laboratory: of a sampled gate, or of a list beside a sampled force.
 
+A gate is up, or down, at each pulse.  A list holds the times of pulses, or numbers of samples.
+"""
+
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
-from rpms_ros.recording.importing.signals import Ambiguous, Signal
-
-BoolArray = npt.NDArray[np.bool_]
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
+from rpms_ros.recording.importing.signals import (
+    FALLING,
+    LIST_UNITS,
+    RISING,
+    SAMPLES,
+    TIME_UNITS,
+    Ambiguous,
+    ImportOptions,
+    Signal,
+    usual_unit,
+)
 
 # 5 % of the threshold's distance to the rest, either way: far above the noise of a converter.
-HYSTERESIS = 0.05
-RISING, FALLING = 'rising', 'falling'
+_HYSTERESIS = 0.05
 # Pulses last a few milliseconds: a gate that is high for longer than this share rests there.
 _RESTS_HIGH = 0.9
 # A gate that is high for longer marks trains, not pulses [s].
@@ -36,35 +45,7 @@ _LEAST_HEIGHT, _ALIKE = 0.02, 0.2
 _FEW_LOST = 0.05
 
 
-@dataclass(frozen=True)
-class GateSettings:
-    """How a sampled gate becomes pulses.
-
-    Attributes
-    ----------
-    threshold : float or None
-        Level of the gate between rest and pulse, in its own unit; None for half of its range.
-    intensity : float
-        Share of the stimulator's maximum that every pulse gets, 0..1: a gate does not tell it.
-    edge : str or None
-        ``rising`` or ``falling``, with which a pulse begins; None for falling if the gate is high
-        more than 90 % of the time, else rising.
-    """
-
-    threshold: float | None = None
-    intensity: float = 1.0
-    edge: str | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.intensity <= 1:
-            raise RecordingError(f'expected an intensity from 0 to 1, got {self.intensity}')
-        if self.threshold is not None and not np.isfinite(self.threshold):
-            raise RecordingError(f'expected a finite threshold, got {self.threshold}')
-        if self.edge not in (None, RISING, FALLING):
-            raise RecordingError(f'expected an edge rising or falling, got {self.edge!r}')
-
-
-def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) -> PulseTrain:
+def gate_pulses(stamp_ns: IntArray, gate: FloatArray, options: ImportOptions) -> PulseTrain:
     """Return the pulses of a sampled gate.
 
     Parameters
@@ -73,7 +54,7 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) ->
         Ascending times [ns].
     gate : ndarray, shape (samples,)
         Level of the gate.
-    settings : GateSettings
+    options : ImportOptions
         Threshold, intensity and edge.
 
     Returns
@@ -88,10 +69,10 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) ->
         for longer than any pulse, unless the edge is stated.
     """
     low, top = float(gate.min()), float(gate.max())
-    threshold = _threshold(gate, settings)
-    band = HYSTERESIS * 2.0 * max(min(threshold - low, top - threshold), 0.0)
+    threshold = _threshold(gate, options)
+    band = _HYSTERESIS * 2.0 * max(min(threshold - low, top - threshold), 0.0)
     above, below = gate > threshold + band, gate < threshold - band
-    falling = edge_and_high(gate, settings)[0] == FALLING
+    falling = _edge_and_high(gate, options)[0] == FALLING
     rises, falls, begun = _edges(below, above) if falling else _edges(above, below)
     # the end of a pulse whose beginning is before the first sample
     begun_for = (stamp_ns[min(begun, len(gate) - 1)] - stamp_ns[0]) / NANOSECONDS_PER_SECOND
@@ -106,26 +87,26 @@ def gate_pulses(stamp_ns: IntArray, gate: FloatArray, settings: GateSettings) ->
     width = (end - onset) / NANOSECONDS_PER_SECOND
     period = float(np.median(np.diff(stamp_ns))) / NANOSECONDS_PER_SECOND
     longest = max(begun_for, float(width.max()))
-    if settings.edge is None and longest > max(_LONGEST, 1.5 * period):
+    if options.edge is None and longest > max(_LONGEST, 1.5 * period):
         raise RecordingError(
             f'expected a gate that marks each pulse, for at most {_LONGEST:g} s, got one of '
             f'{longest:.3g} s: does it mark whole trains? --pulse COL decides; --edge takes each '
             'edge for a pulse all the same'
         )
-    intensity = np.full(len(onset), settings.intensity, dtype=np.float64)
+    intensity = np.full(len(onset), options.share)
     first = int(begun > 0 and begun_for <= _LONGEST)
     return PulseTrain(onset, intensity, first + np.arange(len(onset), dtype=np.int64), width)
 
 
-def edge_and_high(gate: FloatArray, settings: GateSettings) -> tuple[str, float]:
+def _edge_and_high(gate: FloatArray, options: ImportOptions) -> tuple[str, float]:
     """Return the edge with which pulses of a gate begin, and the share of time it is high."""
-    high = float(np.mean(gate > _threshold(gate, settings))) if len(gate) else 0.0
-    return settings.edge or (FALLING if high > _RESTS_HIGH else RISING), high
+    high = float(np.mean(gate > _threshold(gate, options))) if len(gate) else 0.0
+    return options.edge or (FALLING if high > _RESTS_HIGH else RISING), high
 
 
-def _threshold(gate: FloatArray, settings: GateSettings) -> float:
-    if settings.threshold is not None:
-        return settings.threshold
+def _threshold(gate: FloatArray, options: ImportOptions) -> float:
+    if options.threshold is not None:
+        return options.threshold
     return (float(gate.min()) + float(gate.max())) / 2
 
 
@@ -154,7 +135,7 @@ def has_two_levels(signal: Signal) -> bool:
     return bool(np.mean((share < 0.1) | (share > 0.9)) > _TWO_LEVELS)
 
 
-def gate_told(path: Path, signal: Signal, gate: GateSettings, names: Sequence[str]) -> str:
+def gate_told(path: Path, signal: Signal, options: ImportOptions, names: Sequence[str]) -> str:
     """Return how a gate is read, for people.
 
     Parameters
@@ -163,7 +144,7 @@ def gate_told(path: Path, signal: Signal, gate: GateSettings, names: Sequence[st
         The file.
     signal : Signal
         The gate.
-    gate : GateSettings
+    options : ImportOptions
         What is stated of it.
     names : sequence of str
         Signals that may be the gate.
@@ -174,15 +155,15 @@ def gate_told(path: Path, signal: Signal, gate: GateSettings, names: Sequence[st
         If many values are half-way between the lowest and the highest, where the threshold is
         that is not stated: noise there, or a rest between pulses to both sides, is no gate.
     """
-    edge, high = edge_and_high(signal.values, gate)
-    if gate.threshold is None and (lost := _lower_pulses(signal.values, edge)):
+    edge, high = _edge_and_high(signal.values, options)
+    if options.threshold is None and (lost := _lower_pulses(signal.values, edge)):
         raise Ambiguous(
             f'expected pulses of one height in {path}, got {lost} in {signal.name!r} that stay '
             'below half of the highest: --threshold LEVEL decides; --intensity COL takes heights',
             '--threshold',
             (),
         )
-    if gate.threshold is None and (half_way := _half_way(signal.values)):
+    if options.threshold is None and (half_way := _half_way(signal.values)):
         lowest, highest = float(signal.values.min()), float(signal.values.max())
         raise Ambiguous(
             f'expected a gate with two levels in {path}, got {signal.name!r}, '
@@ -191,7 +172,7 @@ def gate_told(path: Path, signal: Signal, gate: GateSettings, names: Sequence[st
             '--pulse',
             names,
         )
-    if gate.edge is not None:
+    if options.edge is not None:
         return f'{signal.name!r}, {edge} edges (--edge)'
     if edge == FALLING:
         why = f'as it is high {100 * high:.0f} % of the time (--edge decides)'
@@ -267,3 +248,135 @@ def odd_gate(pulses: PulseTrain, period: float) -> str | None:
         f'{early} of {len(pulses)} pulses begin less than {1e3 * _BOUNCE:g} ms after the one '
         'before: does the trigger bounce? Each was taken for a pulse of its own'
     )
+
+
+_NUMBERS = re.compile(r'idx|ind(?:ex|ices)|sample|frame', re.IGNORECASE)
+_TIMES = re.compile(r'time|zeit|temps', re.IGNORECASE)
+_MUCH_SHORTER = 0.5
+# Numbers that were whole before they were multiplied, as seconds by 1000.
+_WHOLE = 1e-6
+
+
+def sampled_like(signals: Sequence[Signal], length: int) -> list[Signal]:
+    """Return the signals that may be sampled with a force of a length; others are much shorter."""
+    return [
+        one for one in signals if one.time is not None or len(one.values) > _MUCH_SHORTER * length
+    ]
+
+
+def lists_beside(signals: Sequence[Signal], length: int) -> list[Signal]:
+    """Return the signals that are lists of times: strictly rising, much shorter than the force."""
+    sampled = {one.name for one in sampled_like(signals, length)}
+    return [one for one in signals if one.name not in sampled and rises(one.values)]
+
+
+def rises(values: FloatArray) -> bool:
+    """Return whether each of the values is above the one before."""
+    return bool(len(values) > 1 and np.all(np.diff(values) > 0.0))
+
+
+def refuse_other_lengths(path: Path, signals: Sequence[Signal]) -> None:
+    """Refuse signals of one sampling of which one has more values than another.
+
+    Raises
+    ------
+    RecordingError
+        If there are such: without their own times they do not belong together.
+    """
+    told = [(one.name, len(one.values)) for one in signals if one.time is None]
+    if len({length for _, length in told}) > 1:
+        found = ', '.join(f'{name!r} with {length} values' for name, length in told)
+        raise RecordingError(
+            f'expected signals of one length in {path}, or a list of rising times of pulses much '
+            f'shorter than the force, got {found}'
+        )
+
+
+def list_unit(
+    signal: Signal, seconds: FloatArray, pulse_unit: str | None, time_unit: str | None
+) -> tuple[str, str]:
+    """Return the unit of a list, and why it is taken for that.
+
+    Parameters
+    ----------
+    signal : Signal
+        The list.
+    seconds : ndarray (samples,)
+        Times of the force [s].
+    pulse_unit, time_unit : str or None
+        What is stated for the list, and for all times of the file.
+
+    Raises
+    ------
+    Ambiguous
+        If several units are possible, or none: not all pulses are within the force then.
+    """
+    if pulse_unit is not None:
+        return pulse_unit, 'as stated (--pulse-unit)'
+    if (stated := usual_unit(signal.unit)) in TIME_UNITS:
+        return stated, 'as the file says'
+    numbers = _are_numbers(signal.values, len(seconds))
+    if numbers and _NUMBERS.search(signal.name):
+        return SAMPLES, 'as the name says (--pulse-unit decides)'
+    if time_unit is not None:
+        return time_unit, 'as stated (--time-unit)'
+    possible = [
+        unit
+        for unit in ('s', 'ms', SAMPLES, 'us')
+        if (numbers if unit == SAMPLES else _within(signal.values, unit, seconds))
+    ]
+    begin, end = float(seconds[0]), float(seconds[-1])
+    period = (end - begin) / max(len(seconds) - 1, 1)
+    # With a sample each millisecond both are the same, up to the number of the first.
+    alike = np.isclose(period, 1e-3) or _TIMES.search(signal.name)
+    if possible and (alike or possible[:2] != ['ms', SAMPLES]):
+        return possible[0], 'all within the force then (--pulse-unit decides)'
+    lowest, highest = float(signal.values[0]), float(signal.values[-1])
+    units = ' or '.join(possible[:2]) or 'no unit'
+    raise Ambiguous(
+        f'expected times of pulses from {begin:g} to {end:g} s, as those of the force, got '
+        f'{signal.name!r} from {lowest:g} to {highest:g}, in {units}: '
+        '--pulse-unit decides',
+        '--pulse-unit',
+        LIST_UNITS,
+    )
+
+
+def described(signal: Signal, unit: str, why: str) -> str:
+    """Return what a list is taken for, for people."""
+    what = f'times in {unit}'
+    if unit == SAMPLES:
+        what = f'numbers of samples, counted from {_first(signal.values)}'
+    return f'{signal.name!r}, {len(signal.values)} {what}, {why}'
+
+
+def stamps_of_numbers(signal: Signal, stamp_ns: IntArray) -> IntArray:
+    """Return the stamps [ns] of a list of numbers of samples.
+
+    Raises
+    ------
+    RecordingError
+        If a number is not whole, or there is no such sample.
+    """
+    if not _are_numbers(signal.values, len(stamp_ns)):
+        raise RecordingError(
+            f"expected numbers of the force's {len(stamp_ns)} samples in {signal.name!r}, got "
+            f'{signal.values[0]:g} to {signal.values[-1]:g}'
+        )
+    return stamp_ns[np.rint(signal.values).astype(np.int64) - _first(signal.values)]
+
+
+def _first(values: FloatArray) -> int:
+    """Return the number of the first sample: 1 as in MATLAB, unless there is a 0."""
+    return 0 if values[0] < 0.5 else 1
+
+
+def _are_numbers(values: FloatArray, count: int) -> bool:
+    """Return whether values are numbers of samples of a force of `count`."""
+    whole = bool(np.all(np.abs(values - np.rint(values)) < _WHOLE))
+    return whole and values[0] > -0.5 and values[-1] < count + _first(values) - 0.5
+
+
+def _within(values: FloatArray, unit: str, seconds: FloatArray) -> bool:
+    first, last = values[0] * TIME_UNITS[unit], values[-1] * TIME_UNITS[unit]
+    return bool(seconds[0] <= first and last <= seconds[-1])

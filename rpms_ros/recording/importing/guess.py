@@ -3,7 +3,7 @@
 """Which signal is time, force and gate, and in which units: guessed, shown, decided by options."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,22 +11,24 @@ import numpy as np
 from rpms_ros.axis import FORCE, TORQUE
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
-from rpms_ros.recording.importing.event_lists import (
-    LIST_UNITS,
+from rpms_ros.recording.importing.gates import (
     described,
+    gate_told,
+    has_two_levels,
     list_unit,
     lists_beside,
     refuse_other_lengths,
     rises,
     sampled_like,
 )
-from rpms_ros.recording.importing.gates import GateSettings, gate_told, has_two_levels
 from rpms_ros.recording.importing.signals import (
+    LIST_UNITS,
     SENSOR_UNITS,
     TIME_OF_DAY,
     TIME_UNITS,
     TORQUE_UNITS,
     Ambiguous,
+    ImportOptions,
     Signal,
     SignalFile,
     usual_unit,
@@ -44,7 +46,6 @@ _COUNTER = re.compile(
 )
 # Sample periods of force in a recording, from 100 kHz to 100 Hz [s].
 _SHORTEST, _LONGEST = 1e-5, 1.0000001e-2
-_KNOWN_UNITS = (('time', TIME_UNITS), ('force', SENSOR_UNITS), ('pulses', LIST_UNITS))
 
 
 @dataclass(frozen=True)
@@ -82,36 +83,8 @@ class Guess:
         return TORQUE if self.force_unit in TORQUE_UNITS else FORCE
 
 
-def guessed(
-    file: SignalFile,
-    time: str | None = None,
-    force: str | None = None,
-    pulse: str | None = None,
-    time_unit: str | None = None,
-    force_unit: str | None = None,
-    sampling_rate_hz: float | None = None,
-    force_scale: float | None = None,
-    pulse_unit: str | None = None,
-    gate: GateSettings | None = None,
-) -> Guess:
-    """Return what is taken for what; what is given is not guessed.
-
-    Parameters
-    ----------
-    file : SignalFile
-        What was read.
-    time, force, pulse : str, optional
-        Names of signals.
-    time_unit, force_unit : str, optional
-        Units.
-    sampling_rate_hz : float, optional
-        Rate of the samples of a table without times [Hz].
-    force_scale : float, optional
-        Newtons of one unit of the force signal; newton metres if `force_unit` is one of a torque.
-    pulse_unit : str, optional
-        Unit of a list of pulses, one of `LIST_UNITS`.
-    gate : GateSettings, optional
-        What is stated of a gate.
+def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
+    """Assign the signals of a file to time, force and pulses; options override.
 
     Raises
     ------
@@ -122,66 +95,50 @@ def guessed(
     """
     reasons: list[tuple[str, str]] = []
     try:
-        return _guessed(
-            file,
-            reasons,
-            (time, force, pulse),
-            (time_unit, force_unit, pulse_unit),
-            sampling_rate_hz,
-            force_scale,
-            gate or GateSettings(),
-        )
+        return _guessed(file, options, reasons)
     except Ambiguous as error:
         error.decided = tuple(reasons)
         raise
 
 
-def _guessed(
-    file: SignalFile,
-    reasons: list[tuple[str, str]],
-    names: tuple[str | None, str | None, str | None],
-    units: tuple[str | None, str | None, str | None],
-    sampling_rate_hz: float | None,
-    force_scale: float | None,
-    gate: GateSettings,
-) -> Guess:
-    """Return the guess, with reasons as they are found; names and units as in `_KNOWN_UNITS`."""
-    time, force, pulse = names
-    signals = {signal.name: signal for signal in file.signals}
-    _check_given(file, (time, force), pulse)
-    for stated, (what, known) in zip(units, _KNOWN_UNITS, strict=True):
-        _check_unit(stated, what, known)
+def _guessed(file: SignalFile, options: ImportOptions, reasons: list[tuple[str, str]]) -> Guess:
+    """Return the guess, with reasons as they are found."""
+    time, force, pulse = options.time, options.force, options.pulse
+    _check_given(file, options)
     length = _length_of_force(file, force)
     sampled = sampled_like(file.signals, length)
-    rate = sampling_rate_hz or file.sampling_rate_hz
+    rate = options.sampling_rate or file.sampling_rate_hz
     if time is None and not rate and any(one.time is None for one in file.signals):
         time = _time(file, sampled)
     rest = [signal for signal in sampled if signal.name != time]
     lists = [one.name for one in lists_beside(file.signals, length) if one.name != time]
-    unit, told = _time_told(signals.get(time or ''), units[0], rate)
+    column = file.signal(time)
+    unit, told = _time_told(column, options.time_unit, rate)
     reasons.append(('time', told))
     if pulse is None:
         pulse = _pulse(file, [signal for signal in rest if signal.name != force], lists)
     reasons.append(('pulses', repr(pulse)))
     if force is None:
         force = _force(file, [signal for signal in rest if signal.name != pulse])
-    newton, why = _force_unit(signals[force], units[1], force_scale)
+    sensor, gate = file.signal(force), file.signal(pulse)
+    assert sensor is not None
+    newton, why = _force_unit(sensor, options.force_unit, options.force_scale)
     reasons.insert(1, ('force', f'{force!r} in {newton}, {why}'))
-    is_list = pulse in lists or units[2] is not None
-    used = [name for name in (time, None if is_list else pulse, force) if name in signals]
-    refuse_other_lengths(file.path, [signals[name] for name in used if name])
-    if not is_list:
-        if pulse in signals:
-            others = [one.name for one in rest if one.name != force]
-            reasons[-1] = ('pulses', gate_told(file.path, signals[pulse], gate, others))
-        return Guess(time, unit, force, newton, pulse, tuple(reasons))
-    if pulse not in signals or signals[pulse].time is not None:
-        raise RecordingError(
-            f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
-        )
-    seconds = _seconds(signals[force], signals.get(time or ''), TIME_UNITS[unit], rate)
-    list_in, why = list_unit(signals[pulse], seconds, units[2], units[0])
-    reasons[-1] = ('pulses', described(signals[pulse], list_in, why))
+    is_list = pulse in lists or options.pulse_unit is not None
+    used = [column, None if is_list else gate, sensor]
+    refuse_other_lengths(file.path, [one for one in used if one is not None])
+    list_in = None
+    if is_list:
+        if gate is None or gate.time is not None:
+            raise RecordingError(
+                f'expected a list of pulses in no stated unit with --pulse-unit, got {pulse!r}'
+            )
+        seconds = _seconds(sensor, column, TIME_UNITS[unit], rate)
+        list_in, why = list_unit(gate, seconds, options.pulse_unit, options.time_unit)
+        reasons[-1] = ('pulses', described(gate, list_in, why))
+    elif gate is not None:
+        others = [one.name for one in rest if one.name != force]
+        reasons[-1] = ('pulses', gate_told(file.path, gate, options, others))
     return Guess(time, unit, force, newton, pulse, tuple(reasons), list_in)
 
 
@@ -209,19 +166,24 @@ def _has_force_unit(signal: Signal) -> bool:
     return usual_unit(signal.unit) in SENSOR_UNITS
 
 
-def _check_given(file: SignalFile, sampled: Sequence[str | None], pulse: str | None) -> None:
-    """Refuse names that are none of the file; events can be pulses alone."""
+def _check_given(file: SignalFile, options: ImportOptions) -> None:
+    """Refuse units that are not known and names that are none of the file.
+
+    Events can be pulses alone.
+    """
+    known_units = {'time': TIME_UNITS, 'force': SENSOR_UNITS, 'pulse': LIST_UNITS}
+    for what, units in known_units.items():
+        unit = getattr(options, f'{what}_unit')
+        if unit is not None and unit not in units:
+            of = 'pulses' if what == 'pulse' else what
+            raise RecordingError(f'expected a unit of {of} of {", ".join(units)}, got {unit!r}')
     signals = [signal.name for signal in file.signals]
-    both = [*signals, *(one.name for one in file.events)]
-    for name, known in (*((one, signals) for one in sampled), (pulse, both)):
+    for what in known_units:
+        name = getattr(options, what)
+        known = signals + [one.name for one in file.events if what == 'pulse']
         if name is not None and name not in known:
             columns = ', '.join(map(repr, known)) or 'no columns'
             raise RecordingError(f'expected column {name!r} in {file.path}, got {columns}')
-
-
-def _check_unit(given: str | None, what: str, known: Collection[str]) -> None:
-    if given is not None and given not in known:
-        raise RecordingError(f'expected a unit of {what} of {", ".join(known)}, got {given!r}')
 
 
 def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:

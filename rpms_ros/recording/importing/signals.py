@@ -3,8 +3,10 @@
 """What a file of a laboratory holds: signals with names and units, and times of events."""
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ _ENDING = re.compile(
     r'^.*[_/ ]\s*(us|ms|s|mN|kN|N|mV|V|g|kg|gf|kgf|lbf|Nm|mNm|kNm|kgm|ft-lbs?|ft-lbf)$'
 )
 
+RISING, FALLING = 'rising', 'falling'
 # The unit of a column of clock times, whose values are seconds whatever its title says.
 TIME_OF_DAY = 'h:m:s'
 
@@ -77,34 +80,30 @@ class SignalFile:
     signals: tuple[Signal, ...]
     events: tuple[Events, ...] = ()
     sampling_rate_hz: float | None = None
-    facts: tuple[str, ...] = field(default=())
+    facts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Give columns without a name one, and later ones of a name a number."""
+        seen: Counter[str] = Counter()
+
+        def unlike(one: Any, index: int) -> Any:
+            plain = one.name.strip() or f'column {index + 1}'
+            seen[plain] += 1
+            return replace(one, name=plain if seen[plain] == 1 else f'{plain} ({seen[plain]})')
+
+        for field in ('signals', 'events'):
+            named = tuple(unlike(one, index) for index, one in enumerate(getattr(self, field)))
+            object.__setattr__(self, field, named)
+
+    def signal(self, name: str | None) -> Signal | None:
+        """Return the signal of a name, None if there is none."""
+        return next((one for one in self.signals if one.name == name), None)
 
 
 def unit_of(name: str) -> str:
     """Return the unit that a name ends with, as in ``Force [N]`` or ``time_ms``; empty if none."""
     found = _BRACKETS.match(name) or _ENDING.match(name)
     return found[1] if found else ''
-
-
-def unlike(names: list[str]) -> list[str]:
-    """Return names of which no two are the same: later ones get a number."""
-    seen: dict[str, int] = {}
-    result = []
-    for index, name in enumerate(names):
-        plain = name.strip() or f'column {index + 1}'
-        seen[plain] = seen.get(plain, 0) + 1
-        result.append(plain if seen[plain] == 1 else f'{plain} ({seen[plain]})')
-    return result
-
-
-def as_samples(values: object) -> FloatArray | None:
-    """Return a vector of numbers (samples,); None if it is none."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        return None
-    array = np.squeeze(array)
-    return np.ascontiguousarray(array) if array.ndim == 1 and len(array) > 1 else None
 
 
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0}
@@ -119,6 +118,9 @@ FORCE_UNITS = {
 """Newtons of each unit; grams are the weight of so much mass."""
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'kNm': 1e3, 'kgm': 9.80665, 'ft-lbf': 1.3558179483314004}
 """Newton metres of each unit of a dynamometer's torque."""
+SAMPLES = 'samples'
+LIST_UNITS = (*TIME_UNITS, SAMPLES)
+"""What a list of pulses may be in: times in a unit, or numbers of samples."""
 SENSOR_UNITS = FORCE_UNITS | TORQUE_UNITS
 _SYNONYMS = {
     'sec': 's', 'seconds': 's', 'second': 's', 'µs': 'us', 'μs': 'us', 'gf': 'g', 'kgf': 'kg',
@@ -131,6 +133,75 @@ _SYNONYMS = {
 def usual_unit(unit: str) -> str:
     """Return the name that a unit has here: ``s`` for ``sec``; an unknown one as it is."""
     return _SYNONYMS.get(unit, unit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions:
+    """What is what in a file; what is None is guessed, or taken from the file.
+
+    Attributes
+    ----------
+    time, force, pulse : str or None
+        Names of the columns or signals; of the pulses also a list of trigger times.
+    time_unit, force_unit : str or None
+        Units.
+    pulse_unit : str or None
+        Unit of a list of trigger times; ``samples`` for numbers of samples.
+    force_scale : float or None
+        Newtons of one unit of the force signal; newton metres with a unit of a torque.
+    sampling_rate : float or None
+        Rate of a table without times [Hz].
+    threshold : float or None
+        Level of a gate between rest and pulse.
+    edge : str or None
+        Edge of a gate with which a pulse begins, ``rising`` or ``falling``; None for falling if
+        the gate is high more than 90 % of the time, else rising.
+    intensity : float or str
+        Share of the stimulator's maximum of every pulse, 0 to 1; or a column with it,
+        ``COLUMN/FULL`` if that is FULL at the maximum, or a file with one a pulse.
+    block : int or None
+        Block of a LabChart file, from 1.
+    sheet : str or None
+        Sheet of a workbook.
+    """
+
+    time: str | None = None
+    force: str | None = None
+    pulse: str | None = None
+    time_unit: str | None = None
+    force_unit: str | None = None
+    pulse_unit: str | None = None
+    force_scale: float | None = None
+    sampling_rate: float | None = None
+    threshold: float | None = None
+    edge: str | None = None
+    intensity: float | str = 1.0
+    block: int | None = None
+    sheet: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot be."""
+        for name in ('force_scale', 'sampling_rate'):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value != 0.0):
+                raise RecordingError(f'expected a finite {name} that is not 0, got {value}')
+        if self.sampling_rate is not None and self.sampling_rate < 0.0:
+            raise RecordingError(f'expected a sampling rate above 0 Hz, got {self.sampling_rate}')
+        if not 0 <= self.share <= 1:
+            raise RecordingError(f'expected an intensity from 0 to 1, got {self.intensity}')
+        if self.threshold is not None and not np.isfinite(self.threshold):
+            raise RecordingError(f'expected a finite threshold, got {self.threshold}')
+        if self.edge not in (None, RISING, FALLING):
+            raise RecordingError(f'expected an edge rising or falling, got {self.edge!r}')
+
+    @property
+    def share(self) -> float:
+        """Intensity of every pulse, 1 where a column or file has it."""
+        return 1.0 if isinstance(self.intensity, str) else float(self.intensity)
+
+    def given(self) -> list[str]:
+        """Return the names of the options that are not left at their defaults."""
+        return [one.name for one in fields(self) if getattr(self, one.name) != one.default]
 
 
 class Ambiguous(RecordingError):
@@ -153,7 +224,7 @@ class Ambiguous(RecordingError):
         self.decided: tuple[tuple[str, str], ...] = ()
 
 
-def needed(load: Callable[[str], Any], package: str, what: str) -> Any:
+def needed(package: str, what: str) -> Any:
     """Return a package that reading `what` needs.
 
     Raises
@@ -162,7 +233,7 @@ def needed(load: Callable[[str], Any], package: str, what: str) -> Any:
         If it is not installed.
     """
     try:
-        return load(package)
+        return import_module(package)
     except ModuleNotFoundError as error:
         raise RecordingError(
             f'expected {package} for {what}, got {error}: '

@@ -11,14 +11,7 @@ import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray
-from rpms_ros.recording.importing.signals import (
-    TIME_OF_DAY,
-    Events,
-    Signal,
-    SignalFile,
-    unit_of,
-    unlike,
-)
+from rpms_ros.recording.importing.signals import TIME_OF_DAY, Events, Signal, SignalFile, unit_of
 
 _MARKS = {
     b'\xef\xbb\xbf': 'utf-8-sig',
@@ -45,21 +38,15 @@ _LABCHART = ('Interval=', 'ChannelTitle=', 'ExcelDateTime=', 'TimeFormat=', 'Dat
 _MISSING = {'', 'nan', 'na', 'n/a', '-', 'null'}
 
 
-def decoded(path: Path) -> tuple[str, str]:
+def _decoded(path: Path) -> tuple[str, str]:
     """Return the text of a file and the name of its encoding.
 
     Raises
     ------
     RecordingError
-        If the file cannot be read or holds no text.
+        If the file holds no text.
     """
-    # A pipe would be waited for without end.
-    if path.exists() and not path.is_file():
-        raise RecordingError(f'expected a file at {path}, got no regular file')
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise RecordingError(f'expected a file at {path}, got {error}') from error
+    raw = path.read_bytes()
     if raw.startswith(_OLD_OFFICE):
         raise RecordingError(
             f'expected a table of text or a workbook .xlsx in {path}, got one of the old format '
@@ -103,19 +90,14 @@ def read_text(path: Path, block: int | None = None) -> SignalFile:
     RecordingError
         If the file is no such table; the message says what was found and what was expected.
     """
-    text, encoding = decoded(path)
+    text, encoding = _decoded(path)
     if sum(line.startswith(_LABCHART) for line in text[:2000].splitlines()[:12]) >= 2:
         return _labchart(path, text, encoding, block)
-    unused(path, 'a LabChart file with --block', block)
+    if block is not None:
+        raise RecordingError(f'expected a LabChart file with --block, got {path}')
     if text[:200].lstrip().startswith('"INFORMATION"') and '"CHANNEL"' in text:
         return _spike2(path, text, encoding)
     return _table(path, text, encoding)
-
-
-def unused(path: Path, expected: str, given: object) -> None:
-    """Refuse an option that has no meaning for a file."""
-    if given is not None:
-        raise RecordingError(f'expected {expected}, got {path}')
 
 
 def _table(path: Path, text: str, encoding: str) -> SignalFile:
@@ -139,32 +121,26 @@ def _table(path: Path, text: str, encoding: str) -> SignalFile:
         _refuse_decimal_commas(path, rows(lines[first - 1]), sample)
     names, units = header([rows(line) for line in lines[:first]], width)
     columns = _columns(path, rows, lines, first, width, comma)
-    begin = rows(lines[first])
-    units = [
-        TIME_OF_DAY if _CLOCK.match(cell) else unit
-        for cell, unit in zip(begin, units, strict=True)
-    ]
-    above = lines[:first]
-    rates = [found for line in above if (found := _RATE.match(line))]
-    if rates and not any('time' in name.lower() for name in names):
-        rate = float(rates[0][2]) * (1e3 if 'khz' in rates[0][0].lower() else 1.0)
-    else:
-        rate = None
-    if any(_VOLTS.search(line) for line in above):
-        units = [unit or unit_of(name) or 'V' for name, unit in zip(names, units, strict=True)]
+    begin, volts = rows(lines[first]), any(_VOLTS.search(line) for line in lines[:first])
+    signals = []
+    for name, unit, cell, values in zip(names, units, begin, columns, strict=True):
+        stated = TIME_OF_DAY if _CLOCK.match(cell) else unit or unit_of(name)
+        signals.append(Signal(name, values, stated or ('V' if volts else '')))
     facts = [encoding, f'separated by {_SEPARATORS[separator]}']
     facts += ['decimal comma'] if comma else []
     facts += [] if first else ['no header']
+    rate = None if any('time' in name.lower() for name in names) else _rate(lines[:first])
     return SignalFile(
-        path,
-        'table of text',
-        tuple(
-            Signal(name, values, unit or unit_of(name))
-            for name, unit, values in zip(names, units, columns, strict=True)
-        ),
-        sampling_rate_hz=rate,
-        facts=tuple(facts),
+        path, 'table of text', tuple(signals), sampling_rate_hz=rate, facts=tuple(facts)
     )
+
+
+def _rate(above: Sequence[str]) -> float | None:
+    """Return the rate of the samples [Hz] that a header states."""
+    for line in above:
+        if found := _RATE.match(line):
+            return float(found[2]) * (1e3 if 'khz' in found[0].lower() else 1.0)
+    return None
 
 
 def _separator(lines: Sequence[str]) -> str:
@@ -259,8 +235,8 @@ def header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
     units = [''] * width
     if len(wide) > 1 and all(_UNITS.match(cell) for cell in wide[-1]):
         units = [cell.strip('[]() ') for cell in wide.pop()]
-    names = wide[-1] if wide else [f'column {index + 1}' for index in range(width)]
-    return unlike(names), units
+    names = wide[-1] if wide else [''] * width
+    return names, units
 
 
 def _columns(
@@ -319,7 +295,7 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
     units = [
         _at(stated, index) or _at(ranges, index).rpartition(' ')[2] for index in range(width - 1)
     ]
-    names = unlike([*titles, *[''] * width][: width - 1])
+    names = [*titles, *[''] * width][: width - 1]
     table = np.array([[_value(path, cell, comma) for cell in row[:width]] for row in rows])
     time = table[:, 0]
     signals = tuple(
@@ -379,19 +355,7 @@ def _spike2(path: Path, text: str, encoding: str) -> SignalFile:
             events.append(Events(title, numbers))
     if not signals:
         raise RecordingError(f'expected a waveform with "START" in {path}, got none')
-    names = unlike([signal.name for signal in signals] + [one.name for one in events])
-    return SignalFile(
-        path,
-        'Spike2 text',
-        tuple(
-            Signal(name, one.values, one.unit, one.time)
-            for name, one in zip(names, signals, strict=False)
-        ),
-        tuple(
-            Events(name, one.time) for name, one in zip(names[len(signals) :], events, strict=True)
-        ),
-        facts=(encoding,),
-    )
+    return SignalFile(path, 'Spike2 text', tuple(signals), tuple(events), facts=(encoding,))
 
 
 def _quoted(lines: list[str], place: int) -> str:

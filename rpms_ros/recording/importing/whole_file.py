@@ -3,78 +3,45 @@
 """One file of a laboratory as pulses and force: read, guessed, converted."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from rpms_ros.axis import FORCE, QUANTITIES
 from rpms_ros.errors import RecordingError
-from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
-from rpms_ros.recording.export import is_export, read_export
-from rpms_ros.recording.importing.conversion import ImportChoices, converted, stamps_of
-from rpms_ros.recording.importing.excel import read_excel
-from rpms_ros.recording.importing.gates import GateSettings, heights_told, odd_gate, values_at
-from rpms_ros.recording.importing.guess import Guess, guessed
-from rpms_ros.recording.importing.matlab import read_matlab
-from rpms_ros.recording.importing.signals import SignalFile
-from rpms_ros.recording.importing.text import read_text, unused
-from rpms_ros.recording.importing.xdf import read_xdf
+from rpms_ros.pulses import (
+    MAGNETIC_PULSE_WIDTH,
+    NANOSECONDS_PER_SECOND,
+    FloatArray,
+    ForceTrace,
+    IntArray,
+    PulseTrain,
+)
+from rpms_ros.recording.importing.exports import is_export, read_export
+from rpms_ros.recording.importing.formats import read_excel, read_matlab, read_xdf
+from rpms_ros.recording.importing.gates import (
+    gate_pulses,
+    heights_told,
+    odd_gate,
+    stamps_of_numbers,
+    values_at,
+)
+from rpms_ros.recording.importing.guess import Guess, guess_by
+from rpms_ros.recording.importing.signals import (
+    SAMPLES,
+    SENSOR_UNITS,
+    TIME_UNITS,
+    ImportOptions,
+    Signal,
+    SignalFile,
+)
+from rpms_ros.recording.importing.text import read_text
 from rpms_ros.recording.rosbag.scan import READERS
 
-
-@dataclass(frozen=True, kw_only=True)
-class ImportOptions:
-    """What is what in a file; what is None is guessed, or taken from the file.
-
-    Attributes
-    ----------
-    time, force, pulse : str or None
-        Names of the columns or signals; of the pulses also a list of trigger times.
-    time_unit, force_unit : str or None
-        Units.
-    pulse_unit : str or None
-        Unit of a list of trigger times; ``samples`` for numbers of samples.
-    force_scale : float or None
-        Newtons of one unit of the force signal; newton metres with a unit of a torque.
-    sampling_rate : float or None
-        Rate of a table without times [Hz].
-    threshold : float or None
-        Level of a gate between rest and pulse.
-    edge : str or None
-        Edge of a gate with which a pulse begins, ``rising`` or ``falling``.
-    intensity : float or str
-        Share of the stimulator's maximum of every pulse, 0 to 1; or a column with it,
-        ``COLUMN/FULL`` if that is FULL at the maximum, or a file with one a pulse.
-    block : int or None
-        Block of a LabChart file, from 1.
-    sheet : str or None
-        Sheet of a workbook.
-    """
-
-    time: str | None = None
-    force: str | None = None
-    pulse: str | None = None
-    time_unit: str | None = None
-    force_unit: str | None = None
-    pulse_unit: str | None = None
-    force_scale: float | None = None
-    sampling_rate: float | None = None
-    threshold: float | None = None
-    edge: str | None = None
-    intensity: float | str = 1.0
-    block: int | None = None
-    sheet: str | None = None
-
-    @property
-    def gate(self) -> GateSettings:
-        """What is stated of a gate."""
-        share = 1.0 if isinstance(self.intensity, str) else self.intensity
-        return GateSettings(self.threshold, share, self.edge)
-
-    def given(self) -> list[str]:
-        """Return the names of the options that are not left at their defaults."""
-        return [one.name for one in fields(self) if getattr(self, one.name) != one.default]
+# No muscle shows a pulse for longer.
+_ACTS_NS = 3 * NANOSECONDS_PER_SECOND // 2
 
 
 @dataclass(frozen=True)
@@ -111,23 +78,6 @@ def is_foreign(path: Path) -> bool:
     return named or path.is_file() or is_export(path)
 
 
-def guess_by(file: SignalFile, options: ImportOptions) -> Guess:
-    """Return what is taken for what; raises as `guessed` does."""
-    return guessed(
-        file,
-        time=options.time,
-        force=options.force,
-        pulse=options.pulse,
-        time_unit=options.time_unit,
-        force_unit=options.force_unit,
-        pulse_unit=options.pulse_unit,
-        sampling_rate_hz=options.sampling_rate,
-        force_scale=options.force_scale,
-        gate=options.gate,
-    )
-
-
-# What overflows or is no number fails the checks below, in words; NumPy's own say nothing more.
 @np.errstate(over='ignore', invalid='ignore')
 def import_file(
     path: Path,
@@ -161,31 +111,27 @@ def import_file(
         pulses, forces, unit = read_export(path)
         facts = (('file', 'export of rpms'),)
         return Imported(pulses, forces, facts, guessed=False, quantity=QUANTITIES[unit])
-    choices = ImportChoices(
-        options.gate,
-        options.sampling_rate,
-        options.force_scale,
-    )
     file = read_signals(path, options.block, options.sheet)
     guess = decide(file, options)
-    pulses, forces = converted(file, guess, choices)
+    pulses, forces = _converted(file, guess, options)
     remarks = list(_remarks(pulses, forces))
     if pulses.sequence[0]:
         remarks.append(('warning', _BEGUN))
     elif begins_amid(pulses, forces):
-        pulses = numbered_on(pulses)
+        # sequence numbers that say that there were pulses before them
+        pulses = replace(pulses, sequence=pulses.sequence + 1)
         remarks.append(('warning', _AMID))
     used = {guess.time, guess.force, guess.pulse}
-    signals = {one.name: one for one in file.signals}
+    gate = file.signal(guess.pulse)
     if isinstance(options.intensity, str):
-        name, shares = _intensities(file, guess, choices, pulses, options.intensity)
+        name, shares = _intensities(file, guess, options, pulses, options.intensity)
         pulses = replace(pulses, intensity=shares)
         used.add(name)
-    elif guess.pulse in signals and guess.pulse_unit is None:
-        stamp_ns = stamps_of(file, signals[guess.pulse], guess, choices)
-        if warning := heights_told(signals[guess.pulse], stamp_ns, pulses):
+    elif gate is not None and guess.pulse_unit is None:
+        stamp_ns = _stamps(file, gate, guess, options)
+        if warning := heights_told(gate, stamp_ns, pulses):
             remarks.append(('warning', warning))
-    names = [*signals, *(one.name for one in file.events)]
+    names = [one.name for one in file.signals] + [one.name for one in file.events]
     if left := [name for name in names if name not in used]:
         remarks.append(('not used', ', '.join(map(repr, left))))
     if options.intensity == 1.0:
@@ -201,26 +147,23 @@ def import_file(
 
 
 def _intensities(
-    file: SignalFile, guess: Guess, choices: ImportChoices, pulses: PulseTrain, text: str
+    file: SignalFile, guess: Guess, options: ImportOptions, pulses: PulseTrain, text: str
 ) -> tuple[str, FloatArray]:
     """Return the column or file that `text` names, and the shares in it (pulses,)."""
-    signals = {one.name: one for one in file.signals}
     name, slash, full = text.rpartition('/')
-    if text in signals or not (slash and name in signals):
+    if file.signal(text) or not (slash and file.signal(name)):
         name, full = text, '1'
     try:
         scale = 1.0 / float(full)
     except (ValueError, ZeroDivisionError) as error:
         raise RecordingError(f'expected --intensity COLUMN/FULL, got {text!r}') from error
-    if name in signals:
-        found = signals[name]
+    if found := file.signal(name):
         shares = found.values
         if len(shares) != len(pulses):
-            stamp_ns = stamps_of(file, found, guess, choices)
-            shares = values_at(shares, stamp_ns, pulses)
+            shares = values_at(shares, _stamps(file, found, guess, options), pulses)
     else:
         if not Path(name).is_file():
-            columns = ', '.join(map(repr, signals))
+            columns = ', '.join(repr(one.name) for one in file.signals)
             raise RecordingError(
                 f'expected a share, a column or a file with --intensity, got {text!r}; the '
                 f'columns of {file.path} are {columns}'
@@ -241,6 +184,102 @@ def _intensities(
             'the value of the maximum'
         )
     return name, shares
+
+
+def _converted(
+    file: SignalFile, guess: Guess, options: ImportOptions
+) -> tuple[PulseTrain, ForceTrace]:
+    """Return pulses and force.
+
+    Raises
+    ------
+    RecordingError
+        If times do not rise, a gate is not finite or never rises, or there is no pulse.
+    """
+    force, gate = file.signal(guess.force), file.signal(guess.pulse)
+    assert force is not None
+    newton = options.force_scale or SENSOR_UNITS[guess.force_unit]
+    stamp_ns = _stamps(file, force, guess, options)
+    if not np.isfinite(force.values).any():
+        raise RecordingError(
+            f'expected numbers in column {guess.force!r} of {file.path}, got none that is finite'
+        )
+    trace = ForceTrace(stamp_ns, newton * force.values)
+    if gate is None:
+        (times,) = (one.time for one in file.events if one.name == guess.pulse)
+        return _of_events(_rounded(np.sort(times)), options, file), trace
+    if guess.pulse_unit == SAMPLES:
+        return _of_events(stamps_of_numbers(gate, stamp_ns), options, file), trace
+    if guess.pulse_unit is not None:
+        onset = _rising(file, gate.name, gate.values, TIME_UNITS[guess.pulse_unit])
+        return _of_events(onset, options, file), trace
+    _finite(file, gate)
+    pulses = gate_pulses(_stamps(file, gate, guess, options), gate.values, options)
+    if pulses.sequence[0]:
+        # what the pulse of unknown onset acts on, as far as no other one does
+        first_ns = min(int(pulses.onset_ns[0]), int(stamp_ns[0]) + _ACTS_NS)
+        kept = stamp_ns >= first_ns
+        trace = ForceTrace(trace.stamp_ns[kept], trace.force[kept])
+    return pulses, trace
+
+
+def _rounded(seconds: FloatArray) -> IntArray:
+    return np.rint(seconds * NANOSECONDS_PER_SECOND).astype(np.int64)
+
+
+def _stamps(file: SignalFile, signal: Signal, guess: Guess, options: ImportOptions) -> IntArray:
+    """Return the stamps of a signal [ns]."""
+    if column := file.signal(guess.time):
+        _finite(file, column)
+        return _rising(file, column.name, column.values, TIME_UNITS[guess.time_unit])
+    if signal.time is not None:
+        return _rising(file, signal.name, signal.time, 1.0)
+    rate = options.sampling_rate or file.sampling_rate_hz
+    assert rate is not None
+    steps = np.arange(len(signal.values)) * (NANOSECONDS_PER_SECOND / rate)
+    stamps: IntArray = np.rint(steps).astype(np.int64)
+    return stamps
+
+
+def _finite(file: SignalFile, signal: Signal) -> None:
+    for row in np.flatnonzero(~np.isfinite(signal.values))[:1].tolist():
+        raise RecordingError(
+            f'expected finite numbers in column {signal.name!r} of {file.path}, '
+            f'got {signal.values[row]} in row {row + 1}'
+        )
+
+
+def _rising(file: SignalFile, name: str, values: FloatArray, unit: float) -> IntArray:
+    if (missing := np.flatnonzero(np.isnan(values))).size:
+        raise RecordingError(
+            f'expected a time in each row of column {name!r} of {file.path}, got none in row '
+            f'{missing[0] + 1}'
+        )
+    if (late := np.flatnonzero(np.diff(values) <= 0)).size:
+        raise RecordingError(
+            f'expected rising times in column {name!r} of {file.path}, '
+            f'got {values[late[0]]} and then {values[late[0] + 1]}'
+        )
+    seconds = values * unit
+    # Beyond that nanoseconds do not fit into 64 bits.
+    if len(seconds) and not np.abs(seconds).max() < 9e9:
+        raise RecordingError(
+            f'expected times below 9e9 s in {file.path}, got {np.abs(seconds).max():g} s: '
+            '--time-unit decides'
+        )
+    return _rounded(seconds)
+
+
+def _of_events(onset: IntArray, options: ImportOptions, file: SignalFile) -> PulseTrain:
+    if not len(onset):
+        raise RecordingError(f'expected pulses in {file.path}, got an empty list of events')
+    count = len(onset)
+    return PulseTrain(
+        onset,
+        np.full(count, options.share),
+        np.arange(count, dtype=np.int64),
+        np.full(count, MAGNETIC_PULSE_WIDTH),
+    )
 
 
 def _remarks(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
@@ -297,11 +336,6 @@ def begins_amid(pulses: PulseTrain, forces: ForceTrace) -> bool:
     return bool(low + least < level < high - least)
 
 
-def numbered_on(pulses: PulseTrain) -> PulseTrain:
-    """Return the pulses with sequence numbers that say that there were pulses before them."""
-    return replace(pulses, sequence=pulses.sequence + 1)
-
-
 _ZIP, _XDF, _HDF5, _MATLAB = b'PK\x03\x04', b'XDF:', b'\x89HDF', b'MATLAB'
 
 
@@ -332,22 +366,23 @@ def read_signals(path: Path, block: int | None = None, sheet: str | None = None)
             head = file.read(1024)
     except OSError as error:
         raise RecordingError(f'expected a file at {path}, got {error}') from error
+    known: Callable[[Path], SignalFile] | None = None
     if head.startswith(_ZIP):
-        unused(path, 'a LabChart file with --block', block)
-        return read_excel(path, sheet)
-    unused(path, 'a workbook with --sheet', sheet)
-    known = read_xdf if head.startswith(_XDF) else None
-    if head.startswith((_HDF5, _MATLAB)) or path.suffix.lower() == '.mat':
+        known = partial(read_excel, sheet=sheet)
+    elif sheet is not None:
+        raise RecordingError(f'expected a workbook with --sheet, got {path}')
+    elif head.startswith((_HDF5, _MATLAB)) or path.suffix.lower() == '.mat':
         known = read_matlab
-    if known is not None:
-        unused(path, 'a LabChart file with --block', block)
-        return known(path)
-    return read_text(path, block)
+    elif head.startswith(_XDF):
+        known = read_xdf
+    if known is None:
+        return read_text(path, block)
+    if block is not None:
+        raise RecordingError(f'expected a LabChart file with --block, got {path}')
+    return known(path)
 
 
-def read_csv(
-    path: Path | str, time: str, force: str, pulse: str, settings: GateSettings | None = None
-) -> tuple[PulseTrain, ForceTrace]:
+def read_csv(path: Path | str, time: str, force: str, pulse: str) -> tuple[PulseTrain, ForceTrace]:
     """Return pulses and forces of a table with columns of time [s], force [N] and gate.
 
     Raises
@@ -355,18 +390,6 @@ def read_csv(
     RecordingError
         As `import_file`.
     """
-    gate = settings or GateSettings()
-    found = import_file(
-        Path(path),
-        ImportOptions(
-            time=time,
-            force=force,
-            pulse=pulse,
-            time_unit='s',
-            force_unit='N',
-            threshold=gate.threshold,
-            intensity=gate.intensity,
-            edge=gate.edge,
-        ),
-    )
+    names = ImportOptions(time=time, force=force, pulse=pulse, time_unit='s', force_unit='N')
+    found = import_file(Path(path), names)
     return found.pulses, found.forces

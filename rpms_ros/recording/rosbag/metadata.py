@@ -1,8 +1,9 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""metadata.yaml, the table of contents of a recording (version 9 of rosbag2).
+"""metadata.yaml, the table of contents of a recording: written as version 9 of rosbag2, and read.
 
-metadata.yaml of any writer, believed only if it is whole and what it should be.
+That of any writer is believed only if it is whole and what it should be.  No YAML reader of Python
+bounds what aliases stand for, nor how deep it calls itself.
 """
 
 from collections.abc import Mapping, Sequence
@@ -143,25 +144,33 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
 }
 
 
+_FAULTS = (
+    yaml.YAMLError, ArithmeticError, AttributeError, LookupError, OSError, RecordingError,
+    RecursionError, TypeError, ValueError,
+)  # fmt: skip
+
+
 def read_metadata(path: Path, findings: Findings) -> dict[str, Any]:
     """Return what metadata.yaml tells; nothing, and a fault, if it is missing or damaged."""
     if not path.exists():
         findings.add('missing_metadata', f'{path.name} is missing: read without it')
         return {}
     try:
-        metadata = checked(loaded(regular_text(path))[KEY])
-    except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError) as error:
-        return _left_aside(path, error, findings)
-    except (OSError, RecordingError, RecursionError, TypeError, ValueError) as error:
-        return _left_aside(path, error, findings)
-    _check_sum(path, findings)
+        metadata = _checked(loaded(regular_text(path))[KEY])
+    except _FAULTS as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        findings.add('damaged_metadata', f'{path.name} left aside: {reason}')
+        return {}
+    try:
+        sums = read_checksums(path.parent)
+    except (OSError, RecordingError) as error:
+        findings.add('wrong_checksum', str(error))
+        return metadata
+    # The storage files have quicker checksums.
+    if sums is not None and sums.get(path.name) != sha256(path):
+        found = f'{path.name} is not what was written: its SHA-256 differs'
+        findings.add('wrong_checksum', found)
     return metadata
-
-
-def _left_aside(path: Path, error: Exception, findings: Findings) -> dict[str, Any]:
-    reason = (str(error).splitlines() or [type(error).__name__])[0]
-    findings.add('damaged_metadata', f'{path.name} left aside: {reason}')
-    return {}
 
 
 def regular_text(path: Path) -> str:
@@ -214,7 +223,7 @@ def loaded(text: str) -> Any:
     return yaml.load(text, _LOADER)
 
 
-def checked(metadata: Any) -> dict[str, Any]:
+def _checked(metadata: Any) -> dict[str, Any]:
     """Return metadata that have all keys of their version, with values that can be used.
 
     Raises
@@ -236,23 +245,9 @@ def checked(metadata: Any) -> dict[str, Any]:
     ]
     if missing:
         raise RecordingError(f'expected {", ".join(missing)}, got no such entry')
+    texts = list(metadata['relative_file_paths'])
     for entry in metadata['topics_with_message_count']:
-        _expect_text(entry['topic_metadata']['name'], entry['topic_metadata']['type'])
-    _expect_text(*metadata['relative_file_paths'])
-    return metadata
-
-
-def _expect_text(*values: object) -> None:
-    if wrong := [value for value in values if not isinstance(value, str)]:
+        texts += [entry['topic_metadata']['name'], entry['topic_metadata']['type']]
+    if wrong := [text for text in texts if not isinstance(text, str)]:
         raise RecordingError(f'expected names as text, got {wrong[0]!r:.80}')
-
-
-def _check_sum(path: Path, findings: Findings) -> None:
-    """Compare metadata.yaml with SHA256SUMS; the storage files have quicker checksums."""
-    try:
-        sums = read_checksums(path.parent)
-    except (OSError, RecordingError) as error:
-        findings.add('wrong_checksum', str(error))
-        return
-    if sums is not None and sums.get(path.name) != sha256(path):
-        findings.add('wrong_checksum', f'{path.name} is not what was written: its SHA-256 differs')
+    return metadata

@@ -27,6 +27,7 @@ from rpms_ros.pulses import (
     IntArray,
     PulseTrain,
 )
+from rpms_ros.recording.rosbag.checksums import SUMS_NAME
 from rpms_ros.recording.rosbag.definitions import direction_of, force_along, types_of
 from rpms_ros.recording.rosbag.records import Budget, Channel, Findings, Records
 from rpms_ros.recording.rosbag.scan import Progress, Scan, TopicFacts
@@ -187,6 +188,8 @@ class RecordingFacts:
         Names of the storage files.
     schedules : tuple of RecordedSchedule
         Schedules that a driver accepted.
+    checksums : bool
+        Whether there are any that would tell a change of the files.
     """
 
     path: Path
@@ -198,6 +201,7 @@ class RecordingFacts:
     remarks: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     schedules: tuple[RecordedSchedule, ...] = ()
+    checksums: bool = True
 
 
 @dataclass(frozen=True)
@@ -351,6 +355,7 @@ def _facts(
     schedules: ScheduleReading,
     frame_ids: Mapping[str, tuple[str, ...]] | None = None,
 ) -> RecordingFacts:
+    folder = scan.path if scan.path.is_dir() else scan.path.parent
     return RecordingFacts(
         scan.path,
         scan.storage,
@@ -361,6 +366,7 @@ def _facts(
         tuple(scan.findings.remarks),
         tuple(path.name for path in scan.paths),
         schedules.schedules,
+        (folder / SUMS_NAME).exists(),
     )
 
 

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Everything about a recording that can be checked, one line a finding.
 
-Pulses of a recording beside those that an audit log says a driver gave.
+With an audit log also whether the pulses are those that the driver gave.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 from rpms_ros.errors import RecordingError, StimulationError
 from rpms_ros.identification.stream.pulse_checks import no_overlap, outside_shares, range_outside
 from rpms_ros.printable import counted, printable
-from rpms_ros.pulses import HashedPulses, IntArray, PulseTrain, hash_of
+from rpms_ros.pulses import IntArray, PulseTrain, hash_of
 from rpms_ros.recording.rosbag.checksums import SUMS_NAME, read_checksums, sha256, signature_fits
 from rpms_ros.recording.rosbag.reading import (
     DAMAGE,
@@ -28,52 +28,6 @@ from rpms_ros.recording.rosbag.reading import (
     session_hash,
 )
 from rpms_ros.stimulation.records.audit_log import verify_log
-
-
-def audited(path: Path) -> tuple[list[HashedPulses], str]:
-    """Return the runs of pulses in an audit log, and what is wrong with its chain, if anything.
-
-    Raises
-    ------
-    RecordingError
-        If there is no audit log.
-    """
-    if not path.is_file():
-        raise RecordingError(f'expected an audit log, got {path}')
-    try:
-        log = verify_log(path)
-    except (OSError, StimulationError) as error:
-        raise RecordingError(f'expected an audit log, got {path}: {error}') from error
-    runs = []
-    for record in log.records:
-        count, first_ns = record.content.get('pulses'), record.content.get('first_pulse_ns')
-        digest = record.content.get('pulses_sha256')
-        if not (isinstance(count, int) and isinstance(first_ns, int) and count > 0):
-            continue
-        if isinstance(digest, str):
-            runs.append(HashedPulses(count, first_ns, digest))
-    return runs, log.fault
-
-
-def differences(pulses: PulseTrain, runs: list[HashedPulses]) -> Iterator[str]:
-    """Yield a line for each run that is in the recording and is not what the driver gave."""
-    for run in runs:
-        begins = np.flatnonzero(pulses.onset_ns == run.first_ns)
-        for begin in begins[:1].tolist():
-            part = pulses[slice(begin, begin + run.count)]
-            if hash_of(part) != run.sha256:
-                found = f'{counted(run.count, "pulse")} from stamp {run.first_ns} on'
-                yield f'{found}: not what the driver gave'
-
-
-def covered(pulses: PulseTrain, runs: list[HashedPulses]) -> int:
-    """Return how many pulses of the recording belong to a run of the audit log."""
-    known = np.zeros(len(pulses), np.bool_)
-    for run in runs:
-        for begin in np.flatnonzero(pulses.onset_ns == run.first_ns)[:1].tolist():
-            known[begin : begin + run.count] = True
-    return int(known.sum())
-
 
 OK, FAULT, UNKNOWN = 'ok', 'FAULT', 'unknown'
 PUBLISHERS_KEY = 'publishers'
@@ -104,6 +58,12 @@ class Finding:
     text: str
 
 
+def _found(check: str, faults: Iterable[str], well: str) -> list[Finding]:
+    """Return a finding for each fault, or that there is none."""
+    found = [Finding(check, FAULT, printable(text)) for text in faults]
+    return found or [Finding(check, OK, well)]
+
+
 def verify(
     path: Path,
     topics: Topics | None = None,
@@ -132,8 +92,15 @@ def verify(
         If there is nothing that could be read.
     """
     facts = read_facts(path, memory=memory)
-    findings = [*_structure(facts), *_checksums(path, facts), _signature(path, key)]
-    findings += [*_publishers(facts), *_schedules(facts)]
+    folder = path if path.is_dir() else path.parent
+    count = sum(topic.count for topic in facts.topics)
+    structure = f'{count} messages on {len(facts.topics)} topics, {facts.storage}'
+    findings = _found('structure', facts.remarks, structure)
+    findings += [*_checksums(folder, facts), _signature(folder, key), *_publishers(facts)]
+    # a text that does not fit its hash is among the remarks already
+    findings += [Finding('schedule', OK, str(one)) for one in facts.schedules] or [
+        Finding('schedule', UNKNOWN, 'the recording does not tell')
+    ]
     try:
         recording = read_recording(path, topics, memory=memory)
     except RecordingError as error:
@@ -142,43 +109,34 @@ def verify(
     findings += [
         Finding('session', FAULT, text) for text in recording.facts.remarks if text not in seen
     ]
-    findings += [*_clock(recording), *_gaps(recording), *_lost(facts)]
-    findings += [*_doubles(recording), *_values(recording)]
+    findings += _found('clock', _clock(recording), 'no step back')
+    findings += _gaps(recording)
+    findings += _found('doubles', _doubles(recording), 'none')
+    findings += _found('values', _values(recording), 'finite, intensities from 0 to 1')
     if audit is not None:
-        findings += _audit(recording, audit)
+        findings += _audit(recording.pulses, audit)
+    digest = session_hash(recording)
     if DAMAGE & facts.faults.keys():
-        text = f'{session_hash(recording)} of what could be read, not of all that was recorded'
-        return [*findings, Finding('hash', FAULT, text)]
-    return [*findings, Finding('hash', OK, session_hash(recording))]
+        digest += ' of what could be read, not of all that was recorded'
+        return [*findings, Finding('hash', FAULT, digest)]
+    return [*findings, Finding('hash', OK, digest)]
 
 
-def _structure(facts: RecordingFacts) -> list[Finding]:
-    """Faults of files, records and counts; damage in a chunk of mcap is found here too."""
-    count = sum(topic.count for topic in facts.topics)
-    text = f'{count} messages on {len(facts.topics)} topics, {facts.storage}'
-    return [Finding('structure', FAULT, remark) for remark in facts.remarks] or [
-        Finding('structure', OK, text)
-    ]
-
-
-def _checksums(path: Path, facts: RecordingFacts) -> Iterator[Finding]:
-    folder = path if path.is_dir() else path.parent
+def _checksums(folder: Path, facts: RecordingFacts) -> list[Finding]:
     try:
         sums = read_checksums(folder)
     except (OSError, RecordingError) as error:
-        yield Finding('checksums', FAULT, printable(str(error)))
-        return
+        return _found('checksums', [str(error)], '')
     if sums is None:
-        yield Finding('checksums', UNKNOWN, f'there is no {SUMS_NAME}')
-        return
-    wrong = [name for name, digest in sums.items() if not _fits(folder / name, digest)]
-    for name in wrong:
-        text = f'{name} is missing, cannot be read or is not what was written'
-        yield Finding('checksums', FAULT, printable(text))
-    for name in sorted(set(facts.files) - sums.keys()):
-        yield Finding('checksums', FAULT, printable(f'{name} is not listed in {SUMS_NAME}'))
-    if not wrong:
-        yield Finding('checksums', OK, f'SHA-256 of {", ".join(sums)}')
+        return [Finding('checksums', UNKNOWN, f'there is no {SUMS_NAME}')]
+    wrong = [
+        f'{name} is missing, cannot be read or is not what was written'
+        for name, digest in sums.items()
+        if not _fits(folder / name, digest)
+    ]
+    unlisted = sorted(set(facts.files) - sums.keys())
+    wrong += [f'{name} is not listed in {SUMS_NAME}' for name in unlisted]
+    return _found('checksums', wrong, f'SHA-256 of {", ".join(sums)}')
 
 
 def _fits(path: Path, digest: str) -> bool:
@@ -188,8 +146,7 @@ def _fits(path: Path, digest: str) -> bool:
         return False
 
 
-def _signature(path: Path, key: bytes | None) -> Finding:
-    folder = path if path.is_dir() else path.parent
+def _signature(folder: Path, key: bytes | None) -> Finding:
     try:
         fits = signature_fits(folder, key or b'')
     except (OSError, RecordingError) as error:
@@ -210,61 +167,65 @@ def _publishers(facts: RecordingFacts) -> list[Finding]:
         several = {str(topic): int(count) for topic, count in counts.items() if int(count) > 1}
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
         return [Finding('publishers', UNKNOWN, 'the recording does not tell')]
-    return [
-        Finding('publishers', FAULT, printable(f'{topic} had {count} publishers'))
-        for topic, count in several.items()
-    ] or [Finding('publishers', OK, 'one for each topic')]
+    faults = [f'{topic} had {count} publishers' for topic, count in several.items()]
+    return _found('publishers', faults, 'one for each topic')
 
 
-def _schedules(facts: RecordingFacts) -> list[Finding]:
-    """Say what was accepted; a text that does not fit its hash is among the remarks already."""
-    return [Finding('schedule', OK, str(one)) for one in facts.schedules] or [
-        Finding('schedule', UNKNOWN, 'the recording does not tell')
-    ]
-
-
-def _audit(recording: Recording, path: Path) -> Iterator[Finding]:
-    """Compare the pulses with those that the driver wrote down."""
-    runs, fault = audited(path)
-    wrong = [*differences(recording.pulses, runs), *([f'chain of the log: {fault}'] * bool(fault))]
-    for text in wrong:
-        yield Finding('audit', FAULT, printable(text))
-    count, known = len(recording.pulses), covered(recording.pulses, runs)
-    if known < count:
-        text = f'the log has {known} of {counted(count, "pulse")}'
-        yield Finding('audit', FAULT if known else UNKNOWN, text)
+def _audit(pulses: PulseTrain, path: Path) -> Iterator[Finding]:
+    """Compare the pulses with those that the driver wrote down in its audit log."""
+    if not path.is_file():
+        raise RecordingError(f'expected an audit log, got {path}')
+    try:
+        log = verify_log(path)
+    except (OSError, StimulationError) as error:
+        raise RecordingError(f'expected an audit log, got {path}: {error}') from error
+    known = np.zeros(len(pulses), np.bool_)
+    wrong = []
+    for record in log.records:
+        length, first_ns = record.content.get('pulses'), record.content.get('first_pulse_ns')
+        digest = record.content.get('pulses_sha256')
+        if not (isinstance(length, int) and isinstance(first_ns, int) and length > 0):
+            continue
+        for begin in np.flatnonzero(pulses.onset_ns == first_ns)[:1].tolist():
+            if isinstance(digest, str):
+                run = slice(begin, begin + length)
+                known[run] = True
+                if hash_of(pulses[run]) != digest:
+                    found = f'{counted(length, "pulse")} from stamp {first_ns} on'
+                    wrong.append(f'{found}: not what the driver gave')
+    wrong += [f'chain of the log: {log.fault}'] * bool(log.fault)
+    yield from (Finding('audit', FAULT, printable(text)) for text in wrong)
+    if not known.all():
+        text = f'the log has {known.sum()} of {counted(len(pulses), "pulse")}'
+        yield Finding('audit', FAULT if known.any() else UNKNOWN, text)
     elif not wrong:
-        yield Finding('audit', OK, f'{counted(count, "pulse")} as the driver gave them')
+        yield Finding('audit', OK, f'{counted(len(pulses), "pulse")} as the driver gave them')
 
 
-def _clock(recording: Recording) -> list[Finding]:
+def _clock(recording: Recording) -> Iterator[str]:
     columns = {
         'the clock of the recorder (pulses)': recording.pulse_received_ns,
         'the clock of the recorder (force)': recording.force_received_ns,
         'the stamps of the pulses': recording.pulses.onset_ns,
         'the stamps of the force': recording.forces.stamp_ns,
     }
-    findings = []
     for name, times in columns.items():
         steps = np.diff(times)
         if back := int(np.count_nonzero(steps < 0)):
             furthest = -float(steps.min()) * 1e-9
-            text = f'{name}: {counted(back, "step")} back, the furthest by {furthest:.6g} s'
-            findings.append(Finding('clock', FAULT, text))
+            yield f'{name}: {counted(back, "step")} back, the furthest by {furthest:.6g} s'
     apart = no_overlap(recording.pulses.onset_ns, recording.forces.stamp_ns)
     if apart is not None:
-        findings.append(Finding('clock', FAULT, apart))
-    return findings or [Finding('clock', OK, 'no step back')]
+        yield apart
 
 
-def _lost(facts: RecordingFacts) -> Iterator[Finding]:
-    """Say what the recorder did not keep, by its own count."""
+def _gaps(recording: Recording) -> list[Finding]:
+    """Say what the recorder did not keep by its own count, and what is missing in the data."""
+    told: list[str] = []
     with suppress(AttributeError, KeyError, TypeError, ValueError, RecursionError):
-        for topic, count in json.loads(facts.custom[LOST_KEY]).items():
-            yield Finding('gaps', FAULT, printable(f'{int(count)} messages of {topic} were lost'))
-
-
-def _gaps(recording: Recording) -> Iterator[Finding]:
+        for topic, count in json.loads(recording.facts.custom[LOST_KEY]).items():
+            told.append(f'{int(count)} messages of {topic} were lost')
+    faults: list[str] = []
     rising = np.diff(recording.forces.stamp_ns)
     rising = rising[rising > 0]
     interval = float(np.median(rising)) if len(rising) else 0.0
@@ -272,17 +233,14 @@ def _gaps(recording: Recording) -> Iterator[Finding]:
     if len(gaps):
         missing = int(np.sum(np.rint(gaps / interval) - 1))
         text = f'{counted(len(gaps), "gap")} in the force, about {counted(missing, "sample")} '
-        yield Finding('gaps', FAULT, f'{text}missing, the longest {gaps.max() * 1e-9:.6g} s')
+        faults.append(f'{text}missing, the longest {gaps.max() * 1e-9:.6g} s')
     steps = _steps(recording.pulses.sequence)
-    lost = int(np.sum(steps[(steps > 1) & (steps < _SEQUENCES // 2)] - 1))
-    if lost:
+    if lost := int(np.sum(steps[(steps > 1) & (steps < _SEQUENCES // 2)] - 1)):
         are = 'is' if lost == 1 else 'are'
-        text = f'{counted(lost, "pulse")} {are} missing in their numbering'
-        yield Finding('gaps', FAULT, text)
-    if not len(gaps) and not lost:
-        yield Finding(
-            'gaps', OK, f'none in the force every {interval * 1e-6:.6g} ms nor in pulses'
-        )
+        faults.append(f'{counted(lost, "pulse")} {are} missing in their numbering')
+    well = f'none in the force every {interval * 1e-6:.6g} ms nor in pulses'
+    found = _found('gaps', told, '') if told else []
+    return [*found, *_found('gaps', faults, well)]
 
 
 def _steps(sequence: IntArray) -> IntArray:
@@ -291,38 +249,22 @@ def _steps(sequence: IntArray) -> IntArray:
     return steps
 
 
-def _doubles(recording: Recording) -> Iterator[Finding]:
-    counts = {
-        ('force sample', 'the stamp of another'): _repeated(recording.forces.stamp_ns),
-        ('pulse', 'the stamp of another'): _repeated(recording.pulses.onset_ns),
-        ('pulse', 'the number of the one before'): int(
-            np.count_nonzero(_steps(recording.pulses.sequence) == 0)
-        ),
-    }
-    for (one, what), count in counts.items():
-        if count:
-            yield Finding('doubles', FAULT, f'{counted(count, one)} with {what}')
-    if not any(counts.values()):
-        yield Finding('doubles', OK, 'none')
+def _doubles(recording: Recording) -> Iterator[str]:
+    pulses, stamp_ns = recording.pulses, recording.forces.stamp_ns
+    if count := len(stamp_ns) - len(np.unique(stamp_ns)):
+        yield f'{counted(count, "force sample")} with the stamp of another'
+    if count := len(pulses) - len(np.unique(pulses.onset_ns)):
+        yield f'{counted(count, "pulse")} with the stamp of another'
+    if count := int(np.count_nonzero(_steps(pulses.sequence) == 0)):
+        yield f'{counted(count, "pulse")} with the number of the one before'
 
 
-def _repeated(values: IntArray) -> int:
-    return len(values) - len(np.unique(values))
-
-
-def _values(recording: Recording) -> Iterator[Finding]:
+def _values(recording: Recording) -> Iterator[str]:
     pulses, force = recording.pulses, recording.forces.force
-    no_force = int(np.count_nonzero(~np.isfinite(force)))
-    no_share = int(np.count_nonzero(outside_shares(pulses.intensity)))
-    no_time = int(np.count_nonzero(~(np.isfinite(pulses.width) & (pulses.width > 0))))
-    if no_force:
-        text = f'{counted(no_force, "force")}: no finite number'
-        yield Finding('values', FAULT, text)
-    if no_share:
-        text = counted(no_share, 'intensity', 'intensities')
-        where = range_outside(pulses.intensity)
-        yield Finding('values', FAULT, f'{text} outside 0 to 1, {where}')
-    if no_time:
-        yield Finding('values', FAULT, f'{counted(no_time, "width")}: no time')
-    if not (no_force or no_share or no_time):
-        yield Finding('values', OK, 'finite, intensities from 0 to 1')
+    if count := int(np.count_nonzero(~np.isfinite(force))):
+        yield f'{counted(count, "force")}: no finite number'
+    if count := int(np.count_nonzero(outside_shares(pulses.intensity))):
+        text = counted(count, 'intensity', 'intensities')
+        yield f'{text} outside 0 to 1, {range_outside(pulses.intensity)}'
+    if count := int(np.count_nonzero(~(np.isfinite(pulses.width) & (pulses.width > 0)))):
+        yield f'{counted(count, "width")}: no time'

@@ -1,0 +1,382 @@
+# Copyright 2026 rpms_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Files that a library reads: MATLAB of version 5 and 7.3 (HDF5), Excel workbooks, XDF.
+
+Of MATLAB every vector and every column of a matrix, in structures too; of Excel one sheet as a
+table, its numbers below a header; of XDF the streams of the Lab Streaming Layer, put on one clock.
+"""
+
+import pickle
+import signal
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import numpy as np
+
+from rpms_ros.errors import RecordingError
+from rpms_ros.pulses import FloatArray
+from rpms_ros.recording.importing.signals import Events, Signal, SignalFile, needed, unit_of
+from rpms_ros.recording.importing.text import header
+from rpms_ros.recording.rosbag.records import LEAST, PER_BYTE
+
+_HDF5 = b'\x89HDF'
+_RATES = ('fs', 'samplerate', 'samplingrate', 'sampling_rate', 'sample_rate', 'rate', 'srate')
+_MOST_COLUMNS = 64
+_HEAD, _TAG = 128, 8
+# Types of variables: plain, and packed.  Nothing else is in a file beside them.
+_MATRIX, _PACKED = 14, 15
+# Unpacking eight bytes needs no more of a variable than this.
+_BEGINNING = 4096
+_WAVEFORM = {'interval', 'start', 'values'}
+_EVENTS = {'title', 'length', 'times'}
+_LARGEST_WORKBOOK = 300_000_000
+
+_SCIPY = """\
+import pickle, sys
+import scipy.io
+function, path, *flags = sys.argv[1:]
+try:
+    options = dict(flag.split('=') for flag in flags)
+    options = {name: text == 'True' for name, text in options.items()}
+    found = getattr(scipy.io, function)(path, **options)
+except Exception as error:
+    sys.exit(str(error) or repr(error))
+pickle.dump(found, sys.stdout.buffer, protocol=5)
+"""
+
+
+def by_scipy(function: str, path: Path, **flags: bool) -> Any:
+    """Return what ``loadmat`` or ``whosmat`` tells of a file, read in a process of its own.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged.
+    """
+    options = [f'{name}={flag}' for name, flag in flags.items()]
+    command = [sys.executable, '-P', '-W', 'ignore', '-c', _SCIPY, function, str(path), *options]
+    done = subprocess.run(command, capture_output=True, check=False)
+    if done.returncode < 0:
+        name = signal.Signals(-done.returncode).name
+        raise ValueError(f'damage on which SciPy crashes ({name})')
+    if done.returncode:
+        raise ValueError(done.stderr.decode(errors='replace').strip().splitlines()[-1])
+    return pickle.loads(done.stdout)
+
+
+def read_matlab(path: Path) -> SignalFile:
+    """Return every vector of numbers in the file, named by its place; of Spike2 its channels.
+
+    Raises
+    ------
+    RecordingError
+        If the file is damaged, or of version 7.3 and h5py is not installed.
+    """
+    with path.open('rb') as file:
+        hdf5 = _HDF5 in file.read(1024)
+    try:
+        if not hdf5:
+            _refuse_packed_bomb(path)
+            content = by_scipy('loadmat', path, squeeze_me=True, struct_as_record=False)
+            if (channels := _spike2_channels(path, content)) is not None:
+                return channels
+        items = list(_from_hdf5(path) if hdf5 else _from_structure(content))
+    except RecordingError:
+        raise
+    # scipy and h5py raise whatever the damage leads to
+    except Exception as error:
+        raise RecordingError(f'expected a MATLAB file at {path}, got {error}') from error
+    vectors = [vector for name, array in items for vector in _vectors(name, array)]
+    rates = [
+        float(array.ravel()[0])
+        for name, array in items
+        if name.rpartition('.')[2].lower() in _RATES and array.size == 1
+    ]
+    return SignalFile(
+        path,
+        f'MATLAB {"7.3" if hdf5 else "5"}',
+        tuple(Signal(name, values, unit_of(name)) for name, values in vectors),
+        sampling_rate_hz=rates[0] if rates and rates[0] > 0.0 else None,
+    )
+
+
+def _vectors(name: str, array: Any) -> Iterator[tuple[str, FloatArray]]:
+    values = np.squeeze(array)
+    if values.ndim == 1 and len(values) > 1:
+        yield name, np.ascontiguousarray(values, dtype=np.float64)
+    elif values.ndim == 2:
+        tall = values if values.shape[0] >= values.shape[1] else values.T
+        if tall.shape[1] <= _MOST_COLUMNS:
+            for index, column in enumerate(tall.T):
+                yield f'{name} {index + 1}', np.ascontiguousarray(column, dtype=np.float64)
+
+
+def _from_structure(content: Mapping[str, Any], place: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the arrays of numbers in a structure and in those within it, named by their places."""
+    for name, value in content.items():
+        if not name.startswith('__'):
+            yield from _from_structure(_fields(value), f'{place}{name}.')
+            array = np.asarray(value)
+            if array.dtype.kind in 'fiub':
+                yield f'{place}{name}', array
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    return {name: getattr(value, name) for name in getattr(value, '_fieldnames', ())}
+
+
+def _from_hdf5(path: Path) -> Iterator[tuple[str, Any]]:
+    h5py = needed('h5py', f'a MATLAB file of version 7.3 ({path})')
+    found: list[tuple[str, Any]] = []
+    left = _largest_content(path)
+
+    def visit(name: str, item: Any) -> None:
+        nonlocal left
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in 'fiub' and '#' not in name:
+            left -= item.size * item.dtype.itemsize
+            if left < 0:
+                raise _too_large(path)
+            found.append((name.replace('/', '.'), item[()]))
+
+    with h5py.File(path, 'r') as file:
+        file.visititems(visit)
+    yield from found
+
+
+def _largest_content(path: Path) -> int:
+    """Return what a file may unpack into [bytes]: as much as a recording may take."""
+    return LEAST + PER_BYTE * path.stat().st_size
+
+
+def _too_large(path: Path) -> RecordingError:
+    """Return the error for a file that unpacks into more."""
+    return RecordingError(
+        f'expected a file that unpacks into {_largest_content(path) / 1e9:.3g} GB at most, '
+        f'got more in {path}'
+    )
+
+
+def _refuse_packed_bomb(path: Path) -> None:
+    """Raise `RecordingError` if the variables of a file of version 5 are larger than they may be.
+
+    What is no such file is left to its reader, which refuses it at the first element of another
+    type: to step on through hundreds of megabytes of zeros by eight bytes takes a minute.
+    """
+    left = _largest_content(path)
+    with path.open('rb') as file:
+        head = file.read(_HEAD)
+        order = 'little' if head[126:128] == b'IM' else 'big'
+        while len(tag := file.read(_TAG)) == _TAG:
+            kind, size = (int.from_bytes(part, order) for part in (tag[:4], tag[4:]))  # type: ignore[arg-type]
+            if kind not in (_MATRIX, _PACKED):
+                return
+            begin = file.tell()
+            if kind == _PACKED:
+                left -= _stated(file.read(min(size, _BEGINNING)), order)
+            if left < 0:
+                raise _too_large(path)
+            file.seek(begin + size)
+
+
+def _stated(packed: bytes, order: str) -> int:
+    """Return the size that the first element in packed bytes states; 0 if they are damaged."""
+    try:
+        beginning = zlib.decompressobj().decompress(packed, _TAG)
+    except zlib.error:
+        return 0
+    return int.from_bytes(beginning[4:_TAG], order)  # type: ignore[arg-type]
+
+
+def _spike2_channels(path: Path, content: Mapping[str, Any]) -> SignalFile | None:
+    """Return the channels of a MATLAB file that Spike2 has written; None if it is another one.
+
+    Channels that are neither waveforms nor events, such as wavemarks, are left out.
+    """
+    channels = {name: _fields(value) for name, value in content.items()}
+    if not any(found.keys() >= _WAVEFORM for found in channels.values()):
+        return None
+    signals: list[Signal] = []
+    events: list[Events] = []
+    for name, channel in channels.items():
+        title = _text(channel, 'title') or name
+        if channel.keys() >= _WAVEFORM:
+            values = np.squeeze(np.asarray(channel['values']))
+            if values.dtype.kind in 'fiub' and values.ndim == 1 and len(values) > 1:
+                signals.append(_waveform(path, title, channel, values.astype(np.float64)))
+        elif channel.keys() >= _EVENTS and 'values' not in channel:
+            times = np.atleast_1d(np.asarray(channel['times'], dtype=np.float64)).ravel()
+            events.append(Events(title, times))
+    return SignalFile(path, 'Spike2 MATLAB', tuple(signals), tuple(events))
+
+
+def _waveform(path: Path, title: str, channel: Mapping[str, Any], values: FloatArray) -> Signal:
+    start, interval = float(channel['start']), float(channel['interval'])
+    if not (np.isfinite(start) and 0.0 < interval < np.inf):
+        raise RecordingError(
+            f'expected a waveform with an interval above 0 s in {path}, got {interval} of '
+            f'{title!r}'
+        )
+    time = start + interval * np.arange(len(values), dtype=np.float64)
+    return Signal(title, values, _text(channel, 'units'), time)
+
+
+def _text(channel: Mapping[str, Any], name: str) -> str:
+    """Return a text of a channel; MATLAB's empty one is an empty array."""
+    value = channel.get(name, '')
+    return value if isinstance(value, str) else ''
+
+
+def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
+    """Return the columns of a sheet.
+
+    Parameters
+    ----------
+    path : Path
+        The workbook.
+    sheet : str, optional
+        Name of the sheet; needed if there are several with numbers.
+
+    Raises
+    ------
+    RecordingError
+        If openpyxl is not installed, the file is damaged or no sheet can be chosen.
+    """
+    openpyxl = needed('openpyxl', f'an Excel workbook ({path})')
+    try:
+        with ZipFile(path) as archive:
+            size = sum(part.file_size for part in archive.infolist())
+        if size > _LARGEST_WORKBOOK:
+            raise RecordingError(
+                f'expected a workbook of at most {_LARGEST_WORKBOOK} bytes unpacked at {path}, '
+                f'got {size}'
+            )
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        chosen = _chosen(path, book.sheetnames, sheet)
+        rows = [row for row in book[chosen].iter_rows(values_only=True) if set(row) - {None}]
+        book.close()
+    except RecordingError:
+        raise
+    # openpyxl raises whatever the damage leads to: of the archive, of XML, of a part that lacks
+    except Exception as error:
+        raise RecordingError(f'expected an Excel workbook at {path}, got {error}') from error
+    first = next((index for index, row in enumerate(rows) if _numbers(row)), None)
+    if first is None:
+        got = ', '.join(str(cell)[:40] for cell in rows[-1] if cell is not None) if rows else ''
+        raise RecordingError(
+            f'expected rows of numbers in {path}, got none; the last row is: {got or "empty"}'
+        )
+    width = max(len(row) for row in rows[first:])
+    titles, units = header([_titles(row, width) for row in rows[:first]], width)
+    table = np.array(
+        [
+            [_cell(path, cell, first + index + 1) for cell in row]
+            for index, row in enumerate(rows[first:])
+        ]
+    )
+    return SignalFile(
+        path,
+        'Excel workbook',
+        tuple(
+            Signal(name, np.ascontiguousarray(column), unit or unit_of(name))
+            for name, unit, column in zip(titles, units, table.T, strict=True)
+        ),
+        facts=(f'sheet {chosen}',),
+    )
+
+
+def _chosen(path: Path, names: list[str], sheet: str | None) -> str:
+    """Return the name of the sheet that is read."""
+    if sheet is None and len(names) != 1:
+        raise RecordingError(
+            f'expected one sheet in {path}, got {", ".join(names)}: --sheet NAME decides'
+        )
+    if sheet is not None and sheet not in names:
+        raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
+    return sheet or names[0]
+
+
+def _numbers(row: tuple[object, ...]) -> bool:
+    return all(cell is None or isinstance(cell, int | float) for cell in row)
+
+
+def _titles(row: tuple[object, ...], width: int) -> list[str]:
+    cells = ['' if cell is None else str(cell).strip() for cell in row]
+    return [*cells, *[''] * width][:width]
+
+
+def _cell(path: Path, cell: object, row: int) -> float:
+    if cell is None:
+        return float('nan')
+    if not isinstance(cell, int | float):
+        raise RecordingError(
+            f'expected numbers in {path}, got {str(cell)[:40]!r} in row {row} of those that are '
+            'not empty'
+        )
+    return float(cell)
+
+
+def read_xdf(path: Path) -> SignalFile:
+    """Return channels as signals and irregular streams as events, in the recorder's clock.
+
+    Raises
+    ------
+    RecordingError
+        If pyxdf is not installed or the file is damaged.
+    """
+    pyxdf = needed('pyxdf', f'an XDF file ({path})')
+    try:
+        streams, _ = pyxdf.load_xdf(str(path), verbose=False)
+        signals, events = _sorted(streams)
+    # pyxdf raises whatever the damage leads to, and gives streams that lack any part
+    except Exception as error:
+        raise RecordingError(f'expected an XDF file at {path}, got {error}') from error
+    begins = [one.time[0] for one in signals if one.time is not None and len(one.time)]
+    if not begins:
+        raise RecordingError(f'expected a sampled stream in {path}, got {len(events)} of events')
+    start = float(min(begins))
+    return SignalFile(
+        path,
+        'XDF',
+        tuple(replace(one, time=one.time - start) for one in signals if one.time is not None),
+        tuple(replace(one, time=one.time - start) for one in events),
+    )
+
+
+def _sorted(streams: list[dict[str, Any]]) -> tuple[list[Signal], list[Events]]:
+    """Return the channels of sampled streams, and the others as events."""
+    signals: list[Signal] = []
+    events: list[Events] = []
+    for stream in streams:
+        name = str(stream['info']['name'][0])
+        time = np.asarray(stream['time_stamps'], dtype=np.float64)
+        series = stream['time_series']
+        if isinstance(series, list) or not float(stream['info']['nominal_srate'][0]) > 0.0:
+            events.append(Events(name, time))
+            continue
+        values = np.asarray(series, dtype=np.float64)
+        for index, (label, unit) in enumerate(_channels(stream, values.shape[1])):
+            title = f'{name} {label}' if label else name
+            signals.append(Signal(title, np.ascontiguousarray(values[:, index]), unit, time))
+    return signals, events
+
+
+def _channels(stream: dict[str, Any], count: int) -> list[tuple[str, str]]:
+    """Return label and unit of each channel, empty where they are not stated."""
+    try:
+        listed = stream['info']['desc'][0]['channels'][0]['channel']
+        found = [(_told(one, 'label'), _told(one, 'unit')) for one in listed]
+    except (KeyError, IndexError, TypeError):
+        found = []
+    plain = [(str(index + 1) if count > 1 else '', '') for index in range(count)]
+    return found if len(found) == count else plain
+
+
+def _told(item: dict[str, Any], key: str) -> str:
+    value = item.get(key)
+    return str(value[0]) if value and value[0] else ''
