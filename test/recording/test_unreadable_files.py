@@ -1,15 +1,21 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Files of laboratories that cannot be read: said at once, and with what to do."""
+"""Files of laboratories with something odd or damaged: read, or refused at once in one line."""
 
+import datetime as dt
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import read_signals
+from rpms_ros.recording.importing import ImportOptions, import_file, read_signals
+
+h5py = pytest.importorskip('h5py')
+openpyxl = pytest.importorskip('openpyxl')
 
 ROWS = [(k / 1000, 0.5 * k, 5.0 * (k % 10 == 5)) for k in range(40)]
 
@@ -64,3 +70,170 @@ def test_matlab_files_of_both_versions_are_read(tmp_path: Path, form: str) -> No
     path = tmp_path / 'session.mat'
     savemat(path, {'force': np.arange(10.0), 'gate': np.arange(10.0)}, format=form)
     assert [one.name for one in read_signals(path).signals] == ['force', 'gate']
+
+
+@pytest.mark.parametrize(
+    ('separator', 'row', 'cell'),
+    [
+        (';', '1.058,403;0,500', '1.058,403'),
+        ('\t', '1,058.403\t0.500', '1,058.403'),
+        (',', '"1,058.403",0.500', '1,058.403'),
+        (';', "1'058.403;0.500", "1'058.403"),
+        (';', '1\N{NARROW NO-BREAK SPACE}058,403;0,500', '1\N{NARROW NO-BREAK SPACE}058,403'),
+        (';', '-1.058.403;0,500', '-1.058.403'),
+        # would be read as a little more than one
+        (';', '1.058;0,500', '1.058'),
+    ],
+)
+def test_marks_between_thousands_are_named(
+    tmp_path: Path, separator: str, row: str, cell: str
+) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_text(f'time [ms]{separator}force [N]\n{row}\n{row}\n', encoding='utf-8')
+    with pytest.raises(RecordingError) as refused:
+        read_signals(path)
+    assert str(refused.value) == (
+        f'expected numbers without marks between thousands in {path}, got {cell!r}; '
+        'export it without them'
+    )
+
+
+def test_a_point_among_decimal_commas_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_text('time;force\n0,5;1,5\n0,6;1.5\n', encoding='utf-8')
+    with pytest.raises(RecordingError, match=r"got '1\.5' in row 2, where others have a decimal"):
+        read_signals(path)
+
+
+def test_times_of_day_with_a_point_stay_times(tmp_path: Path) -> None:
+    path = tmp_path / 'trial.csv'
+    path.write_text('time;force\n10:00:00.5;1,5\n10:00:00.6;1,6\n', encoding='utf-8')
+    assert read_signals(path).signals[0].values[0] == 36000.5
+
+
+def test_other_texts_are_not_taken_for_marks_between_thousands(tmp_path: Path) -> None:
+    path = tmp_path / 'results.csv'
+    path.write_text('recording,duration\nmonday,19.999\ntuesday,20.125\n', encoding='utf-8')
+    with pytest.raises(RecordingError, match='expected rows of numbers below the header'):
+        read_signals(path)
+    path.write_text('at;force\n0,5;0.005\n', encoding='utf-8')
+    with pytest.raises(RecordingError, match=r"got '0\.005' in row 1, where others have"):
+        read_signals(path)
+
+
+def workbook(path: Path, *rows: list[Any]) -> Path:
+    book = openpyxl.Workbook()
+    for row in rows:
+        book.active.append(row)
+    book.save(path)
+    return path
+
+
+def test_a_row_of_units_below_the_titles_counts(tmp_path: Path) -> None:
+    """A force in mN would else be a thousand times as large."""
+    rows = [[at, 1000.0 + at % 7, 5.0 if at % 50 == 10 else 0.0] for at in range(1000)]
+    path = workbook(tmp_path / 'leg.xlsx', ['Time', 'Force', 'Trigger'], ['ms', 'mN', 'V'], *rows)
+    found = import_file(path, ImportOptions())
+    assert found.forces.force[0] == pytest.approx(1.0)
+    assert ('force', "'Force' in mN, as the file says") in found.facts
+    assert ('time', "'Time' in ms, as the file says") in found.facts
+    assert ('pulses', "'Trigger'") in found.facts
+
+
+def test_a_cell_that_is_no_number_is_named_with_its_row(tmp_path: Path) -> None:
+    head = ['Time [s]', 'Force [N]', 'Trigger']
+    path = workbook(tmp_path / 'leg.xlsx', head, [0.0, 1.0, 0], [0.1, '#DIV/0!', 0])
+    with pytest.raises(RecordingError, match=r"leg\.xlsx, got '#DIV/0!' in row 3 of those"):
+        import_file(path, ImportOptions())
+
+
+@pytest.mark.parametrize('cell', ['0,5', dt.time(10, 0, 1)])
+def test_rows_without_numbers_are_shown(tmp_path: Path, cell: object) -> None:
+    path = workbook(tmp_path / 'leg.xlsx', ['Time', 'Force', 'Trigger'], [cell, 1.5, 0])
+    with pytest.raises(RecordingError) as refused:
+        import_file(path, ImportOptions())
+    assert str(refused.value) == (
+        f'expected rows of numbers in {path}, got none; the last row is: {cell}, 1.5, 0'
+    )
+
+
+def test_a_row_without_a_time_is_named(tmp_path: Path) -> None:
+    head = 'Interval=\t0.001 s\nTimeFormat=\tStartOfBlock\nChannelTitle=\tForce\tStim\n'
+    rows = [f'{at / 1000 if at != 5 else "NaN"}\t1.0\t{5 * (at % 50 == 10)}' for at in range(200)]
+    path = tmp_path / 'labchart.txt'
+    path.write_text(head + '\n'.join(rows), encoding='utf-8')
+    with pytest.raises(RecordingError, match=r"column 'Force' of .*, got none in row 6"):
+        import_file(path, ImportOptions())
+
+
+def test_a_workbook_of_the_old_format_is_told_what_to_become(tmp_path: Path) -> None:
+    path = tmp_path / 'leg.xls'
+    path.write_bytes(bytes.fromhex('d0cf11e0a1b11ae1') + bytes(504))
+    with pytest.raises(RecordingError, match=r'old format \.xls; save it as \.xlsx'):
+        import_file(path, ImportOptions())
+
+
+def repacked(path: Path, change: dict[str, bytes]) -> None:
+    """Write other content into parts of a workbook."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
+        for name, content in {**parts, **change}.items():
+            archive.writestr(name, content)
+
+
+@pytest.mark.parametrize('part', ['xl/worksheets/sheet1.xml', 'xl/workbook.xml', 'xl/styles.xml'])
+@pytest.mark.parametrize('content', [b'', b'<a', b'<a/>', b'\xff\xfe'])
+def test_a_workbook_with_a_damaged_part_is_refused(
+    tmp_path: Path, part: str, content: bytes
+) -> None:
+    path = workbook(tmp_path / 'session.xlsx')
+    repacked(path, {part: content})
+    with pytest.raises(RecordingError, match=r'session\.xlsx'):
+        read_signals(path)
+
+
+def test_a_workbook_with_a_flipped_bit_is_refused(tmp_path: Path) -> None:
+    path = workbook(tmp_path / 'session.xlsx', *np.arange(600.0).reshape(-1, 3).tolist())
+    clean = path.read_bytes()
+    place = clean.index(b'xl/worksheets/sheet1.xml') + 300
+    path.write_bytes(clean[:place] + bytes([clean[place] ^ 16]) + clean[place + 1 :])
+    with pytest.raises(RecordingError, match=r'expected an Excel workbook at .*session\.xlsx'):
+        read_signals(path)
+
+
+def test_small_files_that_unpack_into_much_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a limit that a test can reach."""
+    monkeypatch.setattr('rpms_ros.recording.importing.formats.LEAST', 1_000_000)
+    monkeypatch.setattr('rpms_ros.recording.importing.formats._LARGEST_WORKBOOK', 1_000_000)
+    zeros = np.zeros(500_000)
+    savemat(tmp_path / 'a.mat', {'force': zeros}, do_compression=True)
+    with h5py.File(tmp_path / 'b.mat', 'w', userblock_size=512) as file:
+        file.create_dataset('force', data=zeros, compression='gzip')
+    for name in ('a.mat', 'b.mat'):
+        with pytest.raises(
+            RecordingError, match=r'expected a file that unpacks into 0.001.* GB at most'
+        ):
+            read_signals(tmp_path / name)
+    path = workbook(tmp_path / 'c.xlsx')
+    repacked(path, {'xl/worksheets/sheet1.xml': bytes(2_000_000)})
+    with pytest.raises(RecordingError, match=r'expected a workbook of at most 1000000 bytes'):
+        read_signals(path)
+
+
+@pytest.mark.parametrize('streams', ['', 'empty'])
+def test_an_xdf_file_without_samples_is_refused(tmp_path: Path, streams: str) -> None:
+    pytest.importorskip('pyxdf')
+    header = (
+        '<?xml version="1.0"?><info><name>force</name><type>F</type><channel_count>1'
+        '</channel_count><nominal_srate>1000</nominal_srate><channel_format>double64'
+        '</channel_format></info>'
+    )
+    body = (2).to_bytes(2, 'little') + (1).to_bytes(4, 'little') + header.encode()
+    stream = b'\x04' + len(body).to_bytes(4, 'little') + body
+    path = tmp_path / 'session.xdf'
+    path.write_bytes(b'XDF:' + (stream if streams else b''))
+    with pytest.raises(RecordingError, match=r'expected a sampled stream in .*session\.xdf'):
+        read_signals(path)
