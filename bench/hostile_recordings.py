@@ -34,8 +34,7 @@ from backports import zstd
 from rpms_ros.cli import main as rpms
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import write_recording
-from rpms_ros.recording.rosbag.checksums import write_checksums
-from rpms_ros.recording.rosbag.metadata import NAME as METADATA
+from rpms_ros.recording.rosbag.metadata import NAME as METADATA, write_checksums
 
 STORAGES = (('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', ''))
 COMMANDS = ('info', 'verify', 'identify')

@@ -43,7 +43,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what was found; return 1 if something is wrong."""
-    from rpms_ros.recording.rosbag.checksums import read_key
+    from rpms_ros.recording.rosbag.metadata import read_key
     from rpms_ros.recording.rosbag.verifying import FAULT, verify
 
     key = read_key(arguments.key) if arguments.key else None

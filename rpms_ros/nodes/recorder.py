@@ -51,8 +51,8 @@ from rpms_ros.nodes.common.runner import complete_or_gone, run
 from rpms_ros.nodes.common.subscriptions import drained
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
-from rpms_ros.recording.rosbag.checksums import read_key
 from rpms_ros.recording.rosbag.definitions import described_type, known_types, written_definition
+from rpms_ros.recording.rosbag.metadata import read_key
 from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 
 SUFFIX = '_hearing'

@@ -15,8 +15,8 @@ import pytest
 
 from rpms_ros.pulses import ForceTrace
 from rpms_ros.recording import RecordingWriter, read_facts
-from rpms_ros.recording.rosbag.checksums import SUMS_NAME
 from rpms_ros.recording.rosbag.definitions import WRENCH_STAMPED
+from rpms_ros.recording.rosbag.metadata import SUMS_NAME
 from rpms_ros.recording.rosbag.writing import encode_forces
 
 Rpms = Callable[..., tuple[int, str, str]]

@@ -21,8 +21,8 @@ from rpms_ros.recording import (
     session_hash,
     write_recording,
 )
-from rpms_ros.recording.rosbag.checksums import read_key
 from rpms_ros.recording.rosbag.definitions import PULSE
+from rpms_ros.recording.rosbag.metadata import read_key
 
 Session = tuple[PulseTrain, ForceTrace]
 STORAGES = [('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', '')]

@@ -19,8 +19,13 @@ from rpms_ros.pulses import (
     IntArray,
     PulseTrain,
 )
-from rpms_ros.recording.importing.exports import is_export, read_export
-from rpms_ros.recording.importing.formats import read_excel, read_matlab, read_xdf
+from rpms_ros.recording.importing.formats import (
+    is_export,
+    read_excel,
+    read_export,
+    read_matlab,
+    read_xdf,
+)
 from rpms_ros.recording.importing.gates import (
     gate_pulses,
     heights_told,

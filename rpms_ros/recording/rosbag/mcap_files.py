@@ -28,8 +28,7 @@ from mcap.writer import CompressionType, Writer
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import IntArray
-from rpms_ros.recording.rosbag.checksums import crc32
-from rpms_ros.recording.rosbag.metadata import TopicEntry, qos_text
+from rpms_ros.recording.rosbag.metadata import TopicEntry, crc32, qos_text
 from rpms_ros.recording.rosbag.records import (
     DECOMPRESSORS,
     Batch,

@@ -27,8 +27,8 @@ from rpms_ros.pulses import (
     IntArray,
     PulseTrain,
 )
-from rpms_ros.recording.rosbag.checksums import SUMS_NAME
 from rpms_ros.recording.rosbag.definitions import direction_of, force_along, types_of
+from rpms_ros.recording.rosbag.metadata import SUMS_NAME
 from rpms_ros.recording.rosbag.records import Budget, Channel, Findings, Records
 from rpms_ros.recording.rosbag.scan import Progress, Scan, TopicFacts
 from rpms_ros.recording.rosbag.topic_reading import (

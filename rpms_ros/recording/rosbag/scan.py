@@ -17,9 +17,8 @@ import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.recording.rosbag.checksums import file_crc32
 from rpms_ros.recording.rosbag.mcap_files import McapFile
-from rpms_ros.recording.rosbag.metadata import CRC_KEY, NAME as METADATA, read_metadata
+from rpms_ros.recording.rosbag.metadata import CRC_KEY, NAME as METADATA, file_crc32, read_metadata
 from rpms_ros.recording.rosbag.records import (
     ZSTD_MAGIC,
     Batch,

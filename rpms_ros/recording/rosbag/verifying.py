@@ -17,7 +17,7 @@ from rpms_ros.errors import RecordingError, StimulationError
 from rpms_ros.identification.stream.pulse_checks import no_overlap, outside_shares, range_outside
 from rpms_ros.printable import counted, printable
 from rpms_ros.pulses import IntArray, PulseTrain, hash_of
-from rpms_ros.recording.rosbag.checksums import SUMS_NAME, read_checksums, sha256, signature_fits
+from rpms_ros.recording.rosbag.metadata import SUMS_NAME, read_checksums, sha256, signature_fits
 from rpms_ros.recording.rosbag.reading import (
     DAMAGE,
     Recording,

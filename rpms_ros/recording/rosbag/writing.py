@@ -22,7 +22,6 @@ from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray, PulseTrain
 from rpms_ros.recording.rosbag import metadata
-from rpms_ros.recording.rosbag.checksums import file_crc32, write_checksums
 from rpms_ros.recording.rosbag.definitions import (
     ENCODING,
     LENGTH,
@@ -35,7 +34,7 @@ from rpms_ros.recording.rosbag.definitions import (
     written_definition,
 )
 from rpms_ros.recording.rosbag.mcap_files import McapFileWriter
-from rpms_ros.recording.rosbag.metadata import CRC_KEY, TopicEntry
+from rpms_ros.recording.rosbag.metadata import CRC_KEY, TopicEntry, file_crc32, write_checksums
 from rpms_ros.recording.rosbag.records import Batch, Channel, Records
 from rpms_ros.recording.rosbag.sqlite_files import SqliteFileWriter
 
