@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from rpms_ros.stimulation.limits.dose import BookedPulse, DoseExceeded, DoseLimits
+from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, DoseLimits
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 
 EXHAUSTED = 7

@@ -116,7 +116,7 @@ ESTIMATORS: Mapping[str, EstimatorBuilder] = MappingProxyType(
 
 def estimator_names() -> tuple[str, ...]:
     """Return the names of all estimators that are installed, those of this package first."""
-    return (*ESTIMATORS, *sorted(set(_registered()) - set(ESTIMATORS)))
+    return (*ESTIMATORS, *sorted(entry_points(group=GROUP).names - set(ESTIMATORS)))
 
 
 def check_choice(name: str, preset: str) -> None:
@@ -156,7 +156,7 @@ def estimator_by_name(
     """
     check_choice(name, preset)
     options = EstimatorOptions(preset, seed, rate_hz, history)
-    points = _registered().get(name, [])
+    points = list(entry_points(group=GROUP, name=name))
     targets = [*(['this package'] if name in ESTIMATORS else []), *(p.value for p in points)]
     if not targets:
         raise IdentificationError(
@@ -167,14 +167,6 @@ def estimator_by_name(
             f'expected one estimator of the name {name!r}, got {" and ".join(sorted(targets))}'
         )
     return ESTIMATORS[name](options) if name in ESTIMATORS else _loaded(points[0], options)
-
-
-def _registered() -> dict[str, list[EntryPoint]]:
-    """Return the entry points of other distributions by name."""
-    found: dict[str, list[EntryPoint]] = {}
-    for point in entry_points(group=GROUP):
-        found.setdefault(point.name, []).append(point)
-    return found
 
 
 def _loaded(point: EntryPoint, options: EstimatorOptions) -> Estimator:

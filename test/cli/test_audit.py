@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from rpms_ros.stimulation.limits.dose import BookedPulse
+from rpms_ros.stimulation.limits.limits import BookedPulse
 from rpms_ros.stimulation.records.audit_log import AuditLog
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
 

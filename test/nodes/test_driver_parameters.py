@@ -15,7 +15,7 @@ from rpms_ros.nodes.driver.parameters import (
     ledger_of,
     patience_s,
 )
-from rpms_ros.stimulation.limits.dose import BookedPulse
+from rpms_ros.stimulation.limits.limits import BookedPulse
 
 
 @pytest.mark.parametrize(('parameter', 'percent'), [(1.0, 55), (0.305, 30)])

@@ -14,8 +14,7 @@ from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.interlocks import Refused
 from rpms_ros.stimulation.driver.states import DriverSettings, State
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.dose import BookedPulse, DoseLimits, LedgerError
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import BookedPulse, DoseLimits, LedgerError, Limits
 from rpms_ros.stimulation.records.audit_log import AuditLog
 from rpms_ros.stimulation.records.clocks import Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger

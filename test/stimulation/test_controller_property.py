@@ -24,8 +24,7 @@ from rpms_ros.stimulation.devices import DeviceError, SimulatedFaults
 from rpms_ros.stimulation.driver.interlocks import Refused
 from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, HEARTBEAT
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
-from rpms_ros.stimulation.limits.dose import DoseLimits
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import DoseLimits, Limits
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 SECOND = 1_000_000_000

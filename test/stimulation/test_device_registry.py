@@ -126,7 +126,7 @@ def test_the_walk_names_what_there_is():
     (walk,) = re.findall(r'## A new device\n(.*?)\n## ', page, re.DOTALL)
     assert f'[project.entry-points."{registry.GROUP}"]' in walk
     assert all(f'`{field.name}`' in walk for field in dataclasses.fields(DeviceOptions))
-    for path in re.findall(r'`(test/\S+?)`|\]\((docs/\S+?)\)', walk):
+    for path in re.findall(r'`(test/\S+?)`|\]\((docs/[^)#\s]+)', walk):
         assert (root / ''.join(path)).is_file()
     # methods and properties of a device, and what the interface has beside it
     named = set(re.findall(r'`(\w+)`', walk)) - {'device_specification', 'latest_ns'}

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import StimulationError
-from rpms_ros.stimulation.limits.dose import BookedPulse, DoseExceeded, DoseLimits, LedgerError
+from rpms_ros.stimulation.limits.limits import BookedPulse, DoseExceeded, DoseLimits, LedgerError
 from rpms_ros.stimulation.records.clocks import EARLIEST_WALL_NS, Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
@@ -422,7 +422,7 @@ def test_any_tail_is_refused_or_only_adds(tmp_path_factory, tail, cut):
 LIMITED = """
     import resource, sys, time
     from pathlib import Path
-    from rpms_ros.stimulation.limits.dose import LedgerError, BookedPulse
+    from rpms_ros.stimulation.limits.limits import LedgerError, BookedPulse
     from rpms_ros.stimulation.records.dose_ledger import DoseLedger
     ledger = DoseLedger(Path(sys.argv[1]), 'coil-1', 'P01')
     size = max(path.stat().st_size for path in Path(sys.argv[1]).iterdir())

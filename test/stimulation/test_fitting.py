@@ -21,8 +21,8 @@ from rpms_ros.stimulation import (
     UniformRandom,
 )
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.dose import DoseLimits
 from rpms_ros.stimulation.limits.fitting import fitted, forecast_within, scaled, strongest
+from rpms_ros.stimulation.limits.limits import DoseLimits
 from rpms_ros.stimulation.limits.patient import Patient, Rest, for_session
 
 RAPID = load_device_specification('rapid2-240v')

@@ -9,9 +9,8 @@ import pytest
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.dose import BookedPulse
 from rpms_ros.stimulation.limits.limiter import PulseLimiter
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import BookedPulse, Limits
 
 SECOND = 1_000_000_000
 WIDTH = 100e-6

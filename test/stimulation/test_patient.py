@@ -9,7 +9,7 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits import patient as patient_module
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.limits.dose import DoseLimits
+from rpms_ros.stimulation.limits.limits import DoseLimits
 from rpms_ros.stimulation.limits.patient import for_session, load_patient, patient_from_mapping
 
 # the example of the module is the one that is tested

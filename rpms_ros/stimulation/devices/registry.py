@@ -11,7 +11,7 @@ What a driver asks of a stimulator.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -216,11 +216,11 @@ DeviceBuilder = Callable[[DeviceOptions], Device]
 
 def require_device(name: str) -> None:
     """Raise StimulationError unless a device of this name is installed, by one distribution."""
-    registered = _registered()
-    if name not in registered:
-        names = ', '.join(sorted(registered))
+    registered = entry_points(group=GROUP)
+    if name not in registered.names:
+        names = ', '.join(sorted(registered.names))
         raise StimulationError(f'device: expected one of {names}, got {name!r}')
-    targets = sorted({point.value for point in registered[name]})
+    targets = sorted({point.value for point in registered.select(name=name)})
     if len(targets) > 1:
         raise StimulationError(
             f'device: expected one of the name {name!r}, got {" and ".join(targets)}'
@@ -236,7 +236,7 @@ def build_device(name: str, options: DeviceOptions) -> Device:
         If there is no such device, more than one, or it cannot be loaded or is none.
     """
     require_device(name)
-    point = _registered()[name][0]
+    (point, *_) = entry_points(group=GROUP, name=name)
     try:
         builder: DeviceBuilder = point.load()
         device = builder(options)
@@ -252,10 +252,3 @@ def build_device(name: str, options: DeviceOptions) -> Device:
             f'{", ".join(lacking)}'
         )
     return device
-
-
-def _registered() -> dict[str, list[EntryPoint]]:
-    found: dict[str, list[EntryPoint]] = {}
-    for point in entry_points(group=GROUP):
-        found.setdefault(point.name, []).append(point)
-    return found

@@ -62,8 +62,16 @@ class SerialDevice:
         Longest silence between the driver and its guard, either way [s].
     """
 
+    # a coil hangs on it
+    real = True
     # the protocol has no word for it
     sets_width = False
+    # to charge, and to begin with a quiet line
+    arm_s = _CHARGE_S + 1.0
+    # from zero to the largest intensity
+    prepare_s = _FROM_ZERO_S
+    # the frame of a trigger on the line
+    trigger_s = wire_s(_FRAME_LENGTH)
 
     def __init__(
         self,
@@ -85,26 +93,6 @@ class SerialDevice:
         self._silences = itertools.count(1)
         self._silenced = 0
         self._answered_silences = 0
-
-    @property
-    def real(self) -> bool:
-        """True: a coil hangs on it."""
-        return True
-
-    @property
-    def arm_s(self) -> float:
-        """Longest time to charge, and to begin with a quiet line [s]."""
-        return _CHARGE_S + 1.0
-
-    @property
-    def prepare_s(self) -> float:
-        """Time from zero to the largest intensity, as published [s]."""
-        return _FROM_ZERO_S
-
-    @property
-    def trigger_s(self) -> float:
-        """Time that the frame of a trigger takes on the line [s]."""
-        return wire_s(_FRAME_LENGTH)
 
     @property
     def read_back_s(self) -> float:

@@ -112,6 +112,12 @@ class SimulatedDevice:
         How many intensities above zero it can be set to; 0 for any.
     """
 
+    # nobody can be hurt; any width is taken; every answer tells the intensity
+    real = False
+    sets_width = True
+    arm_s = 0.0
+    read_back_s = math.inf
+
     def __init__(
         self,
         faults: SimulatedFaults | None = None,
@@ -131,40 +137,11 @@ class SimulatedDevice:
         self._wait = wait
         self._random = np.random.default_rng(seed)
         self._wire = wire or WireTimes()
+        self.prepare_s, self.trigger_s = self._wire.prepare_s, self._wire.trigger_s
         self._steps = steps
         self._last_sign_ns = 0
         self._heat = 0.0
         self._count = 0
-
-    @property
-    def real(self) -> bool:
-        """False: nobody can be hurt."""
-        return False
-
-    @property
-    def sets_width(self) -> bool:
-        """True: it takes any."""
-        return True
-
-    @property
-    def arm_s(self) -> float:
-        """0 s."""
-        return 0.0
-
-    @property
-    def prepare_s(self) -> float:
-        """Time that `prepare` takes [s]."""
-        return self._wire.prepare_s
-
-    @property
-    def trigger_s(self) -> float:
-        """Time from the call of `fire` to the pulse [s]."""
-        return self._wire.trigger_s
-
-    @property
-    def read_back_s(self) -> float:
-        """Endless: every answer tells the intensity."""
-        return math.inf
 
     def quantized(self, intensity: Shares) -> Shares:
         """Return the largest steps that are not above ``intensity``."""

@@ -23,10 +23,9 @@ from rpms_ros.stimulation.driver.pulse_owner import PulseOwner, Reservations
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, Run, State, after
 from rpms_ros.stimulation.limits.coil_temperature import coil_after
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.dose import DoseExceeded, LedgerError
 from rpms_ros.stimulation.limits.forecast import Forecast, Trial, forecast_plan
 from rpms_ros.stimulation.limits.limiter import too_quiet
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import DoseExceeded, LedgerError, Limits
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 from rpms_ros.stimulation.schedule.schedule import Plan, Schedule
 

@@ -32,9 +32,8 @@ from rpms_ros.stimulation.driver.device_owner import (
 from rpms_ros.stimulation.driver.interlocks import BUSY
 from rpms_ros.stimulation.driver.states import DriverSettings, Run, State
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
-from rpms_ros.stimulation.limits.dose import BookedPulse, LedgerError
 from rpms_ros.stimulation.limits.limiter import TIMING_LIMITS, PulseLimiter
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import BookedPulse, LedgerError, Limits
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 

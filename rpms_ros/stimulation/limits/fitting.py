@@ -19,9 +19,8 @@ import numpy as np
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-from rpms_ros.stimulation.limits.dose import DoseLimits
 from rpms_ros.stimulation.limits.forecast import Forecast, Trial, Violation, forecast, rested
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import DoseLimits, Limits
 from rpms_ros.stimulation.limits.patient import Patient, for_session
 from rpms_ros.stimulation.schedule.schedule import Pause, Plan, Repeat, Schedule, Segment
 from rpms_ros.stimulation.schedule.segments import PulseBurst, Repetitive, Single

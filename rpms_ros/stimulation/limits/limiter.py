@@ -20,8 +20,7 @@ from typing import NamedTuple, Self
 
 from rpms_ros.printable import counted, told_apart
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
-from rpms_ros.stimulation.limits.dose import BookedPulse
-from rpms_ros.stimulation.limits.limits import Limits
+from rpms_ros.stimulation.limits.limits import BookedPulse, Limits
 
 TIMING_LIMITS = ('maximum_rate_hz', 'rate_limits_hz')
 """Limits that a pulse can break by the jitter of the one before it alone."""

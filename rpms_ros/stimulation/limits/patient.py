@@ -22,7 +22,7 @@ from pathlib import Path
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.limits.device_specification import LONGEST_NAME, DeviceSpecification
-from rpms_ros.stimulation.limits.dose import DoseLimits
+from rpms_ros.stimulation.limits.limits import DoseLimits
 from rpms_ros.stimulation.schedule.description import from_file
 from rpms_ros.stimulation.schedule.fields import (
     Bound,

@@ -23,7 +23,7 @@ from urllib.parse import quote
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import nanoseconds
-from rpms_ros.stimulation.limits.dose import (
+from rpms_ros.stimulation.limits.limits import (
     BookedPulse,
     DoseExceeded,
     DoseLimits,
