@@ -4,7 +4,6 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +134,12 @@ def load(
     ['sample']
     """
     place = Path(path)
+    if columns is not None:
+        if (time, force, pulse) != (None, None, None):
+            raise RecordingError('expected either columns or time, force and pulse, got both')
+        time, force, pulse = columns
+        time_unit = time_unit or 's'
+        force_unit = force_unit if force_unit or force_scale else 'N'
     options = ImportOptions(
         time=time,
         force=force,
@@ -153,13 +158,11 @@ def load(
     if is_foreign(place):
         if sign not in (1, -1):
             raise RecordingError(f'expected sign 1 or -1, got {sign!r}')
-        return _imported(place, _with_columns(options, columns), sign, quantity)
+        return _imported(place, options, sign, quantity)
     given = ['columns'] if columns is not None else options.given()
     if given:
-        raise RecordingError(
-            f'expected {given[0]} with a table or another file of a laboratory, got it with '
-            f'{place}'
-        )
+        what = f'{given[0]} with a table or another file of a laboratory'
+        raise RecordingError(f'expected {what}, got it with {place}')
     topics = Topics(pulses_topic, force_topic)
     recording = read_recording(place, topics, axis, sign, quantity=quantity)
     name = (place.resolve() if place.is_dir() else place).stem
@@ -241,24 +244,6 @@ def from_arrays(
     return Session(name=name, recording=recording)
 
 
-def _with_columns(options: ImportOptions, columns: tuple[str, str, str] | None) -> ImportOptions:
-    """Return options with the names in `columns`, whose units are s and N."""
-    if columns is None:
-        return options
-    if set(options.given()) & {'time', 'force', 'pulse'}:
-        raise RecordingError('expected either columns or time, force and pulse, got both')
-    time, force, pulse = columns
-    unit = options.force_unit if options.force_unit or options.force_scale else 'N'
-    return replace(
-        options,
-        time=time,
-        force=force,
-        pulse=pulse,
-        time_unit=options.time_unit or 's',
-        force_unit=unit,
-    )
-
-
 def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> Session:
     try:
         found = import_file(place, options)
@@ -274,13 +259,9 @@ def _imported(place: Path, options: ImportOptions, sign: int, quantity: str) -> 
         )
     forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force, found.forces.frame_id)
     storage = 'table' if place.suffix.lower() in _TABLES else 'file'
-    return Session(
-        name=place.stem,
-        recording=replace(
-            as_recording(found.pulses, forces, place, storage), quantity=found.quantity
-        ),
-        imported=tuple((label, _with_keywords(text)) for label, text in found.facts),
-    )
+    recording = as_recording(found.pulses, forces, place, storage, found.quantity)
+    told = tuple((label, _with_keywords(text)) for label, text in found.facts)
+    return Session(name=place.stem, recording=recording, imported=told)
 
 
 def _with_keywords(text: str) -> str:
@@ -288,7 +269,9 @@ def _with_keywords(text: str) -> str:
     return _OPTION.sub(lambda option: f'{option[1].replace("-", "_")}=', text)
 
 
-def as_recording(pulses: PulseTrain, forces: ForceTrace, path: Path, storage: str) -> Recording:
+def as_recording(
+    pulses: PulseTrain, forces: ForceTrace, path: Path, storage: str, quantity: str = FORCE
+) -> Recording:
     """Return pulses and forces as if each had been received at its stamp.
 
     Parameters
@@ -299,6 +282,8 @@ def as_recording(pulses: PulseTrain, forces: ForceTrace, path: Path, storage: st
         Where it came from, for people.
     storage : str
         What it came from, for people.
+    quantity : str
+        What the sensor measured.
     """
     return Recording(
         pulses,
@@ -307,4 +292,5 @@ def as_recording(pulses: PulseTrain, forces: ForceTrace, path: Path, storage: st
         forces.stamp_ns,
         np.searchsorted(forces.stamp_ns, pulses.onset_ns, side='left'),
         RecordingFacts(path, storage, ()),
+        quantity=quantity,
     )

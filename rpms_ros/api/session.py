@@ -16,6 +16,7 @@ import numpy.typing as npt
 from rpms_ros.axis import UNITS
 from rpms_ros.errors import RecordingError
 from rpms_ros.identification import DEFAULT_RATE
+from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.stream.pulse_checks import no_overlap
 from rpms_ros.muscle import Subject
 from rpms_ros.pulses import (
@@ -220,12 +221,11 @@ class Session:
                 f'expected force between {start} s and {end} s, got {self.duration:.3f} s of it'
             )
         before = np.concatenate(([0], np.cumsum(here)))
+        kept = self.force.stamp_ns[here], self.force.force[here]
         part = replace(
             self.recording,
             pulses=self.pulses[chosen],
-            forces=ForceTrace(
-                self.force.stamp_ns[here], self.force.force[here], self.force.frame_id
-            ),
+            forces=ForceTrace(*kept, self.force.frame_id),
             pulse_received_ns=self.recording.pulse_received_ns[chosen],
             force_received_ns=self.recording.force_received_ns[here],
             samples_before_pulse=before[self.recording.samples_before_pulse[chosen]],
@@ -283,9 +283,8 @@ class Session:
         from rpms_ros.api.identification import Identification
         from rpms_ros.report.result import IdentificationOptions, identified, result_of
 
-        options = IdentificationOptions(estimator=estimator, rate_hz=rate_hz, seed=seed)
-        if preset is not None:
-            options = replace(options, preset=preset)
+        chosen = PEOPLE_PRESET if preset is None else preset
+        options = IdentificationOptions(estimator, chosen, rate_hz, seed)
         estimates = identified(self.recording, options, progress, most_estimates)
         return Identification(self, estimates, result_of(self.recording, estimates))
 

@@ -98,26 +98,23 @@ def simulate(
     """
     muscle = subject if isinstance(subject, Subject) else named_subject(subject, seed)
     named = isinstance(schedule, str) and schedule in SCHEDULES
-    plan = (
-        schedule
-        if isinstance(schedule, Schedule)
-        else named_schedule(str(schedule), duration, pulse_rate_hz, seed, intensity)
-    )
+    if not isinstance(schedule, Schedule):
+        schedule = named_schedule(str(schedule), duration, pulse_rate_hz, seed, intensity)
     happens = scenario if isinstance(scenario, Scenario) else Scenario()
     if isinstance(scenario, str | Path):
         happens = load_scenario(str(scenario))
     given = {name: value for name, value in (('noise', noise), ('drift', drift)) if value}
     happens = replace(happens, disturbances=replace(happens.disturbances, **given))
-    pulses = plan.pulses(START_NS)
+    pulses = schedule.pulses(START_NS)
     forces, truths = simulate_session(
         muscle_of(muscle, happens.living, pulse_rate_hz if named else None),
         Surroundings(happens, seed),
         pulses,
-        sample_times(plan.length_s, force_rate_hz),
+        sample_times(schedule.length_s, force_rate_hz),
         _TRUTH_RATE if scenario is not None else 0.0,
     )
     return Session(
-        name=f'simulated, {plan.name}',
+        name=f'simulated, {schedule.name}',
         recording=as_recording(pulses, forces, Path('simulated'), 'simulation'),
         subject=muscle,
         truth=of_truths(truths, muscle),
@@ -194,24 +191,11 @@ def truth_topic(truths: Sequence[Truth]) -> FurtherTopic:
 
     def with_arrays(**fields: Any) -> Any:
         # rosbags writes arrays of NumPy only
-        return build(
-            **{
-                name: np.array(value) if isinstance(value, array) else value
-                for name, value in fields.items()
-            }
-        )
+        arrays = {name: np.array(one) for name, one in fields.items() if isinstance(one, array)}
+        return build(**(fields | arrays))
 
     types = {**store.types, messages.MUSCLE_TRUTH: with_arrays}
-    return FurtherTopic(
-        TRUTH_TOPIC,
-        messages.MUSCLE_TRUTH,
-        [truth.stamp_ns for truth in truths],
-        [
-            bytes(
-                store.serialize_cdr(
-                    estimate_messages.truth_message(truth, types), messages.MUSCLE_TRUTH
-                )
-            )
-            for truth in truths
-        ],
-    )
+    made = [estimate_messages.truth_message(truth, types) for truth in truths]
+    contents = [bytes(store.serialize_cdr(one, messages.MUSCLE_TRUTH)) for one in made]
+    stamps = [truth.stamp_ns for truth in truths]
+    return FurtherTopic(TRUTH_TOPIC, messages.MUSCLE_TRUTH, stamps, contents)

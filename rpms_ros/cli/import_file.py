@@ -132,8 +132,7 @@ def imported_recording(path: Path, arguments: argparse.Namespace) -> 'Recording'
         )
     sign = getattr(arguments, 'sign', 1)
     forces = ForceTrace(found.forces.stamp_ns, sign * found.forces.force)
-    recording = as_recording(found.pulses, forces, path, 'file')
-    return replace(recording, quantity=found.quantity)
+    return as_recording(found.pulses, forces, path, 'file', found.quantity)
 
 
 def signal_options(arguments: argparse.Namespace) -> 'ImportOptions':

@@ -60,6 +60,8 @@ SOURCE = (
     'in Research: An International Delphi Study. Front Neurol 13:852848, 2022. '
     'doi:10.3389/fneur.2022.852848'
 )
+# Share of the time at the end whose a-priori residuals are analysed.
+_RESIDUAL_SHARE = 0.2
 _PACKAGES = ('numpy', 'scipy', 'numba', 'matplotlib')
 ITEMS_OF_THE_CONSENSUS = {'subject': 8, 'method': 16, 'protocol': 11}
 """How many items each part of the published checklist has."""
@@ -317,8 +319,6 @@ class ReportSettings:
     ----------
     held_out_share : float
         Share of the time at the end that is predicted and not learnt from.
-    residual_share : float
-        Share of the time at the end whose a-priori residuals are analysed.
     device : DeviceSpecification or None
         Device for the energy; None leaves it in units of a pulse at full intensity.
     stated : mapping of str to str
@@ -330,7 +330,6 @@ class ReportSettings:
     """
 
     held_out_share: float = HELD_OUT_SHARE
-    residual_share: float = 0.2
     device: DeviceSpecification | None = None
     stated: Mapping[str, str] = field(default_factory=dict)
     command: str = ''
@@ -457,7 +456,7 @@ def report_of(
     items = checklist_of(dose, notes, settings.stated)
     remarks = list(result.notes)
     try:
-        residuals = _residuals(session, recording, settings.residual_share)
+        residuals = _residuals(session, recording)
     except ReportError as error:
         residuals = None
         remarks.append(f'no residual analysis: {error}')
@@ -505,15 +504,14 @@ def report_of(
     )
 
 
-def _residuals(session: IdentifiedSession, recording: Recording, share: float) -> ResidualAnalysis:
-    """Return the residuals of the samples learnt from in the last `share` of the time."""
-    if not 0.0 < share <= 1.0:
-        raise ReportError(f'expected a share of residuals above 0 and up to 1, got {share}')
+def _residuals(session: IdentifiedSession, recording: Recording) -> ResidualAnalysis:
+    """Return the residuals of the samples learnt from at the end of the session."""
     stamps = session.stamp_ns
-    kept = session.usable & (stamps >= stamps[-1] - round(share * int(stamps[-1] - stamps[0])))
+    span = round(_RESIDUAL_SHARE * int(stamps[-1] - stamps[0]))
+    kept = session.usable & (stamps >= stamps[-1] - span)
     residual = (session.force - session.prediction)[kept]
     found = analyse_residuals(stamps[kept], residual, recording.pulses)
-    return replace(found, share_of_session=share)
+    return replace(found, share_of_session=_RESIDUAL_SHARE)
 
 
 def _held_out(
@@ -551,27 +549,24 @@ def _sentence(result: IdentificationResult, dose: Dose) -> str:
     identified, by = 'Recruitment and impulse response', f'estimator {result.estimator}'
     if found is not None:
         identified, by = 'Dynamics', found.model
-    parts = [
-        (
-            f'{identified} were identified with rpms_ros {__version__} '
-            f'({by}) from {counted(result.pulses, "pulse")} and '
-            f'{counted(result.samples, "sample")} of isometric {what} over '
-            f'{result.duration_s:.4g} s'
-        )
-    ]
+    counts = f'{counted(result.pulses, "pulse")} and {counted(result.samples, "sample")}'
+    text = (
+        f'{identified} were identified with rpms_ros {__version__} ({by}) from {counts} of '
+        f'isometric {what} over {result.duration_s:.4g} s'
+    )
     if dose.rate_hz and dose.intensity:
-        parts.append(
-            f'at {dose.rate_hz["median"]:.4g} Hz and intensities of '
-            f'{100 * dose.intensity["lowest"]:.3g} to {100 * dose.intensity["highest"]:.3g} % of '
+        low, high = (100 * dose.intensity[end] for end in ('lowest', 'highest'))
+        text += (
+            f' at {dose.rate_hz["median"]:.4g} Hz and intensities of {low:.3g} to {high:.3g} % of '
             'the maximum'
         )
     if found is not None:
         return (
-            f'{" ".join(parts)}. The {found.model} fits {found.fit_percent:.1f} % '
+            f'{text}. The {found.model} fits {found.fit_percent:.1f} % '
             f'(100 (1 - |residual| / |force - mean|)) of {counted(found.trains, "train")} at '
             'their own rate.'
         )
-    text = ' '.join(parts) + f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
+    text += f'; the recruitment curve is stated for {result.rate_hz:g} Hz'
     if result.confidence:
         text += f' with intervals of {100 * result.confidence:g} %'
     if not np.isfinite(result.output_error_n):
@@ -612,24 +607,18 @@ def _courses(course: Course) -> dict[str, Any]:
         'latency_s': course.physiology('latency_s'),
         'disturbance': course.disturbance,
     }
-    shown = course.shown
-    return {
-        'time_s': _short(course.time_s[shown]),
-        **{
-            name: {
-                'value': _short(path.value[shown]),
-                'lower': _short(path.lower[shown]) if path.has_interval else None,
-                'upper': _short(path.upper[shown]) if path.has_interval else None,
-            }
-            for name, path in paths.items()
-            if path.known.any()
-        },
-    }
 
+    def short(values: FloatArray) -> list[float]:
+        # six digits are enough for a figure
+        return [float(f'{value:.6g}') for value in values[course.shown]]
 
-def _short(values: FloatArray) -> list[float]:
-    """Return numbers with six digits, enough for a figure."""
-    return [float(f'{value:.6g}') for value in values]
+    found: dict[str, Any] = {'time_s': short(course.time_s)}
+    for name, path in paths.items():
+        if path.known.any():
+            ends = {'lower': path.lower, 'upper': path.upper}
+            known = {end: short(row) if path.has_interval else None for end, row in ends.items()}
+            found[name] = {'value': short(path.value), **known}
+    return found
 
 
 def _facts(
