@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,14 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(analysis_text(analyses, names))
     warn(('warning', text) for recording in recordings for text in recording.facts.remarks)
-    warn(
-        (name, finding)
-        for name, one in zip(names, analyses, strict=True)
-        for finding in one.findings
-    )
+    pairs = zip(names, analyses, strict=True)
+    warn((name, finding) for name, one in pairs for finding in one.findings)
     if arguments.out:
         _write(arguments.out, names, analyses)
-    nothing = any(not _told(analysis) for analysis in analyses)
+    nothing = any(not (one.twitches or one.summation or one.recruitment) for one in analyses)
     faulty = any(recording.facts.faults for recording in recordings)
     return 1 if faulty or nothing else 0
 
@@ -95,28 +92,16 @@ def _joined(sessions: Sequence[Session]) -> Session:
     """Return the sessions as one, each after the other with a pause between."""
     import numpy as np
 
-    moved = []
-    start = 0
+    trains, traces, start = [], [], 0
     for pulses, forces in sessions:
         stamps = np.concatenate((forces.stamp_ns, pulses.onset_ns))
         shift = start - int(stamps.min(initial=start))
-        moved.append(
-            (
-                replace(pulses, onset_ns=pulses.onset_ns + shift),
-                replace(forces, stamp_ns=forces.stamp_ns + shift),
-            )
-        )
+        trains.append(replace(pulses, onset_ns=pulses.onset_ns + shift))
+        traces.append(ForceTrace(forces.stamp_ns + shift, forces.force))
         start = int(stamps.max(initial=start)) + shift + _PAUSE_NS
-    trains, traces = zip(*moved, strict=True)
-    joined = {
-        one.name: np.concatenate([getattr(train, one.name) for train in trains])
-        for one in fields(PulseTrain)
-    }
-    force = ForceTrace(
-        np.concatenate([trace.stamp_ns for trace in traces]),
-        np.concatenate([trace.force for trace in traces]),
-    )
-    return PulseTrain(**joined), force
+    stamp_ns = np.concatenate([trace.stamp_ns for trace in traces])
+    force = np.concatenate([trace.force for trace in traces])
+    return PulseTrain.joined(trains), ForceTrace(stamp_ns, force)
 
 
 def _analyzed(
@@ -137,10 +122,6 @@ def _analyzed(
             done_of[label] = done
 
         return analyze(pulses, forces, progress=tell)
-
-
-def _told(analysis: 'MuscleAnalysis') -> bool:
-    return bool(analysis.twitches or analysis.summation or analysis.recruitment)
 
 
 def _write(folder: Path, names: Sequence[str], analyses: Sequence['MuscleAnalysis']) -> None:

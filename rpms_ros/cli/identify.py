@@ -74,12 +74,6 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for figures and JSON')
     add_reading_options(parser)
     add_estimator_options(parser)
-    _add_state_options(parser)
-    add_verdict_option(parser)
-    add_signal_options(parser)
-
-
-def _add_state_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('what is known before and after')
     text = 'file for what is known at the end: the node and --start-from read it'
     add_option(group, '--save-state FILE', None, text, type=Path)
@@ -94,6 +88,8 @@ def _add_state_options(parser: argparse.ArgumentParser) -> None:
         'tracking)'
     )
     add_option(group, '--temporal-summation FILE', None, text, type=Path)
+    add_verdict_option(parser)
+    add_signal_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -195,21 +191,22 @@ def _dynamics(found: 'TrainDynamics', unit: str) -> list[tuple[str, str]]:
         'a gain a pulse': found.fit_gains_percent,
     }
     fit = ', '.join(f'{name} {percent:.1f} %' for name, percent in fits.items())
-    constant = with_interval(vars(found.twitch_time_constant_s), 1e3, ' ms')
+    constant = _milliseconds(found.twitch_time_constant_s)
     rows = [
         ('trains', f'{trains}, peak {found.peak_force:.4g} {unit}'),
-        (
-            f'onset of {QUANTITIES[unit]}',
-            with_interval(vars(onset), 1e3, ' ms') if onset else 'hidden by noise',
-        ),
+        (f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'),
         (f'T_a, {model}', f'{constant}, order {found.order}'),
-        (f'delay of the model, {model}', with_interval(vars(found.latency_s), 1e3, ' ms')),
+        (f'delay of the model, {model}', _milliseconds(found.latency_s)),
         ('fit', f'{fit} (100 (1 - |residual| / |force - mean|))'),
     ]
     if found.law:
         numbers = (f'{name} {value:.3g}' for name, value in vars(found.law).items())
         rows.append(('history law', '  '.join(numbers)))
     return rows
+
+
+def _milliseconds(found: object) -> str:
+    return with_interval(vars(found), 1e3, ' ms')
 
 
 def _output_error(result: 'IdentificationResult') -> str:

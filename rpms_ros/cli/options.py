@@ -201,15 +201,8 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
             option = given[0].replace('_', '-')
             raise RecordingError(f'expected --{option} with a file of a laboratory, got {path}')
     with progress('reading', None, 'messages', arguments.quiet) as advance:
-        return read_recording(
-            path,
-            topics_of(arguments),
-            arguments.axis,
-            arguments.sign,
-            advance,
-            arguments.max_memory,
-            getattr(arguments, 'quantity', 'force'),
-        )
+        what = (topics_of(arguments), arguments.axis, arguments.sign)
+        return read_recording(path, *what, advance, arguments.max_memory, arguments.quantity)
 
 
 def warn(findings: Iterable[tuple[str, str]]) -> None:
