@@ -64,7 +64,7 @@ NAMES = (
     *FORMATS,
     *DOCUMENTS,
     *('export to csv', 'export to mat', 'export to bids', 'signed'),
-    *('state of horizon', 'state of tracking', 'result of horizon'),
+    *('state of tracking', 'result of tracking'),
 )
 
 
@@ -156,7 +156,7 @@ def document(name: str, folder: Path) -> Kind:
         load = partial(patient.load_patient, path)
     elif name == 'parameters':
         shutil.copyfile(Path(__file__).parents[1] / 'config' / 'identifier.yaml', path)
-        options = {'estimator': 'horizon', 'preset': 'people', 'seed': 0, 'rate_hz': 20.0}
+        options = {'estimator': 'tracking', 'preset': 'people', 'seed': 0, 'rate_hz': 20.0}
         options['quantity'] = 'force'
         load = partial(identifier_parameters, argparse.Namespace(**options, parameters=path))
     else:

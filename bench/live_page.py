@@ -141,7 +141,7 @@ def main(argv: list[str] | None = None) -> int:
         plant={'rate': FORCE_RATE, 'noise': 0.02, 'publication_delay': 0.05},
         driver={},
         schedule=paper_random(4.0 * span + 30.0),
-        identifier={'estimator': 'horizon'},
+        identifier={'estimator': 'tracking'},
         live_page={'port': port},
     )
     begun = time.monotonic()

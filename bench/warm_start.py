@@ -8,7 +8,7 @@ curve is within 10 % of the last one, and T_a by up to 3 %; or it is another per
 wrong prior).  Beside it the bound: an estimator that knows the muscle of last time, the model and
 how much the four have changed at most, and has to find these four and a straight baseline.
 
-python bench/warm_start.py [--people 20] [--estimator tracking]
+python bench/warm_start.py [--people 20]
 """
 
 import argparse
@@ -41,7 +41,6 @@ PULSES = 10
 # How much threshold, saturation, gain and T_a change at most; a step to differentiate by them.
 LARGEST = (0.01, 0.01, 0.09, 0.03)
 STEP = 1e-4
-PRESETS = {'horizon': ('paper_table_5',)}
 
 
 def contraction(subject, pulses):
@@ -60,10 +59,10 @@ def drawn(subject, seconds, generator):
     return pulses, stamps, force + noise
 
 
-def session(subject, seconds, generator, name, path=None):
+def session(subject, seconds, generator, path=None):
     """Run a session; return the error of the curve every 50 ms (n,), and the stream."""
     pulses, stamps, force = drawn(subject, seconds, generator)
-    estimator = estimator_by_name(name, *PRESETS.get(name, ()))
+    estimator = estimator_by_name('tracking')
     if path is not None:
         warm_start(estimator, path)
     stream = IdentificationStream(estimator, StreamSettings(estimate_period=0.05))
@@ -132,15 +131,15 @@ def bound(last_time, today, generator):
     return np.abs(curve - truth).max() / truth.max()
 
 
-def compared(person, name, path):
+def compared(person, path):
     """Return errors of a returning person, cold and warm, and of a stranger; change and bound."""
     generator = np.random.default_rng(person)
     subject, other = random_subject(generator), random_subject(generator)
-    _, stream = session(subject, LAST_TIME, generator, name)
+    _, stream = session(subject, LAST_TIME, generator)
     checkpoint.save(path, stream)
     today = on_another_day(subject, generator.uniform(-1.0, 1.0, size=4) * LARGEST)
     runs = [
-        session(who, TODAY, np.random.default_rng(1000 + person), name, start)[0]
+        session(who, TODAY, np.random.default_rng(1000 + person), start)[0]
         for who in (today, other)
         for start in (None, path)
     ]
@@ -152,11 +151,10 @@ def compared(person, name, path):
 def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--people', type=int, default=20)
-    parser.add_argument('--estimator', choices=('horizon', 'tracking'), default='horizon')
     arguments = parser.parse_args(argv)
-    people, name = arguments.people, arguments.estimator
+    people = arguments.people
     with tempfile.TemporaryDirectory() as folder:
-        found = [compared(person, name, Path(folder) / 'state') for person in range(people)]
+        found = [compared(person, Path(folder) / 'state') for person in range(people)]
     cold, warm, strange, wrong = zip(*(one[0] for one in found), strict=True)
     change, least = [one[1] for one in found], [one[2] for one in found]
     print(

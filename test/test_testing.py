@@ -32,7 +32,7 @@ def test_the_example_of_the_page_is_a_test_that_passes(tmp_path: Path) -> None:
 
 def test_a_muscle_is_identified_and_the_truth_is_known(graph: Graph) -> None:
     muscle = SimulatedMuscle(
-        graph, {'estimator': 'horizon'}, subject='simulation', noise=0.001, seed=2
+        graph, {'estimator': 'recursive'}, subject='simulation', noise=0.001, seed=2
     )
     shares = np.random.default_rng(1).uniform(0.3, 1.0, 100)
     muscle.wait_until(muscle.stimulate(shares))
@@ -57,7 +57,7 @@ def test_two_muscles_in_one_process_and_two_namespaces(graph: Graph) -> None:
     legs = {
         name: SimulatedMuscle(
             graph,
-            {'estimator': 'horizon'},
+            {'estimator': 'recursive'},
             namespace=name,
             subject='simulation',
             seed=seed,

@@ -24,9 +24,6 @@ from section3_plants import (
 
 from rpms_ros.identification import TABLE_4, TABLE_5, ModifiedRecursiveLM
 from rpms_ros.identification.catalogue import estimator_by_name
-from rpms_ros.identification.estimation.horizon import HorizonEstimator
-from rpms_ros.identification.estimation.settings import ProjectionSettings
-from rpms_ros.identification.model.basis import LaguerreBasis
 
 
 def table_4(folder):
@@ -41,7 +38,7 @@ def table_4(folder):
         estimators = {
             'plain derivative': ModifiedRecursiveLM(replace(TABLE_4, projected=False)),
             'recursive, projected': ModifiedRecursiveLM(TABLE_4),
-            'horizon': estimator_by_name('horizon', 'paper_table_4'),
+            'tracking': estimator_by_name('tracking', 'paper_table_4'),
         }
         for name, estimator in estimators.items():
             path = run(estimator, session)
@@ -75,9 +72,7 @@ def experiments(folder):
             session = in_silico(name, take)
             estimators = {
                 'recursive, Table 5': ModifiedRecursiveLM(TABLE_5),
-                'horizon': HorizonEstimator(
-                    ProjectionSettings(LaguerreBasis(7, 38e-3, 8e-3), TABLE_5.start)
-                ),
+                'tracking': estimator_by_name('tracking', 'paper_table_5'),
             }
             for label, estimator in estimators.items():
                 path = run(estimator, session)
@@ -109,7 +104,7 @@ def _row(name, take, label, session, path):
 def claims(results):
     """Print the claims of Sec. 3.3.4 and 3.4 that are about all sessions together."""
     print('Claims about the eight sessions')
-    for label in ('recursive, Table 5', 'horizon'):
+    for label in ('recursive, Table 5', 'tracking'):
         spread, between = [], []
         for subject in PEOPLE:
             ends = {key: path.theta[-1][0] for key, (_, path) in results.items()}
@@ -126,13 +121,13 @@ def claims(results):
     lowest = float(np.min(path.last.response_force) / np.max(path.last.response_force))
     print('  "an impulse response that is unphysiological": lowest value over peak')
     print(f'    recursive, Table 5: {100 * lowest:.1f} %', end='; ')
-    estimate = results['S1 P1', 0, 'horizon'][1].last
+    estimate = results['S1 P1', 0, 'tracking'][1].last
     lowest = float(np.min(estimate.response_force) / np.max(estimate.response_force))
-    print(f'horizon: {100 * lowest:.1f} %')
+    print(f'tracking: {100 * lowest:.1f} %')
     subject = session.subject
     rise = subject.pulse_weight(1.0, RATE) - subject.pulse_weight(0.0, RATE)
     truth = (subject.time_constant, subject.latency, 3.0, float(rise))
-    print('  twitch read off the horizon estimate (95 %), and the plant')
+    print('  twitch read off the tracking estimate (95 %), and the plant')
     rows = zip(
         estimate.physiology_names,
         estimate.physiology,

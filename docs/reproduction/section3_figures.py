@@ -16,7 +16,7 @@ STYLE = {
     'plain derivative': ':',
     'recursive, projected': '--',
     'recursive, Table 5': '--',
-    'horizon': '-',
+    'tracking': '-',
 }
 
 
@@ -76,7 +76,7 @@ def curves(path, results):
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.2))
     for (name, take, label), (session, result) in results.items():
         axis = axes[0 if name.startswith('S1') else 1]
-        if label == 'horizon' and take == 0:
+        if label == 'tracking' and take == 0:
             axis.plot(CURVE_INTENSITY, session.curve, color='0.8', lw=4)
             lower, upper = result.last.curve_lower, result.last.curve_upper
             axis.fill_between(CURVE_INTENSITY, lower, upper, alpha=0.3)

@@ -248,9 +248,9 @@ class Session:
         Parameters
         ----------
         estimator : str
-            ``batch`` (the whole session at once, with intervals), ``horizon`` (as on line, the
-            last 20 s, with intervals), ``recursive`` (one pass, as the node by default),
-            ``tracking`` (a muscle that changes), or one that another distribution registers.
+            ``batch`` (the whole session at once, with intervals), ``recursive`` (one pass, as
+            the node by default), ``tracking`` (as on line, a muscle that changes), or one that
+            another distribution registers.
         rate_hz : float
             Repetition rate for which the recruitment curve is stated [Hz].
         preset : str, optional

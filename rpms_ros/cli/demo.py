@@ -31,7 +31,7 @@ coil moves or the patient tenses, as in `rpms simulate --scenario`.
 _EXAMPLES = """\
   rpms demo --live                           and open http://127.0.0.1:8765/
   rpms demo --duration 30 --schedule sinusoid
-  rpms demo --subject rpms --noise 0.05 --estimator horizon
+  rpms demo --subject rpms --noise 0.05 --estimator tracking
   rpms demo --scenario fatigue               a muscle that tires, followed by tracking
 
 exit code: 0 if the schedule ran to its end, no sample was lost and the replay is exact, 1
@@ -75,10 +75,10 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
         'steady, or a YAML file; its noise counts unless --noise is given',
     )
     text = (
-        'one pass with a state of fixed size, exact variable projection over a moving horizon, or '
-        'one that follows a muscle that changes (default: recursive, with a scenario tracking)'
+        'one pass with a state of fixed size, or one that follows a muscle that changes '
+        '(default: recursive, with a scenario tracking)'
     )
-    estimators = ('recursive', 'horizon', 'tracking')
+    estimators = ('recursive', 'tracking')
     add_option(parser, '--estimator', None, text, choices=estimators)
     add_preset_option(parser)
     text = 'show it in the browser while it runs, on this port (default: 8765)'

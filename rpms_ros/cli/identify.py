@@ -54,8 +54,8 @@ _EXAMPLES = """\
   rpms identify session --force-topic /left/wrench --axis x --sign -1
   rpms identify session --rate-hz 15                   the curve for pulses at 15 Hz
   rpms identify session --estimator recursive          as the node does, sample by sample
-  rpms identify monday --estimator horizon --save-state ada.state
-  rpms identify friday --estimator horizon --start-from ada.state
+  rpms identify monday --estimator tracking --save-state ada.state
+  rpms identify friday --estimator tracking --start-from ada.state
 
 exit code: of the verdict, 0 good, 1 doubtful or a recording with faults, 3 no; 2 if not possible
 """
@@ -79,12 +79,12 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
     add_option(group, '--save-state FILE', None, text, type=Path)
     text = (
         'start from what an earlier session of the patient has told, a saved state or the JSON of '
-        'this command; it gives way where it is wrong (horizon, tracking)'
+        'this command; it gives way where it is wrong (tracking)'
     )
     add_option(group, '--start-from FILE', None, text, type=Path)
     text = (
         'weigh each pulse by the pulses before it, with the history law in the JSON of rpms '
-        'analyze or a JSON object of its numbers; for trains of 30 Hz and more (batch, horizon, '
+        'analyze or a JSON object of its numbers; for trains of 30 Hz and more (batch, '
         'tracking)'
     )
     add_option(group, '--temporal-summation FILE', None, text, type=Path)

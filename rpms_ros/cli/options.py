@@ -129,8 +129,8 @@ def add_estimator_options(parser: argparse.ArgumentParser, on_line: bool = False
     """Add the options of the estimator."""
     group = parser.add_argument_group('estimator')
     text = (
-        'algorithm: batch (everything at once), or as on line horizon (the last 20 s), tracking '
-        '(a muscle that changes) or recursive (one pass, as the node by default)'
+        'algorithm: batch (everything at once), or as on line tracking (a muscle that '
+        'changes) or recursive (one pass, as the node by default)'
     )
     add_option(group, '--estimator NAME', 'recursive' if on_line else 'batch', text)
     add_preset_option(group)
@@ -144,7 +144,7 @@ def add_preset_option(parser: 'argparse._ActionsContainer') -> None:
     """Add the choice of what the paper printed."""
     text = (
         'paper_table_4 or paper_table_5 reproduce those tables of the paper and are not for '
-        'people; leave it out otherwise, and with tracking'
+        'people; leave it out otherwise'
     )
     add_option(parser, '--preset', 'people', text, choices=PRESETS)
 

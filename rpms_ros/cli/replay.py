@@ -37,7 +37,7 @@ Needs rclpy, in a domain of its own on this machine.
 _EXAMPLES = """\
   rpms replay session                      as fast as the node keeps up
   rpms replay session --factor 1           as fast as it was recorded
-  rpms replay session --estimator horizon --parameters identifier.yaml
+  rpms replay session --estimator tracking --parameters identifier.yaml
 Exit code 1 if estimates differ or are missing.
 """
 

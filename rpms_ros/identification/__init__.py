@@ -9,7 +9,6 @@ from rpms_ros.identification.catalogue import (
     estimator_names,
 )
 from rpms_ros.identification.estimation.batch import BatchEstimator
-from rpms_ros.identification.estimation.horizon import HorizonEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.model.basis import DistortedSineBasis, LaguerreBasis
 from rpms_ros.identification.model.estimate import (
@@ -55,7 +54,6 @@ __all__ = [
     'EstimatorOptions',
     'FixedSizeRecursion',
     'FixedSizeSettings',
-    'HorizonEstimator',
     'IdentificationStream',
     'IdentifiedSession',
     'LaguerreBasis',

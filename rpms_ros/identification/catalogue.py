@@ -14,7 +14,6 @@ from types import MappingProxyType
 
 from rpms_ros.errors import IdentificationError, check_seed
 from rpms_ros.identification.estimation.batch import BatchEstimator
-from rpms_ros.identification.estimation.horizon import HorizonEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import (
@@ -40,15 +39,14 @@ class EstimatorOptions:
     ----------
     preset : str
         ``people``, or ``paper_table_4`` and ``paper_table_5``, which reproduce the paper: its
-        recursion, or batch and horizon with its start values and a latency of 0 (Table 4) or 8 ms
-        (Table 5).  With ``people`` the batch finds the latency itself.  `tracking` takes
-        ``people`` only.
+        recursion, or batch and tracking with its start values and a latency of 0 (Table 4) or
+        8 ms (Table 5).  With ``people`` batch and tracking find the latency themselves.
     seed : int
         Seed of a random start.
     rate_hz : float
         Repetition rate for which the recruitment curve is stated, 0.1 to 1000 [Hz].
     history : TemporalSummation or None
-        How earlier pulses change the force of later ones; for batch, horizon and tracking.
+        How earlier pulses change the force of later ones; for batch and tracking.
 
     Raises
     ------
@@ -80,7 +78,7 @@ _LATENCY = {PEOPLE_PRESET: 8e-3, 'paper_table_4': 0.0, 'paper_table_5': 8e-3}
 def _recursive(options: EstimatorOptions) -> Estimator:
     if options.history is not None:
         raise IdentificationError(
-            'expected an estimator with a history law, batch, horizon or tracking, got recursive'
+            'expected an estimator with a history law, batch or tracking, got recursive'
         )
     if options.preset == PEOPLE_PRESET:
         return FixedSizeRecursion(PEOPLE, options.rate_hz)
@@ -100,16 +98,16 @@ def _batch(options: EstimatorOptions) -> Estimator:
     return BatchEstimator(settings, options.rate_hz)
 
 
-def _horizon(options: EstimatorOptions) -> Estimator:
-    return HorizonEstimator(_projection(options), options.rate_hz)
-
-
 def _tracking(options: EstimatorOptions) -> Estimator:
-    return TrackingEstimator(TrackingSettings(history=options.history), options.rate_hz)
+    settings = TrackingSettings(history=options.history)
+    if options.preset != PEOPLE_PRESET:
+        paper = _projection(options)
+        settings = replace(settings, basis=paper.basis, start=paper.start, choose_basis=False)
+    return TrackingEstimator(settings, options.rate_hz)
 
 
 ESTIMATORS: Mapping[str, EstimatorBuilder] = MappingProxyType(
-    {'recursive': _recursive, 'batch': _batch, 'horizon': _horizon, 'tracking': _tracking}
+    {'recursive': _recursive, 'batch': _batch, 'tracking': _tracking}
 )
 """Functions that build a fresh estimator of this package, by name."""
 
@@ -117,16 +115,6 @@ ESTIMATORS: Mapping[str, EstimatorBuilder] = MappingProxyType(
 def estimator_names() -> tuple[str, ...]:
     """Return the names of all estimators that are installed, those of this package first."""
     return (*ESTIMATORS, *sorted(entry_points(group=GROUP).names - set(ESTIMATORS)))
-
-
-def check_choice(name: str, preset: str) -> None:
-    """Raise `IdentificationError` unless there is the preset, and the estimator takes it."""
-    check_preset(preset)
-    if name == 'tracking' and preset != PEOPLE_PRESET:
-        raise IdentificationError(
-            f'expected no preset with the estimator tracking, got {preset!r}: batch, horizon and '
-            'recursive take it'
-        )
 
 
 OFF_LINE = ('batch',)
@@ -151,10 +139,10 @@ def estimator_by_name(
     ------
     IdentificationError
         If there is no such estimator or more than one of that name, if it cannot be loaded or
-        lacks a member of `Estimator`, if there is no such preset or the estimator takes none,
-        or if a value of the options is not possible.
+        lacks a member of `Estimator`, if there is no such preset, or
+        if a value of the options is not possible.
     """
-    check_choice(name, preset)
+    check_preset(preset)
     options = EstimatorOptions(preset, seed, rate_hz, history)
     points = list(entry_points(group=GROUP, name=name))
     targets = [*(['this package'] if name in ESTIMATORS else []), *(p.value for p in points)]

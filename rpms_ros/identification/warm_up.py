@@ -31,7 +31,7 @@ _FORCE_RATE_HZ = 250
 # Share of the twitch that is left a sample later: a time constant of 40 ms.
 _DECAY = float(np.exp(-1.0 / (0.04 * _FORCE_RATE_HZ)))
 _NOISE = 0.01
-# What runs at once, and what runs when a horizon is full or a muscle has changed [s].
+# What runs at once, and what runs when a session is long or a muscle has changed [s].
 _SHORT, _LONG = 2.0, 26.0
 _CHANGE_AT, _CHANGE = 0.6, 0.7
 # What compiles longest first.
@@ -40,7 +40,6 @@ _ALL = (
     ('tracking', PEOPLE_PRESET),
     ('recursive', PEOPLE_PRESET),
     ('recursive', 'paper_table_4'),
-    ('horizon', PEOPLE_PRESET),
 )
 
 
@@ -107,7 +106,7 @@ def _warm_up_named(name: str, preset: str) -> None:
 
 def main() -> None:
     """Compile every estimator of this package, several at a time."""
-    # of five, one takes half of the time
+    # of four, one takes half of the time
     workers = min(2, os.cpu_count() or 1)
     with ProcessPoolExecutor(workers, multiprocessing.get_context('spawn')) as pool:
         list(pool.map(_warm_up_named, *zip(*_ALL, strict=True)))

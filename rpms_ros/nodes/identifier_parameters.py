@@ -15,10 +15,10 @@ from rpms_ros.identification import (
     IdentificationStream,
     StreamSettings,
 )
-from rpms_ros.identification.catalogue import check_choice, estimator_by_name, on_line_names
+from rpms_ros.identification.catalogue import estimator_by_name, on_line_names
 from rpms_ros.identification.estimation.prior import warm_start
 from rpms_ros.identification.model.estimate import HIGHEST_RATE, LOWEST_RATE
-from rpms_ros.identification.model.settings import PEOPLE_PRESET
+from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.stream.sensor_checks import monitors_by_name
 from rpms_ros.nodes.common.parameters import NodeParameters, parameter
@@ -32,14 +32,13 @@ class IdentifierParameters(NodeParameters):
 
     estimator: str = parameter(
         'recursive',
-        'Algorithm: recursive (one pass), horizon (the last 20 s), tracking (a muscle that '
-        'changes).',
+        'Algorithm: recursive (one pass) or tracking (a muscle that changes).',
         choices=on_line_names(),
     )
     preset: str = parameter(
         PEOPLE_PRESET,
         'people fits every muscle; the others reproduce tables of the paper and are not for '
-        'people. tracking takes none.',
+        'people.',
         choices=PRESET_NAMES,
     )
     repetition_rate: float = parameter(
@@ -104,24 +103,24 @@ class IdentifierParameters(NodeParameters):
     temporal_summation: str = parameter(
         '',
         'JSON of rpms analyze, or of the numbers of its history law: weighs a pulse by those '
-        'before it; empty: by the interval alone. For horizon and tracking; '
+        'before it; empty: by the interval alone. For tracking; '
         'in rpms identify also for batch.',
     )
     start_from: str = parameter(
         '',
         'Saved state or JSON of rpms identify of an earlier session of the patient; what it says '
-        'gives way where it is wrong, and comes back with a reset. For horizon and tracking.',
+        'gives way where it is wrong, and comes back with a reset. For tracking.',
     )
 
     def __post_init__(self) -> None:
         if self.estimator == 'batch':
             raise NodeError(
                 'parameter estimator: expected an estimator that works on line, got batch, which '
-                'fits everything anew for each estimate: use horizon here, and rpms identify '
+                'fits everything anew for each estimate: use tracking here, and rpms identify '
                 'for the recording'
             )
         try:
-            check_choice(self.estimator, self.preset)
+            check_preset(self.preset)
         except IdentificationError as error:
             raise NodeError(f'parameter preset: {error}') from error
         super().__post_init__()

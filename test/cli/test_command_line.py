@@ -133,7 +133,7 @@ def test_an_identification_fits_into_a_terminal(
 ) -> None:
     for columns in (80, 200):
         monkeypatch.setenv('COLUMNS', str(columns))
-        _, out, _ = rpms('identify', short_session, '--estimator', 'horizon')
+        _, out, _ = rpms('identify', short_session, '--estimator', 'tracking')
         lines = [line for line in out.splitlines() if str(short_session) not in line]
         assert max(map(len, lines)) <= min(columns, 100)
 

@@ -47,24 +47,3 @@ def test_a_rate_at_which_nobody_is_stimulated_is_refused(
 ) -> None:
     outcome = rpms('identify', short_session, '--rate-hz', 1e6, '--estimator', estimator)
     assert_refused(outcome, 'expected a repetition rate from 0.1 to 1000 Hz, got ')
-
-
-@pytest.mark.parametrize('command', ['identify', 'report', 'study', 'replay'])
-def test_a_preset_that_is_not_taken_is_refused(
-    rpms: Rpms, short_session: Path, tmp_path: Path, command: str
-) -> None:
-    options = ['--estimator', 'tracking', '--preset', 'paper_table_4']
-    if command in ('report', 'study'):
-        options += ['--out', str(tmp_path / 'out')]
-    code, _, err = rpms(command, short_session, *options, '--quiet')
-    assert code == 2
-    assert err.startswith('rpms: error: ')
-    assert 'expected no preset with the estimator tracking' in err
-    assert err.count('\n') == 1
-
-
-def test_the_demo_refuses_it_before_it_starts_nodes(rpms: Rpms, tmp_path: Path) -> None:
-    options = ('--scenario', 'fatigue', '--preset', 'paper_table_4')
-    outcome = rpms('demo', *options, '--out', tmp_path / 'demo')
-    assert_refused(outcome, 'parameter preset: expected no preset with the estimator tracking')
-    assert not (tmp_path / 'demo').exists()

@@ -24,7 +24,7 @@ def assert_same_bits(one: Estimate, other: Estimate) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('estimator', ['recursive', 'horizon'])
+@pytest.mark.parametrize('estimator', ['recursive', 'tracking'])
 @pytest.mark.parametrize(('most', 'made'), [(1, 7), (7, 7), (30, 25), (1000, 100)])
 def test_fewer_estimates_are_among_all_of_them(
     short_session: Path, estimator: str, most: int, made: int

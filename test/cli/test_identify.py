@@ -73,7 +73,7 @@ def test_certainty_is_told_by_the_estimators_that_have_it(
 
 
 def test_certainty_is_shown_in_the_table(rpms: Rpms, short_session: Path) -> None:
-    code, out, _ = rpms('identify', short_session, '--estimator', 'horizon')
+    code, out, _ = rpms('identify', short_session, '--estimator', 'tracking')
     assert code == 0
     for words in (
         r'threshold u_thr +0\.4\d+ \(0\.4\d+ to 0\.4\d+\) of the',
@@ -386,11 +386,11 @@ def test_what_is_known_is_saved_and_started_from(
 ) -> None:
     state = tmp_path / 'ada.state'
     # this muscle answers at once, which the functions of Table 4 do too
-    options = ('--json', '--estimator', 'horizon', '--preset', 'paper_table_4')
+    options = ('--json', '--estimator', 'tracking', '--preset', 'paper_table_4')
     first = as_json('identify', short_session, *options, '--save-state', state)
     plain = as_json('identify', short_session, *options)
     assert first == plain
-    stream = IdentificationStream(estimator_by_name('horizon', 'paper_table_4'))
+    stream = IdentificationStream(estimator_by_name('tracking', 'paper_table_4'))
     checkpoint.load(state, stream)
     assert stream.estimate().samples == 10_000
     warm = as_json('identify', short_session, *options, '--start-from', state)
@@ -404,10 +404,10 @@ def test_what_is_known_is_saved_and_started_from(
 def test_a_history_law_comes_from_a_file(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
     law = tmp_path / 'law.json'
     law.write_text('{"facilitation": 0.5}')
-    options = ('--estimator', 'horizon', '--temporal-summation', law)
+    options = ('--estimator', 'tracking', '--temporal-summation', law)
     code, out, _ = rpms('identify', short_session, *options)
     assert code == 0
-    assert 'horizon' in out
+    assert 'tracking' in out
     law.write_text('{"facilitation": -0.5}')
     code, _, err = rpms('identify', short_session, *options)
     assert code == 2

@@ -16,11 +16,11 @@ Rpms = Callable[..., tuple[int, str, str]]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(('estimator', 'told'), [('horizon', True), ('batch', False)])
+@pytest.mark.parametrize(('estimator', 'told'), [('recursive', True), ('batch', False)])
 def test_a_response_that_is_no_twitch_is_told_from_the_twitch_closest_to_it(
     rpms: Rpms, tmp_path: Path, estimator: str, told: bool
 ) -> None:
-    """The functions of `horizon` begin after this muscle does: two peaks of its force differ."""
+    """The functions of `recursive` begin after this muscle does: two peaks of its force differ."""
     session, report = tmp_path / 'session', tmp_path / 'report.html'
     simulated = ['--schedule', 'sinusoid', '--duration', 18, '--noise', 0.02, '--seed', 1]
     rpms('simulate', '--out', session, *simulated)

@@ -12,6 +12,7 @@ from rpms_ros.identification.catalogue import (
     estimator_by_name,
     estimator_names,
 )
+from rpms_ros.identification.model.settings import TABLE_4, TABLE_5
 from rpms_ros.identification.session import identify
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
@@ -86,7 +87,7 @@ def install_fixture(tmp_path, monkeypatch):
 
 def test_an_estimator_from_outside_of_the_package_runs_a_session(install):
     install('mean_force = acme_estimators:MeanForce')
-    assert estimator_names() == ('recursive', 'batch', 'horizon', 'tracking', 'mean_force')
+    assert estimator_names() == ('recursive', 'batch', 'tracking', 'mean_force')
     estimator = estimator_by_name('mean_force', rate_hz=25.0)
     stamp = np.arange(2000, dtype=np.int64) * 1_000_000
     session = identify(
@@ -109,10 +110,10 @@ def test_other_names_are_refused():
 
 
 def test_one_name_is_one_estimator(install):
-    install('horizon = acme_estimators:MeanForce')
-    message = r"expected one estimator of the name 'horizon', got acme_estimators:MeanForce and"
+    install('tracking = acme_estimators:MeanForce')
+    message = r"expected one estimator of the name 'tracking', got acme_estimators:MeanForce and"
     with pytest.raises(IdentificationError, match=message):
-        estimator_by_name('horizon')
+        estimator_by_name('tracking')
 
 
 @pytest.mark.parametrize(
@@ -130,10 +131,15 @@ def test_what_is_no_estimator_is_refused(install, target, message):
         estimator_by_name('broken')
 
 
-def test_a_preset_that_is_not_taken_is_refused():
-    message = "expected no preset with the estimator tracking, got 'paper_table_4': batch, horizon"
-    with pytest.raises(IdentificationError, match=message):
-        estimator_by_name('tracking', 'paper_table_4')
+@pytest.mark.parametrize(
+    ('preset', 'start', 'latency'),
+    [('paper_table_4', TABLE_4, 0.0), ('paper_table_5', TABLE_5, 8e-3)],
+)
+def test_tracking_with_a_preset_has_its_start_and_keeps_its_functions(preset, start, latency):
+    settings = estimator_by_name('tracking', preset).settings
+    assert (settings.start, settings.basis.latency) == (start.start, latency)
+    assert (settings.choose_basis, settings.find_changes) == (False, True)
+    assert estimator_by_name('tracking').settings.choose_basis
 
 
 @pytest.mark.parametrize('rate', [0.0, 0.09, 1e6, float('nan'), '20'])

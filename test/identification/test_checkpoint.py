@@ -125,7 +125,7 @@ def same_everywhere(one, other, where) -> None:
 
 @pytest.fixture(name='saved')
 def saved_fixture(session, tmp_path) -> Path:
-    stream = fresh('horizon')
+    stream = fresh('tracking')
     run(stream, session, 0, 1500)
     checkpoint.save(tmp_path / 'saved', stream)
     return tmp_path / 'saved'
@@ -148,29 +148,29 @@ def resigned(path: Path, change) -> None:
 
 
 def test_other_settings_are_refused_by_name(saved) -> None:
-    refused(saved, fresh('horizon', 0.2), 'estimate_period 0.2, as it is set here, got 0.1')
-    other = IdentificationStream(estimator_by_name('horizon', preset='paper_table_5'))
-    refused(saved, other, r'a saved state with start \[0\.4, .* got \[0\.5')
-    rate = IdentificationStream(estimator_by_name('horizon', rate_hz=30.0))
+    refused(saved, fresh('tracking', 0.2), 'estimate_period 0.2, as it is set here, got 0.1')
+    other = IdentificationStream(estimator_by_name('tracking', preset='paper_table_5'))
+    refused(saved, other, r'with start \[0\.4, 0\.9, 10\.0, .* got \[0\.4, 0\.9, 3\.0')
+    rate = IdentificationStream(estimator_by_name('tracking', rate_hz=30.0))
     refused(saved, rate, 'rate_hz 30.0, as it is set here, got 20.0')
 
 
 def test_another_estimator_is_refused(saved) -> None:
-    refused(saved, fresh('recursive'), 'of the estimator recursive, got .horizon.')
+    refused(saved, fresh('recursive'), 'of the estimator recursive, got .tracking.')
 
 
 def test_other_versions_are_refused(saved) -> None:
     resigned(saved, lambda document, _: document.update(package='99.0'))
-    refused(saved, fresh('horizon'), "expected a saved state of the package .*, got '99.0'")
+    refused(saved, fresh('tracking'), "expected a saved state of the package .*, got '99.0'")
     resigned(saved, lambda document, _: document.update(version=2))
-    refused(saved, fresh('horizon'), 'expected a saved state of version 1, got 2')
+    refused(saved, fresh('tracking'), 'expected a saved state of version 1, got 2')
 
 
 def test_every_cut_is_refused(saved) -> None:
     whole = saved.read_bytes()
     for length in (0, 1, 30, 100, 1000, len(whole) // 2, len(whole) - 1):
         saved.write_bytes(whole[:length])
-        refused(saved, fresh('horizon'), 'expected a state that was saved|that is whole')
+        refused(saved, fresh('tracking'), 'expected a state that was saved|that is whole')
 
 
 def test_every_flip_is_refused(saved) -> None:
@@ -180,20 +180,20 @@ def test_every_flip_is_refused(saved) -> None:
         flipped = bytearray(whole)
         flipped[place] ^= 1 << (place % 8)
         saved.write_bytes(flipped)
-        refused(saved, fresh('horizon'), 'expected a state that was saved|that is whole')
+        refused(saved, fresh('tracking'), 'expected a state that was saved|that is whole')
 
 
 def test_what_is_no_file_is_refused(tmp_path) -> None:
-    refused(tmp_path, fresh('horizon'), 'expected a file with a saved state')
-    refused(tmp_path / 'none', fresh('horizon'), 'expected a file with a saved state')
+    refused(tmp_path, fresh('tracking'), 'expected a file with a saved state')
+    refused(tmp_path / 'none', fresh('tracking'), 'expected a file with a saved state')
     os.mkfifo(tmp_path / 'pipe')
-    refused(tmp_path / 'pipe', fresh('horizon'), 'expected a file with a saved state')
+    refused(tmp_path / 'pipe', fresh('tracking'), 'expected a file with a saved state')
 
 
 def test_larger_files_than_any_are_not_read(tmp_path) -> None:
     with (tmp_path / 'large').open('wb') as file:
         file.truncate(checkpoint.MOST_BYTES + 1)
-    refused(tmp_path / 'large', fresh('horizon'), 'expected a saved state of at most')
+    refused(tmp_path / 'large', fresh('tracking'), 'expected a saved state of at most')
 
 
 def set_size(document, _):
@@ -239,7 +239,7 @@ def missing(document, _):
 )
 def test_forged_states_are_refused(saved, change) -> None:
     resigned(saved, change)
-    refused(saved, fresh('horizon'), 'expected|saved')
+    refused(saved, fresh('tracking'), 'expected|saved')
 
 
 def test_arrays_that_claim_to_be_huge_are_refused(saved) -> None:
@@ -252,7 +252,7 @@ def test_arrays_that_claim_to_be_huge_are_refused(saved) -> None:
         return arrays[:place] + huge + arrays[end:]
 
     resigned(saved, claim)
-    refused(saved, fresh('horizon'), 'expected a saved state in')
+    refused(saved, fresh('tracking'), 'expected a saved state in')
 
 
 def test_a_failed_write_leaves_the_old_file(saved, monkeypatch) -> None:
@@ -262,13 +262,13 @@ def test_a_failed_write_leaves_the_old_file(saved, monkeypatch) -> None:
     before = saved.read_bytes()
     monkeypatch.setattr(os, 'fsync', full)
     with pytest.raises(IdentificationError, match=r'expected to write .*no space left'):
-        checkpoint.save(saved, fresh('horizon'))
+        checkpoint.save(saved, fresh('tracking'))
     assert saved.read_bytes() == before
     assert list(saved.parent.iterdir()) == [saved]
 
 
 def test_estimates_that_wait_are_not_lost(session, tmp_path) -> None:
-    stream = fresh('horizon')
+    stream = fresh('tracking')
     pulses, forces, _ = session
     stream.add_pulses(pulses[:20])
     stream.add_forces(ForceTrace(forces.stamp_ns[:1000], forces.force[:1000]))
@@ -283,7 +283,7 @@ def test_an_estimator_without_a_state_is_refused(tmp_path) -> None:
     class Bare:
         name, memory, on_line = 'bare', 0.5, True
 
-    stream = fresh('horizon')
+    stream = fresh('tracking')
     stream.estimator = Bare()
     with pytest.raises(IdentificationError, match=r'with state\(\) and restore\(\), got bare'):
         checkpoint.save(tmp_path / 'saved', stream)

@@ -32,7 +32,7 @@ def cut_fixture() -> tuple[PulseTrain, ForceTrace]:
     return pulses[pulses.onset_ns >= begin], ForceTrace(stamps[5020:], force[5020:])
 
 
-@pytest.mark.parametrize('name', ['batch', 'horizon', 'recursive', 'tracking'])
+@pytest.mark.parametrize('name', ['batch', 'recursive', 'tracking'])
 def test_the_curve_is_that_of_the_muscle(cut: tuple[PulseTrain, ForceTrace], name: str) -> None:
     estimator = estimator_by_name(name)
     found = identify(estimator, *cut)
@@ -49,8 +49,8 @@ def test_it_does_not_matter_how_the_stream_is_cut(
     cut: tuple[PulseTrain, ForceTrace], size: int
 ) -> None:
     pulses, forces = cut[0], ForceTrace(cut[1].stamp_ns[:3000], cut[1].force[:3000])
-    whole = identify(estimator_by_name('horizon'), pulses, forces).last
-    stream = IdentificationStream(estimator_by_name('horizon'))
+    whole = identify(estimator_by_name('recursive'), pulses, forces).last
+    stream = IdentificationStream(estimator_by_name('recursive'))
     last = 0
     for first in range(0, len(forces), size):
         part = slice(first, first + size)

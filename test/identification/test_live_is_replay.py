@@ -136,7 +136,7 @@ def image(estimate: Estimate) -> list[bytes]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('name', ['recursive', 'horizon', PAPER])
+@pytest.mark.parametrize('name', ['recursive', 'tracking', PAPER])
 @settings(deadline=None, max_examples=EXAMPLES)
 @given(
     wrong=faulty,
@@ -171,7 +171,7 @@ def slow_session(record) -> list[Arrival]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('name', ['recursive', 'horizon'])
+@pytest.mark.parametrize('name', ['recursive', 'tracking'])
 @settings(deadline=None, max_examples=max(EXAMPLES // 4, 1))
 @given(
     wrong=st.lists(

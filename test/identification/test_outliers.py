@@ -8,9 +8,9 @@ import pytest
 from rpms_ros.identification import IdentifiedSession, estimator_by_name, identify
 from rpms_ros.pulses import ForceTrace
 
-NAMES = ('horizon', 'recursive')
+NAMES = ('tracking', 'recursive')
 # Each algorithm with its settings for people.
-FOR_PEOPLE = ('batch', 'horizon', 'recursive', 'tracking')
+FOR_PEOPLE = ('batch', 'recursive', 'tracking')
 
 
 def session(record, name, spoil=None, step=1) -> IdentifiedSession:
@@ -101,8 +101,8 @@ def test_a_burst_of_jumps_is_no_outlier(record, name) -> None:
 
 
 def test_an_outlier_leaves_the_curve_alone(record) -> None:
-    clean = session(record, 'horizon')
-    found = session(record, 'horizon', bump)
+    clean = session(record, 'tracking')
+    found = session(record, 'tracking', bump)
     moved = np.abs(found.last.curve_force - clean.last.curve_force).max()
     # Sixteen samples less out of 8000 move it by far less than the noise does, 0.1 %.
     assert moved < 1e-3 * clean.last.curve_force.max()

@@ -24,35 +24,25 @@ def doubts(name: str, what) -> tuple[str, ...]:
     return found.last.doubts
 
 
-@pytest.mark.parametrize('name', ['horizon', 'recursive', 'tracking'])
+@pytest.mark.parametrize('name', ['recursive', 'tracking'])
 def test_a_response_of_the_model_is_not_doubted(living_sessions, name: str) -> None:
     assert doubts(name, living_sessions.session('steady', 'random', 3, 25.0)) == ()
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
-@pytest.mark.parametrize('name', ['horizon', 'recursive'])
-def test_a_twitch_too_fast_for_the_functions_is_said(
-    living_sessions, name: str, excitation: str
-) -> None:
+def test_a_twitch_too_fast_for_the_functions_is_said(living_sessions, excitation: str) -> None:
     fast = replace(living_sessions.SUBJECT, time_constant=8e-3)
     what = living_sessions.session('steady', excitation, 3, 25.0, fast)
-    assert RESPONSE_MISFIT in doubts(name, what)
-    if name == 'horizon':
-        # tracking finds functions for it
-        assert RESPONSE_MISFIT not in doubts('tracking', what)
+    assert RESPONSE_MISFIT in doubts('recursive', what)
+    # tracking finds functions for it
+    assert RESPONSE_MISFIT not in doubts('tracking', what)
 
 
-@pytest.mark.parametrize('name', ['horizon', 'recursive'])
+@pytest.mark.parametrize('name', ['tracking', 'recursive'])
 def test_functions_that_begin_a_little_late_are_not_doubted(living_sessions, name: str) -> None:
     soon = replace(living_sessions.SUBJECT, latency=0.0)
     assert doubts(name, living_sessions.session('steady', 'random', 3, 25.0, soon)) == ()
-
-
-@pytest.mark.parametrize('excitation', ['random', 'sinusoid'])
-def test_a_horizon_says_that_the_muscle_tires(living_sessions, excitation: str) -> None:
-    what = living_sessions.session('fatigue', excitation, 3, 40.0)
-    assert RESPONSE_MISFIT in doubts('horizon', what)
 
 
 def test_a_sudden_change_that_was_found_is_no_misfit(living_sessions) -> None:

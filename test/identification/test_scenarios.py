@@ -157,8 +157,8 @@ SCENARIOS = {
     'saturated sensor': Expected(saturated_sensor, CLIPPED, 0.01, 0.5, True, {'force_artifact'}),
     'no force': Expected(no_force, frozenset({'force_constant'})),
 }
-# What only the horizon can do: the batch and the recursion describe one muscle.
-HORIZON = {
+# What only tracking can do: the batch and the recursion describe one muscle.
+TRACKING = {
     'step of gain': SCENARIOS['step of gain']._replace(error=0.005, coverage=0.5),
 }
 
@@ -178,8 +178,8 @@ def made(scenario):
 @pytest.mark.parametrize('name', ESTIMATORS)
 def test_scenario(name, scenario):
     expected = SCENARIOS[scenario]
-    if name == 'horizon':
-        expected = HORIZON.get(scenario, expected)
+    if name == 'tracking':
+        expected = TRACKING.get(scenario, expected)
     recording = made(scenario)
     session = identify(fresh(name), recording.pulses, recording.forces)
     estimate = session.last
@@ -207,7 +207,7 @@ def test_scenario(name, scenario):
 
 
 @pytest.mark.parametrize('scenario', ['steady', 'silence', 'gap'])
-@pytest.mark.parametrize('name', ['batch', 'horizon'])
+@pytest.mark.parametrize('name', ['batch', 'tracking'])
 def test_widths_are_not_a_way_out(name, scenario):
     """Intervals that hold the truth because they hold everything are none."""
     recording = made(scenario)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification import HorizonEstimator, ProjectionSettings, estimator_by_name
+from rpms_ros.identification import BatchEstimator, ProjectionSettings, estimator_by_name
 from rpms_ros.identification.analysis.responses import Response
 from rpms_ros.identification.analysis.trains import fit_equal, fit_scaled, pulse_twitches
 from rpms_ros.identification.estimation.blocks import PulseDelayLine
@@ -89,7 +89,7 @@ def test_without_a_law_nothing_changes(record) -> None:
     pulses, forces = record(np.random.default_rng(2).uniform(size=40))
     usable = np.ones(len(forces), dtype=np.bool_)
     found = []
-    for estimator in (HorizonEstimator(), HorizonEstimator(ProjectionSettings(history=None))):
+    for estimator in (BatchEstimator(), BatchEstimator(ProjectionSettings(history=None))):
         estimator.add_pulses(pulses.onset_ns, pulses.intensity)
         found.append(estimator.update(forces.stamp_ns, forces.force, usable))
         assert estimator._delay_line._history is None
@@ -102,7 +102,7 @@ def test_the_numbers_come_from_an_analysis_or_a_file(tmp_path) -> None:
     assert TemporalSummation.of_file(path) == RAT
     path.write_text('{"facilitation": 0.5, "order": 2}')
     assert TemporalSummation.of_file(path) == TemporalSummation(facilitation=0.5, order=2)
-    estimator = estimator_by_name('horizon', history=RAT)
+    estimator = estimator_by_name('tracking', history=RAT)
     assert estimator.settings.history == RAT
 
 
@@ -132,7 +132,7 @@ def test_bad_numbers_are_refused(tmp_path, text, message) -> None:
 
 
 def test_the_recursion_has_no_law() -> None:
-    with pytest.raises(IdentificationError, match='batch, horizon or tracking, got recursive'):
+    with pytest.raises(IdentificationError, match='batch or tracking, got recursive'):
         estimator_by_name('recursive', history=RAT)
 
 

@@ -83,7 +83,7 @@ def noise_alone(force: np.ndarray) -> np.ndarray:
     return NOISE * np.random.default_rng(3).standard_normal(len(force))
 
 
-@pytest.mark.parametrize('name', ['batch', 'horizon'])
+@pytest.mark.parametrize('name', ['batch', 'tracking'])
 def test_what_is_right_is_good(trial: Trial, name: str) -> None:
     verdict = judged(trial, name)
     assert verdict.grade == 'good'

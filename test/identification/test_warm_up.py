@@ -47,9 +47,9 @@ print(sorted(f'{module}.{name}' for module, name, _ in ready() - before))
 
 @pytest.mark.long
 def test_nothing_is_left_to_compile() -> None:
-    """A horizon of 20 s runs other code when it is full."""
+    """A muscle that changes runs other code."""
     answer = subprocess.run(
-        [sys.executable, '-c', PROGRAM, 'horizon'],
+        [sys.executable, '-c', PROGRAM, 'tracking'],
         capture_output=True,
         text=True,
         check=True,

@@ -40,7 +40,7 @@ def _estimate(**fields):
     return Estimate(
         **{
             'stamp_ns': START_NS + 1_000_000_000,
-            'estimator': 'horizon',
+            'estimator': 'tracking',
             'nonlinear_names': PARAMETER_NAMES,
             'nonlinear': np.array([0.3, 0.7, 6.0, 6.0]),
             'linear_names': ('basis_1', 'baseline_1', 'baseline_2'),

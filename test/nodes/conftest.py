@@ -67,7 +67,7 @@ def schedule_file(tmp_path):
 @pytest.fixture
 def driven(graph, schedule_file):
     """A simulated muscle that is stimulated for a minute, and its identifier."""
-    identifier = graph.add(Identifier, estimator='horizon')
+    identifier = graph.add(Identifier, estimator='recursive')
     graph.add(PlantSimulator, minimum_subscribers=2, publication_delay=0.05, noise=0.02)
     driver = graph.add(
         StimulatorDriver,

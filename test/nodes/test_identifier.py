@@ -15,7 +15,8 @@ from rclpy.parameter import Parameter
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import NodeError
-from rpms_ros.identification import Estimate, HorizonEstimator, IdentificationStream, identify
+from rpms_ros.identification import Estimate, IdentificationStream, identify
+from rpms_ros.identification.estimation.tracking import TrackingEstimator
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.stream import checkpoint
 from rpms_ros.muscle import Contraction, simulation_subject
@@ -246,7 +247,7 @@ def test_reset_begins_anew_and_the_period_may_change(graph) -> None:
     bench.identifier._reset()
     (changed,) = bench.identifier.set_parameters([Parameter('estimate_period', value=0.5)])
     assert changed.successful
-    (refused,) = bench.identifier.set_parameters([Parameter('estimator', value='horizon')])
+    (refused,) = bench.identifier.set_parameters([Parameter('estimator', value='tracking')])
     assert not refused.successful
     assert 'read-only' in refused.reason
     count = len(bench.estimates)
@@ -329,12 +330,8 @@ def test_silence_of_the_force_is_said(graph, capfd: pytest.CaptureFixture[str]) 
     [
         ({'axis': 'up'}, "expected axis x, y, z, .* got 'up'"),
         ({'reorder_delay': 0.05}, r'reorder_delay: expected .* 0\.1 .*, got 0\.05'),
-        ({'estimator': 'batch'}, 'works on line, got batch, .*: use horizon here'),
+        ({'estimator': 'batch'}, 'works on line, got batch, .*: use tracking here'),
         ({'monitors': ('pish',)}, "expected monitors of .*, got 'pish'"),
-        (
-            {'estimator': 'tracking', 'preset': 'paper_table_4'},
-            'parameter preset: expected no preset with the estimator tracking',
-        ),
         ({'preset': 'table_9'}, "preset: expected a preset of people, .* got 'table_9'"),
     ],
 )
@@ -346,27 +343,27 @@ def test_bad_parameters_are_refused(values: dict[str, object], message: str) -> 
 def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path) -> None:
     law = tmp_path / 'law.json'
     law.write_text('{"facilitation": 0.5}')
-    settings = IdentifierParameters(estimator='horizon', temporal_summation=str(law))
+    settings = IdentifierParameters(estimator='tracking', temporal_summation=str(law))
     estimator = build_estimator(settings)
-    assert isinstance(estimator, HorizonEstimator)
+    assert isinstance(estimator, TrackingEstimator)
     assert estimator.settings.history == TemporalSummation(facilitation=0.5)
-    stream = IdentificationStream(build_estimator(IdentifierParameters(estimator='horizon')))
+    stream = IdentificationStream(build_estimator(IdentifierParameters(estimator='tracking')))
     pulses, forces = recording()
     stream.add_pulses(pulses)
     stream.add_forces(forces)
     stream.finish()
     state = tmp_path / 'state'
     checkpoint.save(state, stream)
-    warm = build_estimator(IdentifierParameters(estimator='horizon', start_from=str(state)))
-    assert isinstance(warm, HorizonEstimator)
-    assert warm.linear.any()
+    warm = build_estimator(IdentifierParameters(estimator='tracking', start_from=str(state)))
+    assert isinstance(warm, TrackingEstimator)
+    assert warm._window.point.linear.any()
     for wrong, message in (
         ({'temporal_summation': str(tmp_path)}, 'expected a JSON file with a history law'),
         ({'start_from': str(law)}, 'expected a session with a recruitment curve'),
         (
             {'estimator': 'recursive', 'start_from': str(state)},
-            'such as horizon or tracking, got recursive',
+            'such as tracking, got recursive',
         ),
     ):
         with pytest.raises(NodeError, match=message):
-            IdentifierParameters(**{'estimator': 'horizon', **wrong})
+            IdentifierParameters(**{'estimator': 'tracking', **wrong})

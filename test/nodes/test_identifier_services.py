@@ -170,7 +170,7 @@ class Keeper(Sensor):
 
 
 def test_a_state_is_saved_and_gone_on_from(graph, tmp_path: Path) -> None:
-    keeper = Keeper(graph, estimator='horizon', state_folder=str(tmp_path))
+    keeper = Keeper(graph, estimator='tracking', state_folder=str(tmp_path))
     keeper.send(1000)
     known = keeper.estimates[-1]
     assert keeper.ask('save_state', 'ada.state') == (True, f'saved to {tmp_path / "ada.state"}')

@@ -122,7 +122,7 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
         namespace='left_leg',
         force='/cell/wrench',
         pulses='triggers',
-        estimator='horizon',
+        estimator='tracking',
         axis='-0.6,0,-0.8',
         quantity='torque',
         best_effort='true',
@@ -136,7 +136,7 @@ def test_the_identifier_takes_everything_by_arguments(graph, load, tmp_path: Pat
     identifier, recorder, page = (nodes[name] for name in ('identifier', 'recorder', 'live_page'))
     settings = identifier.settings
     assert identifier.get_fully_qualified_name() == '/left_leg/identifier'
-    assert (settings.estimator, settings.axis) == ('horizon', '-0.6,0,-0.8')
+    assert (settings.estimator, settings.axis) == ('tracking', '-0.6,0,-0.8')
     assert (settings.quantity, settings.best_effort_force) == ('torque', True)
     # the file of the user comes after that of config/, an argument after both
     assert settings.repetition_rate == 30.0
@@ -164,7 +164,7 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
     launched = load(
         'simulation',
         namespace='ward/left_leg',
-        estimator='horizon',
+        estimator='tracking',
         subject='simulation',
         scenario='steady',
         quantity='torque',
@@ -182,7 +182,7 @@ def test_the_simulation_runs_a_schedule_and_is_recorded(graph, load, tmp_path: P
     assert {node.get_namespace() for node in nodes.values()} == {'/ward/left_leg'}
     graph.wait_for(lambda: bool(statuses) and statuses[-1].pulses_delivered == 40)
     graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20)
-    assert (estimates[-1].unit, estimates[-1].estimator) == ('N m', 'horizon')
+    assert (estimates[-1].unit, estimates[-1].estimator) == ('N m', 'tracking')
     counts = nodes['recorder'].counts
     graph.wait_for(lambda: counts['pulses'].messages == 40)
     graph.wait_for(lambda: counts['accepted_schedule'].messages == 1)
@@ -249,7 +249,7 @@ if shutil.which('ros2'):
         probe = graph.add(lambda **options: Node('probe', namespace='left_leg', **options))
         probe.create_subscription(MuscleEstimate, 'estimate', estimates.append, qos.ESTIMATE)
         schedule = schedule_file(paper_random())
-        arguments = ('namespace:=left_leg', f'schedule:={schedule}', 'estimator:=horizon')
+        arguments = ('namespace:=left_leg', f'schedule:={schedule}', 'estimator:=tracking')
         ros2('launch', 'rpms_ros', 'simulation.launch.py', *arguments)
         graph.wait_for(lambda: bool(estimates) and estimates[-1].pulses > 20, 120.0)
-        assert estimates[-1].estimator == 'horizon'
+        assert estimates[-1].estimator == 'tracking'

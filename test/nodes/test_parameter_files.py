@@ -73,9 +73,9 @@ def test_files_that_parameters_name_may_be_in_the_home(
     ):
         (tmp_path / name).write_text(text)
     # the parameters are refused if the file is not found
-    IdentifierParameters(estimator='horizon', temporal_summation='~/law.json')
+    IdentifierParameters(estimator='tracking', temporal_summation='~/law.json')
     with pytest.raises(NodeError, match='expected a session with a recruitment curve'):
-        IdentifierParameters(estimator='horizon', start_from='~/law.json')
+        IdentifierParameters(estimator='tracking', start_from='~/law.json')
     assert load_scenario('~/mine.yaml').name == 'mine'
     with pytest.raises(StimulationError, match=r'train\.yaml'):
         load_device_specification('~/train.yaml')

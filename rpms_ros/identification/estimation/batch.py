@@ -382,7 +382,7 @@ class BasisSearch:
         fit.damping[0] = _DAMPING
         fit_linear(problem, fit, True)
         fit_linear(problem, fit, True)
-        improve(problem, fit, trial, _STEPS, _TOLERANCE, False)
+        improve(problem, fit, trial, _STEPS, _TOLERANCE)
         samples, energy = float(fit.samples[0]), float(fit.energy[0])
         least = _LEAST_SHARE * energy + np.finfo(np.float64).tiny
         return 0.5 * samples * math.log(float(fit.squares[0]) + least)
@@ -554,12 +554,12 @@ class BatchEstimator(ProjectionEstimator):
         fit = self._fit
         fit.variance[0] = 0.0
         fit_linear(self._problem, fit, True)
-        improve(self._problem, fit, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE, False)
+        improve(self._problem, fit, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
         if scouting:
             self._scout(fit)
         for _ in range(_ROUNDS):
             fit_linear(self._problem, fit, True)
-            improve(self._problem, fit, self._trial, _FINAL_STEPS, _FINAL_TOLERANCE, False)
+            improve(self._problem, fit, self._trial, _FINAL_STEPS, _FINAL_TOLERANCE)
         complete_equations(self._problem, fit)
         recompute_state(self._problem, self._intake, fit)
 
@@ -616,7 +616,7 @@ class BatchEstimator(ProjectionEstimator):
             if other.cost[0] < best.cost[0]:
                 best = other
         fit_linear(self._problem, best, False)
-        improve(self._problem, best, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE, False)
+        improve(self._problem, best, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
         if best.cost[0] < fit.cost[0]:
             fit.theta[:] = best.theta
             fit.damping[0] = best.damping[0]
@@ -645,7 +645,7 @@ class BatchEstimator(ProjectionEstimator):
         other.variance[0] = fit.variance[0]
         other.damping[0] = _START_DAMPING
         fit_linear(problem, other, False)
-        improve(problem, other, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE, False)
+        improve(problem, other, self._trial, _SCOUTING_STEPS, _SCOUTING_TOLERANCE)
         return other
 
 

@@ -26,7 +26,7 @@ from rpms_ros.saved_state import Restorable, expect
 RESPONSE_FORCE, RESPONSE_ONE, RESPONSE_TIME = range(3)
 # Columns of `BlockStatistics.moments`: sums of 1, tau, tau^2, y, y tau and y^2.
 COUNT, TIME, TIME_SQUARED, FORCE, FORCE_TIME, FORCE_SQUARED = range(6)
-# Longest block [ns], so that a horizon moves in small steps when no pulses are given.
+# Longest block [ns], so that a window moves in small steps when no pulses are given.
 LONGEST_BLOCK_NS = 250_000_000
 
 

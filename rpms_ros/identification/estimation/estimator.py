@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Common parts of the batch and the horizon estimator: intake, prediction, estimates.
+"""Common parts of the batch and the tracking estimator: intake, prediction, estimates.
 
 Adds samples and pulses to blocks, with an a-priori prediction of each sample.
 

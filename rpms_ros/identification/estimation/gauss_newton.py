@@ -3,8 +3,8 @@
 r"""Steps of variable projection: the linear unknowns by Cholesky, the others by Gauss-Newton.
 
 For given theta the linear unknowns ``l = [w, b]`` follow from ``(M + C)_ll l = r`` (Eq. 22), where
-M, r come from the blocks and C is a ridge and the arrival cost.  Inserting l leaves a cost of
-theta alone, whose Gauss-Newton matrix in Kaufman's form is the Schur complement
+M, r come from the blocks and C is a ridge.  Inserting l leaves a cost of theta alone, whose
+Gauss-Newton matrix in Kaufman's form is the Schur complement
 
 .. math:: H = M_{\theta\theta} - M_{\theta l} M_{ll}^{-1} M_{l \theta}, \qquad
           g = \Psi^T (y - \Phi w - B b).
@@ -141,48 +141,19 @@ def weak_ridge(fit: Fit) -> float:
 
 
 @numba.njit(cache=True)
-def away_from_reference(fit: Fit, prior: Prior) -> FloatArray:
-    """Return [theta, w] (4 + functions,) relative to the reference of the arrival cost."""
-    away = np.empty(len(prior.reference))
-    for place in range(PARAMETERS):
-        away[place] = coordinate(fit.theta, place)
-    away[PARAMETERS:] = fit.linear
-    away -= prior.reference
-    return away
-
-
-@numba.njit(cache=True)
-def remembers(prior: Prior) -> bool:
-    """Return whether there is an arrival cost."""
-    found: bool = prior.information[PARAMETERS, PARAMETERS] > 0.0
-    return found
-
-
-@numba.njit(cache=True)
-def linear_matrix(fit: Fit, prior: Prior) -> FloatArray:
-    """Return the lower triangle of the matrix of w and b, arrival cost and ridge included."""
-    functions = len(fit.linear)
-    count = functions + len(fit.levels)
-    matrix = np.empty((count, count))
+def _linear_matrix(fit: Fit) -> FloatArray:
+    """Return the matrix of w and b, ridge included, of which the lower triangle is valid."""
+    matrix = fit.matrix[PARAMETERS:, PARAMETERS:].copy()
     ridge = weak_ridge(fit)
-    for row in range(count):
-        for column in range(row + 1):
-            matrix[row, column] = fit.matrix[PARAMETERS + row, PARAMETERS + column]
-            if row < functions:
-                matrix[row, column] += prior.information[PARAMETERS + row, PARAMETERS + column]
+    for row in range(len(matrix)):
         matrix[row, row] += ridge
     return matrix
 
 
 @numba.njit(cache=True)
 def _known_cost(fit: Fit, prior: Prior) -> float:
-    """Return arrival cost, ridge and prior at the parameters of the fit."""
+    """Return ridge and prior at the parameters of the fit."""
     cost = 0.0
-    away = away_from_reference(fit, prior)
-    for row in range(len(away)):
-        cost -= 2.0 * prior.information_vector[row] * away[row]
-        for column in range(len(away)):
-            cost += away[row] * prior.information[row, column] * away[column]
     ridge = weak_ridge(fit)
     for value in fit.linear:
         cost += ridge * value * value
@@ -210,21 +181,11 @@ def _squares(fit: Fit) -> float:
 
 
 @numba.njit(cache=True)
-def _solve_linear(fit: Fit, prior: Prior) -> None:
+def _solve_linear(fit: Fit) -> None:
     """Solve for w and b at ``fit.theta``; if that fails they stay, and the failure is counted."""
     functions = len(fit.linear)
-    matrix = linear_matrix(fit, prior)
     right = fit.right[PARAMETERS:].copy()
-    before = fit.linear.copy()
-    fit.linear[:] = 0.0
-    away = away_from_reference(fit, prior)
-    fit.linear[:] = before
-    for row in range(functions):
-        at = PARAMETERS + row
-        right[row] += prior.information_vector[at]
-        for other in range(len(away)):
-            right[row] -= prior.information[at, other] * away[other]
-    if not solve_positive(matrix, right):
+    if not solve_positive(_linear_matrix(fit), right):
         fit.failures[0] += 1.0
         return
     fit.linear[:] = right[:functions]
@@ -237,7 +198,6 @@ def fit_linear(problem: Problem, fit: Fit, refresh: bool) -> None:
 
     The variance is the weight of the prior; it stays while two parameter sets are compared.
     """
-    prior = problem.prior
     samples, energy = linear_pass(
         problem, problem.blocks.size[0], fit.theta, fit.matrix, fit.right
     )
@@ -246,17 +206,13 @@ def fit_linear(problem: Problem, fit: Fit, refresh: bool) -> None:
     power = energy / max(samples, 1.0) + LEAST_ENERGY
     if refresh and fit.variance[0] == 0.0:
         fit.variance[0] = 0.01 * power
-    _solve_linear(fit, prior)
+    _solve_linear(fit)
     squares = _squares(fit)
     fit.squares[0] = max(squares, 0.0)
-    if refresh and remembers(prior) and samples < _MODEL_ERROR_SAMPLES:
-        # After a gap the variance from before is better known than that of a few samples.
-        kept = (_MODEL_ERROR_SAMPLES - samples) * fit.variance[0]
-        fit.variance[0] = (fit.squares[0] + kept) / _MODEL_ERROR_SAMPLES
-    elif refresh:
+    if refresh:
         doubt = _MODEL_ERROR_SAMPLES * _MODEL_ERROR * power
         fit.variance[0] = (fit.squares[0] + doubt) / (samples + _MODEL_ERROR_SAMPLES)
-    fit.cost[0] = squares + _known_cost(fit, prior)
+    fit.cost[0] = squares + _known_cost(fit, problem.prior)
 
 
 @numba.njit(cache=True)
@@ -290,18 +246,15 @@ def move_theta(theta: FloatArray, prior: Prior, step: FloatArray, moved: FloatAr
 
 
 @numba.njit(cache=True)
-def theta_gradient(fit: Fit, prior: Prior, gradient: FloatArray) -> None:
+def _theta_gradient(fit: Fit, prior: Prior, gradient: FloatArray) -> None:
     """Write minus half the gradient of the cost by theta (4,)."""
     functions = len(fit.linear)
-    away = away_from_reference(fit, prior)
     for place in range(PARAMETERS):
-        total = fit.right[place] + prior.information_vector[place]
+        total = fit.right[place]
         for row in range(functions):
             total -= fit.matrix[PARAMETERS + row, place] * fit.linear[row]
         for row in range(len(fit.levels)):
             total -= fit.matrix[PARAMETERS + functions + row, place] * fit.levels[row]
-        for other in range(len(away)):
-            total -= prior.information[place, other] * away[other]
         distance = coordinate(fit.theta, place) - prior.mean[place]
         gradient[place] = total - fit.variance[0] * distance / prior.deviation[place] ** 2
 
@@ -309,17 +262,15 @@ def theta_gradient(fit: Fit, prior: Prior, gradient: FloatArray) -> None:
 @numba.njit(cache=True)
 def _reduced_hessian(fit: Fit, prior: Prior, hessian: FloatArray) -> bool:
     """Write the Schur complement of theta (4, 4); return whether the rest is positive."""
-    functions = len(fit.linear)
     columns = fit.matrix[PARAMETERS:, :PARAMETERS].T.copy()
-    columns[:, :functions] += prior.information[:PARAMETERS, PARAMETERS:]
-    factor = linear_matrix(fit, prior)
+    factor = _linear_matrix(fit)
     if not factorise_positive(factor):
         return False
     for place in range(PARAMETERS):
         solved = columns[place].copy()
         solve_factorised(factor, solved)
         for other in range(place, PARAMETERS):
-            entry = fit.matrix[other, place] + prior.information[other, place]
+            entry = fit.matrix[other, place]
             if other == place:
                 entry += fit.variance[0] / prior.deviation[place] ** 2
             for row in range(len(solved)):
@@ -373,22 +324,20 @@ def _linearise(
     """Write the cost's quadratic model in theta; return whether there is one."""
     if not ready:
         complete(problem, fit)
-    theta_gradient(fit, problem.prior, gradient)
+    _theta_gradient(fit, problem.prior, gradient)
     return _reduced_hessian(fit, problem.prior, hessian)
 
 
 _minimise = minimiser(_linearise, _room, _move, _accept)
 
 
-def improve(
-    problem: Problem, fit: Fit, trial: Fit, steps: int, tolerance: float, ready: bool
-) -> None:
+def improve(problem: Problem, fit: Fit, trial: Fit, steps: int, tolerance: float) -> None:
     """Take up to so many Levenberg-Marquardt steps from `fit`, whose linear part is solved.
 
-    `trial` is scratch of the same shape; `ready`: the equations are complete already.
+    `trial` is scratch of the same shape.
     """
     if fit.samples[0] > 0.0:
-        _minimise(problem, fit, trial, Ending(steps, tolerance, LEAST_ENERGY), ready)
+        _minimise(problem, fit, trial, Ending(steps, tolerance, LEAST_ENERGY), False)
 
 
 @numba.njit(cache=True)

@@ -11,7 +11,7 @@ Two passes over the blocks fill one symmetric matrix and one right-hand side:
 * `gradient_pass`: the columns ``psi_j = d(Phi w)/d theta_j`` against all others.  A block adds
   ``X S v_j`` and ``v_j^T S v_i`` with ``v_j`` the correlation of w with the states' derivatives.
 
-A pass takes about 300 multiplications a block with six functions: a 20 s horizon at 20 Hz costs
+A pass takes about 300 multiplications a block with six functions: 20 s at 20 Hz cost
 as much as a loop over two thousand samples.
 """
 

@@ -10,9 +10,7 @@ one day to the next, most of all by the new position of the coil,
 .. math:: P' = P + Q_\theta + g^2 w w^T + t^2 (D w) (D w)^T + h^2 \|w\|^2 I / n ,
 
 with D the derivative by the logarithm of the time constant (`tracking.stretching`),
-and becomes the arrival cost of a horizon (`projection.arrival_cost`), which is compared with the
-samples before every step and reduced where it contradicts them, or the prior of `tracking`, which
-is dropped where a fit without it contradicts it.
+and becomes the prior of `tracking`, which is dropped where a fit without it contradicts it.
 """
 
 import json
@@ -423,8 +421,8 @@ def warm_start(estimator: Estimator, path: Path | str) -> None:
     """
     if not isinstance(estimator, WarmStarting):
         raise IdentificationError(
-            'expected an estimator that can start from an earlier session, such as horizon or '
-            f'tracking, got {estimator.name}'
+            'expected an estimator that can start from an earlier session, such as tracking, got '
+            f'{estimator.name}'
         )
     estimator.start_from(known_from(path))
 
@@ -440,7 +438,7 @@ def known_from(path: Path | str) -> KnownMuscle:
     try:
         if checkpoint.is_state(path):
             state = checkpoint.read_state(path)['estimator_state']
-            return _of_tracking(state) if '_window' in state else _of_state(state)
+            return _of_tracking(state) if '_window' in state else _of_batch(state)
         return _of_result(_read_result(Path(path)))
     except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
         raise IdentificationError(
@@ -448,14 +446,13 @@ def known_from(path: Path | str) -> KnownMuscle:
         ) from error
 
 
-def _of_state(state: Mapping[str, Any]) -> KnownMuscle:
-    """Return the knowledge in the state of a batch or a horizon."""
+def _of_batch(state: Mapping[str, Any]) -> KnownMuscle:
+    """Return the knowledge in the state of a batch."""
     settings, fit, prior = state['settings'], state['_fit'], state['_problem']['prior']
     variance = float(fit['variance'][0])
     lower = np.tril(fit['complete'])
     matrix = lower + np.tril(lower, -1).T
-    joint = len(prior['reference'])
-    matrix[:joint, :joint] += prior['information']
+    joint = PARAMETERS + len(fit['linear'])
     known = np.arange(PARAMETERS)
     matrix[known, known] += variance / prior['deviation'] ** 2
     size = float(np.trace(matrix))
@@ -464,7 +461,7 @@ def _of_state(state: Mapping[str, Any]) -> KnownMuscle:
     basis = LaguerreBasis(
         settings['basis.functions'], settings['basis.time_constant'], settings['basis.latency']
     )
-    if settings.get('choose_basis') and '_place' in state:
+    if settings['choose_basis']:
         basis = basis_at(basis, state['_place'])
     return KnownMuscle(fit['theta'], fit['linear'], variance * inverse, variance, basis)
 

@@ -1,11 +1,8 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of the batch and the horizon estimator.
+"""Settings of the batch and the tracking estimator, and the data of a fit.
 
-Data of a fit: block statistics, baseline and prior in one object.
-
-The batch keeps all blocks and has no arrival cost, the horizon keeps the blocks of its length and
-an arrival cost, and a fit of the horizon alone has the same blocks and another prior.
+`Problem` has block statistics, baseline and prior in one object.
 """
 
 import math
@@ -79,7 +76,7 @@ def pass_arrays(functions: int) -> Pass:
 
 
 class Prior(NamedTuple):
-    """Prior, bounds and arrival cost.
+    """Prior and bounds.
 
     Attributes
     ----------
@@ -89,12 +86,6 @@ class Prior(NamedTuple):
         Bounds of theta.
     separation : float
         u_sat is at least this far above u_thr.
-    information : ndarray (4 + functions, 4 + functions)
-        Matrix of the arrival cost of [theta, w], alpha as logarithms.
-    information_vector : ndarray (4 + functions,)
-        Minus its gradient at `reference`.
-    reference : ndarray (4 + functions,)
-        Point about which it is expanded.
     """
 
     mean: FloatArray
@@ -102,9 +93,6 @@ class Prior(NamedTuple):
     lower: FloatArray
     upper: FloatArray
     separation: float
-    information: FloatArray
-    information_vector: FloatArray
-    reference: FloatArray
 
 
 class Problem(NamedTuple):
@@ -121,7 +109,7 @@ class Problem(NamedTuple):
     baseline : BaselineKnots
         Baseline of the force.
     prior : Prior
-        Prior, bounds and arrival cost.
+        Prior and bounds.
     work : Pass
         Arrays that the passes overwrite.
     """
@@ -167,11 +155,8 @@ class RecruitmentPrior:
             if not (math.isfinite(value) and value > 0):
                 raise IdentificationError(f'expected a deviation of {name} above 0, got {value}')
 
-    def as_prior(
-        self, bounds: RecruitmentBounds, alpha_thr: tuple[float, float], functions: int
-    ) -> Prior:
+    def as_prior(self, bounds: RecruitmentBounds, alpha_thr: tuple[float, float]) -> Prior:
         """Return this prior and the bounds as a `Prior`."""
-        joint = PARAMETERS + functions
         centre = np.array(self.centre)
         low, high = zip(bounds.u_thr, bounds.u_sat, bounds.alpha_sat, alpha_thr, strict=True)
         return Prior(
@@ -180,15 +165,12 @@ class RecruitmentPrior:
             lower=np.array(low, dtype=np.float64),
             upper=np.array(high, dtype=np.float64),
             separation=bounds.separation,
-            information=np.zeros((joint, joint)),
-            information_vector=np.zeros(joint),
-            reference=np.zeros(joint),
         )
 
 
 @dataclass(frozen=True)
 class ProjectionSettings:
-    """Model and numerics of the batch and the horizon estimator.
+    """Model and numerics of the batch and the tracking estimator.
 
     Attributes
     ----------
@@ -213,14 +195,6 @@ class ProjectionSettings:
         Batch: choose latency and time constant by the samples; the search begins at `basis`.
     knot_spacing : float
         Batch: distance of the baseline's knots [s].
-    horizon : float
-        Horizon: how long samples are kept exactly [s].
-    step_period : float
-        Horizon: time between two steps, by the stamps [s].
-    steps : int
-        Horizon: Gauss-Newton steps a period.
-    forgetting : float
-        Horizon: share of the arrival cost that is forgotten a period; see `arrival_cost`.
     confidence : float
         Level of the intervals.
 
@@ -240,21 +214,11 @@ class ProjectionSettings:
     history: TemporalSummation | None = None
     choose_basis: bool = False
     knot_spacing: float = 15.0
-    horizon: float = 20.0
-    step_period: float = 0.05
-    steps: int = 1
-    forgetting: float = 0.02
     confidence: float = 0.95
 
     def __post_init__(self) -> None:
-        for name in ('knot_spacing', 'horizon', 'step_period'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise IdentificationError(f'expected {name} above 0 s, got {value}')
-        if self.steps < 1:
-            raise IdentificationError(f'expected at least 1 step a period, got {self.steps}')
-        if not 0 <= self.forgetting <= 1:
-            raise IdentificationError(f'expected 0 <= forgetting <= 1, got {self.forgetting}')
+        if not (math.isfinite(self.knot_spacing) and self.knot_spacing > 0):
+            raise IdentificationError(f'expected knot_spacing above 0 s, got {self.knot_spacing}')
         if not 0 < self.confidence < 1:
             raise IdentificationError(f'expected 0 < confidence < 1, got {self.confidence}')
         if not 0 < self.alpha_thr[0] <= self.start.alpha_thr <= self.alpha_thr[1]:
@@ -272,5 +236,5 @@ class ProjectionSettings:
         return [np.array([*start, alpha_thr]) for start in (tuple(self.start[:3]), *_CORNERS)]
 
     def as_prior(self) -> Prior:
-        """Return the prior, without arrival cost."""
-        return self.prior.as_prior(self.bounds, self.alpha_thr, self.basis.functions)
+        """Return prior and bounds."""
+        return self.prior.as_prior(self.bounds, self.alpha_thr)

@@ -266,21 +266,36 @@ LONGEST_BASIS = LaguerreBasis(7, 90e-3, 30e-3)
 class TrackingSettings(ProjectionSettings):
     """Model and numerics of the tracking estimator.
 
-    `basis` and `start` are the first ones; `horizon` is the longest window.  `knot_spacing`,
-    `steps` and `forgetting` are not used.
+    `basis` and `start` are the first ones; `knot_spacing` is not used.
 
     Attributes
     ----------
+    window : float
+        Longest window [s].
+    step_period : float
+        Time between two steps, by the stamps [s].
     choose_basis : bool
         Choose latency and time constant of the basis by the samples.
     find_changes : bool
         Look for sudden changes of the muscle.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
     """
 
-    horizon: float = 60.0
+    window: float = 60.0
     step_period: float = 0.25
     choose_basis: bool = True
     find_changes: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ('window', 'step_period'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise IdentificationError(f'expected {name} above 0 s, got {value}')
 
 
 # Pulses up to this rate fit into the window [Hz]; at a higher one it is shorter.
@@ -344,8 +359,9 @@ class TrackingEstimator(ProjectionEstimator):
         rate_hz: float = DEFAULT_RATE,
     ) -> None:
         settings = settings if settings is not None else TrackingSettings()
-        seconds = settings.horizon + LONGEST_BASIS.duration
+        seconds = settings.window + LONGEST_BASIS.duration
         self._choose, self._find = settings.choose_basis, settings.find_changes
+        self._longest = settings.window
         self._capacity = int(seconds * _HIGHEST_RATE) + _SPARE_BLOCKS
         super().__init__(settings, rate_hz, self._capacity, 2)
         self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
@@ -667,9 +683,8 @@ class TrackingEstimator(ProjectionEstimator):
         """Return the length of the window [ns], shorter for a muscle that changes fast."""
         point = self._window.point
         large = (np.abs(point.gain) > _LARGEST_GAIN) | (np.abs(point.slowing) > _LARGEST_SLOWING)
-        longest = self.settings.horizon
-        seconds = _KNOT_S * int(np.argmax(large)) if large.any() else longest
-        return round(min(max(seconds, _SHORTEST_S), longest) * NANOSECONDS_PER_SECOND)
+        seconds = _KNOT_S * int(np.argmax(large)) if large.any() else self._longest
+        return round(min(max(seconds, _SHORTEST_S), self._longest) * NANOSECONDS_PER_SECOND)
 
     def _make_room(self, first_ns: int, last_ns: int) -> None:
         """Make room for the blocks up to `last_ns`.

@@ -3,7 +3,7 @@
 r"""Uncertainty of an estimate: covariance of [theta, w], intervals of what depends on them.
 
 The covariance is ``s^2 (M + C)^-1`` with M the Gauss-Newton matrix of the joint problem and C that
-of prior and arrival cost.  ``s^2`` is the variance of the residuals, times the factor by which
+of the prior.  ``s^2`` is the variance of the residuals, times the factor by which
 sums of neighbouring residuals vary more than those of white noise: drift, an artifact or a misfit
 of the basis correlate neighbouring residuals, and then a sample informs less than an independent
 one.
@@ -170,10 +170,9 @@ def uncertainty(
     """
     if not fit.samples[0] > 0.0:
         return None
-    joint = len(prior.reference)
+    joint = PARAMETERS + len(fit.linear)
     lower = np.tril(fit.complete)
     matrix = lower + lower.T - np.diag(np.diag(lower))
-    matrix[:joint, :joint] += prior.information
     variance = float(fit.variance[0])
     theta = np.arange(PARAMETERS)
     matrix[theta, theta] += variance / prior.deviation**2

@@ -77,8 +77,8 @@ class FixedSizeSettings:
     Attributes
     ----------
     model : ProjectionSettings
-        Basis, start, prior, bounds, `by_rate` and level of the intervals; its settings of horizon
-        and knots are not used.
+        Basis, start, prior, bounds, `by_rate` and level of the intervals; its
+        `knot_spacing` is not used.
     memory_time : float
         Time constant with which samples are forgotten, in time during which pulses act [s].
     memory_after_change : float

@@ -83,7 +83,7 @@ MEANING: Mapping[str, str] = {
         'still act'
     ),
     MONITOR_FAILED: 'monitors that raised an exception and were taken out',
-    PULSES_TOO_FREQUENT: 'pulses between two samples for which the horizon has no room, dropped',
+    PULSES_TOO_FREQUENT: 'pulses between two samples for which the window has no room, dropped',
     FACTORISATION_FAILED: 'steps of an estimator that were not taken: matrix not positive',
 }
 

@@ -5,9 +5,9 @@
 import numpy as np
 import pytest
 
-from rpms_ros.identification.estimation.horizon import HorizonEstimator
 from rpms_ros.identification.estimation.normal_equations import gradient_pass, linear_pass
-from rpms_ros.identification.estimation.settings import PARAMETERS, ProjectionSettings
+from rpms_ros.identification.estimation.settings import PARAMETERS
+from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.muscle import RecruitmentParameters, identified_recruitment
 
@@ -34,8 +34,7 @@ def regressors(take, theta):
 @pytest.fixture(name='prepared', scope='module')
 def prepared_fixture(record):
     take = record(1.5, seed=3)
-    settings = ProjectionSettings(basis=BASIS, by_rate=None, step_period=100.0)
-    estimator = HorizonEstimator(settings)
+    estimator = TrackingEstimator(TrackingSettings(basis=BASIS, by_rate=None, step_period=100.0))
     take.feed(estimator)
     return take, estimator
 
@@ -83,7 +82,6 @@ def test_offset_and_slope_are_sums_over_samples(prepared):
     matrix, right = equations(estimator, THETA, np.zeros(BASIS.functions))
     ahead = take.stamp_ns / take.stamp_ns[-1]
     hats = np.column_stack((1.0 - ahead, ahead))
-    # Two of the knots bound this time; the third lies beyond it.
     part = slice(PARAMETERS + BASIS.functions, PARAMETERS + BASIS.functions + 2)
     np.testing.assert_allclose(matrix[part, part], hats.T @ hats, rtol=1e-9)
     np.testing.assert_allclose(right[part], hats.T @ take.force, rtol=1e-9)

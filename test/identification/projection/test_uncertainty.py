@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification.estimation.batch import BatchEstimator
-from rpms_ros.identification.estimation.horizon import HorizonEstimator
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.uncertainty import identifiability
 from rpms_ros.identification.model.basis import LaguerreBasis
@@ -24,7 +23,7 @@ def test_intervals_hold_the_truth(record):
     parameters, curve = [], []
     for seed in range(30):
         take = record(6.0, noise=0.01, seed=seed)
-        estimator = HorizonEstimator(SETTINGS)
+        estimator = BatchEstimator(SETTINGS)
         take.feed(estimator)
         estimate = estimator.estimate(0, {})
         width = 1.96 * np.sqrt(np.diag(estimate.nonlinear_covariance))
@@ -65,7 +64,7 @@ def test_physiology_is_read_off_the_response(time_constant, latency, record):
     recruitment = simulation_subject().recruitment
     subject = Subject(time_constant, latency, recruitment=recruitment)
     take = record(12.0, subject=subject, noise=0.005)
-    estimator = HorizonEstimator(ProjectionSettings(basis=LaguerreBasis(8, 38e-3, 8e-3)))
+    estimator = BatchEstimator(ProjectionSettings(basis=LaguerreBasis(8, 38e-3, 8e-3)))
     take.feed(estimator)
     estimate = estimator.estimate(0, {})
     assert estimate.physiology_names == PHYSIOLOGY_NAMES
