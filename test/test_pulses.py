@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pulses and force samples as arrays."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH, ForceTrace, Pulse, PulseTrain
 
@@ -21,10 +22,6 @@ def fields(train: PulseTrain) -> list[list[float]]:
         list(train.sequence),
         list(train.width),
     ]
-
-
-def test_a_magnetic_pulse_lasts_100_microseconds() -> None:
-    assert Pulse(0, 0.5) == Pulse(onset_ns=0, intensity=0.5, sequence=0, width=100e-6)
 
 
 def test_a_train_of_pulses_keeps_order_and_bits() -> None:
@@ -42,7 +39,6 @@ def test_no_pulses_are_a_train_too() -> None:
     assert train.intensity.dtype == np.float64
 
 
-@settings(deadline=None)
 @given(st.floats(0.5, 1000.0), st.integers(0, 500), st.integers(0, EPOCH_NS))
 def test_a_regular_train_never_drifts(rate_hz: float, index: int, start_ns: int) -> None:
     train = PulseTrain.regular(np.full(index + 1, 0.5), rate_hz, start_ns)
@@ -61,12 +57,6 @@ def test_a_regular_train_counts_its_pulses() -> None:
     assert PulseTrain.regular([0.1], 20.0).width[0] == MAGNETIC_PULSE_WIDTH
 
 
-@pytest.mark.parametrize('rate_hz', [0.0, -20.0, float('nan'), float('inf')])
-def test_a_regular_train_has_a_rate(rate_hz: float) -> None:
-    with pytest.raises(ValueError, match='expected a repetition rate above 0 Hz, got'):
-        PulseTrain.regular([0.1, 0.2], rate_hz)
-
-
 def test_a_part_of_a_train() -> None:
     train = PulseTrain.regular([0.1, 0.2, 0.3], 20.0)
     assert fields(train[1:]) == [values[1:] for values in fields(train)]
@@ -75,28 +65,10 @@ def test_a_part_of_a_train() -> None:
     assert fields(train[np.array([2, 0])]) == [[v[2], v[0]] for v in fields(train)]
 
 
-@settings(deadline=None)
 @given(st.integers(0, 6))
 def test_parts_joined_are_the_whole(cut: int) -> None:
     train = PulseTrain.regular(np.linspace(0.0, 1.0, 6), 20.0)
     assert fields(PulseTrain.joined([train[:cut], train[cut:]])) == fields(train)
-
-
-def test_a_train_has_arrays_of_one_length() -> None:
-    train = PulseTrain.regular([0.1, 0.2], 20.0)
-    with pytest.raises(ValueError, match=r'expected arrays of one length, got lengths \[1, 2\]'):
-        PulseTrain(train.onset_ns, train.intensity[:1], train.sequence, train.width)
-
-
-def test_a_trace_has_a_stamp_for_each_force() -> None:
-    with pytest.raises(ValueError, match='expected as many stamps as forces, got 2 and 1'):
-        ForceTrace(np.array([0, 1]), np.array([0.5]))
-
-
-def test_a_trace_names_its_frame() -> None:
-    trace = ForceTrace(np.array([0, 1]), np.array([0.5, 0.25]))
-    assert len(trace) == 2
-    assert trace.frame_id == 'force_sensor'
 
 
 KINDS = [
@@ -145,6 +117,15 @@ def test_arrays_that_are_kept_are_not_copied() -> None:
         (lambda: ForceTrace([0], [[1.0]]), r'expected force of shape \(n,\), got \(1, 1\)'),
         (lambda: ForceTrace(0, 1.0), r'expected stamp_ns of shape \(n,\), got \(\)'),
         (lambda: ForceTrace([0], [{}]), r'expected numbers in force, got \[\{\}\]'),
+        (lambda: ForceTrace([0, 1], [0.5]), 'expected as many stamps as forces, got 2 and 1'),
+        (
+            lambda: PulseTrain([0, 1], [1.0], [0, 1], [1e-4, 1e-4]),
+            r'expected arrays of one length, got lengths \[1, 2\]',
+        ),
+        *(
+            (partial(PulseTrain.regular, [0.1, 0.2], rate), 'a repetition rate above 0 Hz, got')
+            for rate in (0.0, -20.0, float('nan'), float('inf'))
+        ),
     ],
 )
 def test_what_cannot_be_such_arrays_is_refused(make: Any, match: str) -> None:

@@ -23,9 +23,3 @@ def test_examples(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     failed, attempted = doctest.testmod(importlib.import_module(module))
     assert attempted > 0
     assert failed == 0
-
-
-def test_the_python_interface_has_examples() -> None:
-    assert {f'rpms_ros.api.{name}' for name in ('loading', 'session', 'simulating')} <= set(
-        MODULES
-    )

@@ -86,10 +86,6 @@ def test_notebooks_are_kept_without_what_they_computed(path: Path) -> None:
     assert all(cell['outputs'] == [] and cell['execution_count'] is None for cell in code)
 
 
-def test_there_are_two_notebooks() -> None:
-    assert [path.stem for path in NOTEBOOKS] == ['design', 'identify']
-
-
 def test_the_reference_holds_every_command_parameter_and_message() -> None:
     environment = dict(os.environ)
     pages = dict(module('generate').pages())

@@ -149,49 +149,6 @@ def test_a_pulse_from_before_the_window_counts_as_alone() -> None:
     np.testing.assert_allclose(added, [expected], rtol=1e-11)
 
 
-@given(onsets, st.integers(0, 4 * NANOSECONDS_PER_SECOND))
-def test_force_does_not_know_the_future(onset: list[int], stamp: int) -> None:
-    onset_ns = np.array(onset)
-    latency_ns = round(average_subject().latency * NANOSECONDS_PER_SECOND)
-    past = onset_ns[onset_ns + latency_ns <= stamp]
-    knowing = Contraction(average_subject())
-    knowing.add_pulses(onset_ns, intensities_of(onset_ns))
-    ignorant = Contraction(average_subject())
-    ignorant.add_pulses(past, intensities_of(past))
-    np.testing.assert_array_equal(knowing.force(stamp), ignorant.force(stamp))
-
-
-def test_force_is_zero_until_the_latency_is_over() -> None:
-    contraction = Contraction(average_subject())
-    contraction.add_pulses(0, 1.0)
-    force = contraction.force([0, 9_450_000, 9_450_001])
-    np.testing.assert_array_equal(force[:2], 0.0)
-    assert force[2] > 0.0
-
-
-@given(onsets, onsets, stamps)
-def test_trains_at_one_rate_add_up(first: list[int], second: list[int], stamp: list[int]) -> None:
-    both = Contraction(average_subject(), fixed_rate_hz=20.0)
-    total = np.zeros(len(stamp))
-    for onset in (first, second):
-        onset_ns = np.array(onset)
-        alone = Contraction(average_subject(), fixed_rate_hz=20.0)
-        alone.add_pulses(onset_ns, intensities_of(onset_ns))
-        both.add_pulses(onset_ns, intensities_of(onset_ns))
-        total += alone.force(stamp)
-    # Positive terms summed in another order.
-    np.testing.assert_allclose(both.force(stamp), total, rtol=1e-12, atol=1e-12)
-
-
-@given(st.permutations(list(range(0, 400 * MILLISECOND, 20 * MILLISECOND))))
-def test_stamps_may_be_read_in_any_order(stamp: list[int]) -> None:
-    train = regular_train(0.4)
-    contraction = Contraction(average_subject())
-    contraction.add_pulses(train.onset_ns, train.intensity)
-    mixed = contraction.force(stamp)
-    np.testing.assert_array_equal(contraction.force(sorted(stamp)), mixed[np.argsort(stamp)])
-
-
 def test_the_epoch_changes_no_bit() -> None:
     def run(start_ns: int) -> FloatArray:
         train = regular_train(3.0, start_ns)
@@ -214,17 +171,6 @@ def test_state_does_not_grow_with_the_history() -> None:
     assert sizes[1] == sizes[-1]
 
 
-def test_a_twitch_peaks_with_the_weight_of_its_pulse() -> None:
-    subject = average_subject()
-    contraction = Contraction(subject)
-    contraction.add_pulses(0, 0.7)
-    peak_ns = round((subject.latency + 2 * subject.time_constant) * NANOSECONDS_PER_SECOND)
-    # The stamp is rounded to 1 ns, which is far below what a flat maximum shows.
-    np.testing.assert_allclose(
-        contraction.force(peak_ns), [subject.pulse_weight(0.7, 0.0)], rtol=1e-12
-    )
-
-
 @pytest.mark.parametrize('rate_hz', [15.0, 20.0, 25.0, 35.0])
 def test_a_long_train_reaches_the_steady_mean_force(rate_hz: float) -> None:
     subject = average_subject()
@@ -238,23 +184,6 @@ def test_a_long_train_reaches_the_steady_mean_force(rate_hz: float) -> None:
     mean = contraction.force(phase + round(subject.latency * 1e9)).mean()
     # The mean of a periodic smooth function over equal steps; the rounding to 1 ns remains.
     assert mean == pytest.approx(float(subject.steady_force(0.9, rate_hz)), rel=1e-6)
-
-
-def test_every_pulse_after_the_first_has_its_own_rate() -> None:
-    subject = average_subject()
-    onset_ns = np.array([0, 30, 80, 280]) * MILLISECOND
-    rates = [0.0, 1 / 0.03, 20.0, 5.0]
-    for count in range(1, 5):
-        longer = Contraction(subject)
-        shorter = Contraction(subject)
-        longer.add_pulses(onset_ns[:count], np.full(count, 0.8))
-        shorter.add_pulses(onset_ns[: count - 1], np.full(count - 1, 0.8))
-        stamp_ns = int(onset_ns[count - 1]) + 80 * MILLISECOND
-        added = longer.force(stamp_ns) - shorter.force(stamp_ns)
-        shape = twitch(0.08 - subject.latency, subject.time_constant)
-        expected = subject.pulse_weight(0.8, rates[count - 1]) * shape
-        # A difference of forces of the same size.
-        np.testing.assert_allclose(added, [expected], rtol=1e-12)
 
 
 def test_an_interval_counts_as_one_millisecond_at_least() -> None:

@@ -48,33 +48,25 @@ def test_the_ends_tell_whether_a_curve_rises(shape: IntensityRecruitment) -> Non
         assert 0 in falls or len(steps) - 1 in falls
 
 
-def test_a_curve_may_dip_below_zero() -> None:
+def test_a_curve_may_dip_below_zero_or_fall_towards_full_intensity() -> None:
     dipping = IntensityRecruitment(0.662, 0.874, 6.0, 3.8).normalised()
-    assert not dipping.rises
-    assert dipping(0.1) < 0.0
-
-
-def test_a_curve_may_fall_towards_full_intensity() -> None:
     falling = IntensityRecruitment(0.7, 0.8, 4.5, 17.0).normalised()
+    assert not dipping.rises
     assert not falling.rises
+    assert dipping(0.1) < 0.0
     assert falling(0.9) > 1.0
 
 
-@given(shapes)
-def test_normalising_fixes_both_ends(shape: IntensityRecruitment) -> None:
+@given(shapes, st.floats(0.0, 1.0))
+def test_normalising_fixes_both_ends_and_keeps_the_shape(
+    shape: IntensityRecruitment, intensity: float
+) -> None:
     unit = shape.normalised()
     assert unit(0.0) == 0.0
     # One subtraction of numbers of which the larger is a few times their difference.
     assert unit(1.0) == pytest.approx(1.0, rel=1e-12)
-
-
-@given(shapes, st.floats(0.0, 1.0))
-def test_normalising_keeps_the_shape(shape: IntensityRecruitment, intensity: float) -> None:
     low, value, high = shape([0.0, intensity, 1.0])
-    # Subtractions, as above.
-    assert shape.normalised()(intensity) == pytest.approx(
-        (value - low) / (high - low), rel=1e-10, abs=1e-12
-    )
+    assert unit(intensity) == pytest.approx((value - low) / (high - low), rel=1e-10, abs=1e-12)
 
 
 @given(st.floats(0.0, 500.0), st.floats(0.0, 500.0))

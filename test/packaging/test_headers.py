@@ -48,11 +48,3 @@ def test_it_is_written_where_it_is_missing(
         assert headers.main([], tmp_path) == 0
         assert path.read_text() == after
     assert headers.main(['--check'], tmp_path) == 0
-
-
-def test_the_holder_is_who_the_package_names(headers: ModuleType) -> None:
-    description = (headers.ROOT / 'package.xml').read_text()
-    holder = headers.NOTICE[0].removeprefix('Copyright 2026 ')
-    assert f'>{holder}</author>' in description
-    licence = headers.NOTICE[1].removeprefix('SPDX-License-Identifier: ')
-    assert f'>{licence}</license>' in description
