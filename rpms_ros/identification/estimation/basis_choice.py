@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Choice of latency and time constant of the basis by the samples.
 
-Laguerre functions of any time constant can describe any twitch, but seven of them only one that
-is not far from their own, and none that begins before their latency.  So the basis is compared
-with others by the likelihood of the newest seconds: on a coarse grid while little is known, and
-uphill from neighbour to neighbour.  Each is given the disturbance and the slow change that suit
-it: with those of a basis that does not fit, all are much the same.
-
-When the basis is compared with others, by stamps alone.
-
-Samples and pulses of the window, from which blocks of another basis are made.
+Laguerre functions of any time constant can describe any twitch, but seven of them only one
+that is not far from their own, and none that begins before their latency. So the basis is
+compared with others by the likelihood of the newest seconds: on a coarse grid while little is
+known, and uphill from neighbour to neighbour. Each is given the disturbance and the slow
+change that suit it: with those of a basis that does not fit, all are much the same.
+`RawSamples` keeps the samples and pulses of the window, from which the blocks of another basis
+are made; `BasisSchedule` says when to compare, by stamps alone.
 """
 
 import copy
@@ -22,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from rpms_ros.identification.estimation.blocks import COUNT, empty_blocks
-from rpms_ros.identification.estimation.estimator import Intake, fresh_intake, take
+from rpms_ros.identification.estimation.estimator import Intake, add_samples, fresh_intake
 from rpms_ros.identification.estimation.gauss_newton import Fit, empty_fit
 from rpms_ros.identification.estimation.prior import Knowledge
 from rpms_ros.identification.estimation.settings import BaselineKnots, Prior, Problem, pass_arrays
@@ -39,7 +37,7 @@ from rpms_ros.identification.estimation.window_fit import (
     Window,
     WindowFit,
     fresh_fit,
-    improved,
+    gauss_newton_steps,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
@@ -244,7 +242,7 @@ class RawSamples(Restorable):
         )
         prediction = np.empty(len(stamp_ns))
         intake = fresh_intake(functions)
-        begun = take(
+        begun = add_samples(
             stamp_ns,
             force,
             np.ones(len(stamp_ns), dtype=np.bool_),
@@ -333,7 +331,7 @@ def conversion(old: LaguerreBasis, new: LaguerreBasis) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Explained:
+class BasisFit:
     """How well a basis explains the samples.
 
     Attributes
@@ -393,7 +391,7 @@ class BasisChoice:
     lag: float
     origin: Origin
     rates_hz: FloatArray | None
-    _found: dict[tuple[LaguerreBasis, bool], Explained] = field(default_factory=dict)
+    _found: dict[tuple[LaguerreBasis, bool], BasisFit] = field(default_factory=dict)
 
     def better(self, everywhere: bool) -> LaguerreBasis:
         """Return the best basis if it is clearly better than the present one, else that.
@@ -417,9 +415,9 @@ class BasisChoice:
         least = _EARLY_DECISION if self.now_ns - self.first_ns < _EARLY_NS else _DECISION
         if fit.scales.disturbance >= LIVELY:
             least = _LIVELY_DECISION
-        return best if gain > least * min(fit.together, self.fit.most_together) else basis
+        return best if gain > least * min(fit.inflation, self.fit.most_inflation) else basis
 
-    def explained(self, basis: LaguerreBasis, rough: bool = False) -> Explained:
+    def explained(self, basis: LaguerreBasis, rough: bool = False) -> BasisFit:
         """Return how well a basis explains the samples, with a tremor or without.
 
         The force of a muscle has lines of its own, and so has what a wrong basis leaves: so a
@@ -436,9 +434,9 @@ class BasisChoice:
     def _roughly(self, basis: LaguerreBasis) -> float:
         return self.explained(basis, rough=True).fit.likelihood
 
-    def _judged(self, basis: LaguerreBasis, rough: bool) -> Explained:
+    def _judged(self, basis: LaguerreBasis, rough: bool) -> BasisFit:
         fit = self._fitted(self.raw, basis, rough)
-        alone = Explained(fit, self.raw)
+        alone = BasisFit(fit, self.raw)
         if self.rates_hz is None or not math.isfinite(fit.likelihood):
             return alone
         muscle = basis, fit.point.theta, fit.point.linear, self.prior
@@ -452,7 +450,7 @@ class BasisChoice:
         without = self._fitted(cleaned, basis, rough)
         if without.likelihood < fit.likelihood + _TREMOR_DECISION:
             return alone
-        return Explained(without, cleaned, hertz)
+        return BasisFit(without, cleaned, hertz)
 
     def _fitted(self, raw: RawSamples, basis: LaguerreBasis, rough: bool) -> WindowFit:
         """Return the fit of a basis.
@@ -487,7 +485,7 @@ class BasisChoice:
             likelihood=-math.inf,
         )
         trials = [alike]
-        if present.together > _HANGING:
+        if present.inflation > _HANGING:
             lively = fresh_fit(theta, functions)
             lively.scales = Scales(disturbance=_LIVELY_START)
             trials += [nothing, lively]
@@ -495,9 +493,9 @@ class BasisChoice:
             trials.append(nothing)
         for one in trials:
             # likelihoods are comparable only if all weight the samples alike
-            one.most_together = 1.0
+            one.most_inflation = 1.0
             steps = _ROUGH_STEPS if rough and one is alike else _STEPS
-            improved(problem, one, self.knowledge, window, steps)
+            gauss_newton_steps(problem, one, self.knowledge, window, steps)
         return max(trials, key=lambda one: one.likelihood)
 
 

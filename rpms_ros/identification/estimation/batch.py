@@ -5,21 +5,15 @@
 The samples are condensed into blocks of one pulse each, from which the normal equations of any
 parameters follow exactly (`rpms_ros.identification.estimation.blocks`), so that the cost of a fit
 grows with the pulses, not with the samples.  A fit is made whenever the recording has doubled, so
-that every sample has an a-priori prediction, and once more for an estimate.  With `choose_basis`,
-latency and time constant of the basis are chosen by the samples.
+that every sample has an a-priori prediction, and once more for an estimate.
 
-Choice of latency and time constant of the basis by how well a recording is explained.
+**Basis.**  With `choose_basis`, latency and time constant of the basis are chosen on a grid by how
+well a part of the recording is explained.  All bases have as many unknowns, so the one with the
+smallest residual is the most likely one; of those that only the noise tells apart the middle is
+taken.
 
-Seven Laguerre functions describe a twitch whose time constant is not far from their own and which
-does not begin before their latency.  All bases have as many unknowns, so the one with the smallest
-residual is the most likely one; of those that only the noise tells apart the middle is taken.
-They are the points of a grid.
-
-All usable samples and all pulses of a recording, to be condensed for any basis.
-
-Whether one muscle explains a whole recording.
-
-A fit over everything takes the muscle as constant.  Whether it was is seen part by part: for each
+**Constant muscle.**  A fit over everything takes the muscle as constant.  Whether it was is seen
+part by part: for each
 part of some seconds the response and the recruitment that would explain it best, next to the
 recording's own, follow from sums that the fit has anyway.  Where the muscle was the same all the
 time they gain no more than noise does; where it tired, where the coil moved or where the patient
@@ -38,9 +32,9 @@ from rpms_ros.identification.estimation.blocks import LONGEST_BLOCK_NS, empty_bl
 from rpms_ros.identification.estimation.estimator import (
     Intake,
     ProjectionEstimator,
+    add_samples,
     fresh_intake,
     recompute_state,
-    take,
 )
 from rpms_ros.identification.estimation.gauss_newton import (
     Fit,
@@ -210,7 +204,7 @@ class SampleRecord(Restorable):
             intake.fresh[0] = 1.0
             stamps = self._stamp_ns[part.samples]
             begin_ns = self._onset_ns[part.pulses] + latency_ns
-            begun = take(
+            begun = add_samples(
                 stamps,
                 self._force[part.samples],
                 np.ones(len(stamps), dtype=np.bool_),
@@ -497,7 +491,7 @@ class BatchEstimator(ProjectionEstimator):
             last = int(np.searchsorted(stamp_ns, self._due_ns))
             part = slice(first, last)
             self._make_room(int(stamp_ns[last - 1] - stamp_ns[first]))
-            self._take(stamp_ns[part], force[part], usable[part], prediction[part])
+            self._add_samples(stamp_ns[part], force[part], usable[part], prediction[part])
             if self.settings.choose_basis:
                 chosen = usable[part]
                 self._record.add(stamp_ns[part][chosen], force[part][chosen])

@@ -6,9 +6,8 @@ A block holds the samples between two pulses.  Within it the regressors are
 ``phi_l(tau) = sum_k e_k(tau) z_(l-k)``: `e` depends only on the time ``tau`` since the block
 began, the states `z` at its beginning only on the parameters.  So the sums ``sum e e^T``,
 ``sum e y``, ``sum e``, ``sum e tau`` and a few of ``y`` and ``tau`` over the samples of a block
-give the normal equations of *any* parameters exactly, without the samples.
-
-Pulses between their onset and the onset of their twitch.
+give the normal equations of *any* parameters exactly, without the samples.  `PulseDelayLine` holds
+the pulses between their onset and the onset of their twitch.
 """
 
 from typing import NamedTuple

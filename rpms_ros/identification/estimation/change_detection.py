@@ -6,8 +6,6 @@ If errors are larger than the noise, a step searches for a change.  If there may
 learnt for half a second more, because a change a few pulses ago can be explained by several kinds.
 Then the best explanation is taken.  Its kind is compared with the others for some seconds more.
 
-Sudden changes of the muscle: their time and kind.
-
 At every step a snapshot of the fit is kept.  When the prediction errors grow, several explanations
 are fitted to the samples after each snapshot of the last seconds, with priors around it:
 
@@ -34,13 +32,18 @@ import numpy as np
 
 from rpms_ros.identification.estimation.prior import Knowledge, coordinates
 from rpms_ros.identification.estimation.settings import PARAMETERS, Problem
-from rpms_ros.identification.estimation.window_equations import SLOPES, Origin, Point, slowed
+from rpms_ros.identification.estimation.window_equations import (
+    SLOPES,
+    Origin,
+    Point,
+    time_scale_derivative,
+)
 from rpms_ros.identification.estimation.window_fit import (
     LIVELINESS,
     StartLevels,
     Window,
     WindowFit,
-    explained,
+    steps_at_fixed_scales,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.saved_state import Restorable
@@ -152,7 +155,7 @@ def widened(covariance: FloatArray, linear: FloatArray, kind: str) -> FloatArray
         free(0, _THRESHOLD)
         free(1, _THRESHOLD)
     if kind == DYNAMICS:
-        free(PARAMETERS, _DYNAMICS * slowed(linear))
+        free(PARAMETERS, _DYNAMICS * time_scale_derivative(linear))
         size = _SHAPE * float(np.linalg.norm(linear))
         for place in range(functions):
             free(PARAMETERS + place, size)
@@ -181,7 +184,7 @@ def after(before: Snapshot, kind: str, knowledge: Knowledge, distance: float) ->
     covariance = before.covariance.copy()
     for response in (
         (_RESTLESS + _GOES_ON * abs(change) * distance) * point.linear,
-        _GOES_ON * abs(slowing) * distance * slowed(point.linear),
+        _GOES_ON * abs(slowing) * distance * time_scale_derivative(point.linear),
     ):
         direction = np.concatenate((np.zeros(PARAMETERS), response))
         covariance += np.outer(direction, direction)
@@ -238,7 +241,7 @@ def explain(
     )
     span = replace(window, start=_start(before, window, kind, force), knots=0)
     steps = _STEPS if kind == THRESHOLDS else 2
-    if not explained(problem, fit, known, span, steps):
+    if not steps_at_fixed_scales(problem, fit, known, span, steps):
         return None
     return Explanation(kind, fit.evidence, before, fit, known)
 
@@ -248,7 +251,7 @@ def quiet(one: Explanation, disturbance: int) -> bool:
     return one.fit.misfit < _EXPLAINED and one.fit.scales.disturbance <= disturbance
 
 
-def judged(
+def compare_hypotheses(
     problem: Problem,
     before: Snapshot,
     knowledge: Knowledge,
@@ -487,7 +490,7 @@ def _explanations(
     start_ns = int(blocks.start_ns[(int(blocks.head[0]) + first) % len(blocks.start_ns)])
     span = replace(window, first_ns=start_ns, knots=0, origin=origin_of(before))
     force = float(np.sqrt(alert.force)) + 1e-9
-    return judged(problem._replace(first=first), before, prior, span, force, doubted)
+    return compare_hypotheses(problem._replace(first=first), before, prior, span, force, doubted)
 
 
 def _of_muscle(found: Mapping[str, Explanation]) -> Explanation | None:

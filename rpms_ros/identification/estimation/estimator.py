@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Common parts of the batch and the tracking estimator: intake, prediction, estimates.
 
-Adds samples and pulses to blocks, with an a-priori prediction of each sample.
-
-Prediction of samples ahead by a fit.
+Samples and pulses are added to blocks, with an a-priori prediction of each sample.
 """
 
 import math
@@ -167,7 +165,7 @@ def count_energy(
 
 
 @numba.njit(cache=True)
-def take(
+def add_samples(
     stamp_ns: IntArray,
     force: FloatArray,
     usable: BoolArray,
@@ -404,12 +402,12 @@ class ProjectionEstimator(RestorableWithSettings):
         )
         return expected
 
-    def _take(
+    def _add_samples(
         self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray, prediction: FloatArray
     ) -> None:
         """Add samples (samples,) to the blocks; write their prediction."""
         pending = self._delay_line
-        begun = take(
+        begun = add_samples(
             stamp_ns,
             force,
             usable,

@@ -16,12 +16,6 @@ gradient g is exact either way.
 Normal equations are used instead of a QR factorisation: the regressors of the orthonormal Laguerre
 functions have a condition number below 1e4 (1e8 squared), so eight digits are left, and blocks can
 be added to and removed from a sum, but not from a QR factorisation.
-
-Steps of the parameters of the recruitment curve, within their bounds and kept in order.
-
-State of a fit, its cost, and the solution for the linear unknowns (Eq. 22).
-
-Sums of the residuals of blocks, to see whether neighbouring residuals are correlated.
 """
 
 import math

@@ -1,15 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""Prior of a window: physiology, bounds, and the result of earlier samples.
+r"""Prior of a window: physiology, bounds, and the result of earlier samples or sessions.
 
-The last session of a returning patient as a prior, which is reduced where it is wrong.
-
-The covariance P of parameters and response of the last session is increased by the changes from
-one day to the next, most of all by the new position of the coil,
+For a returning patient the covariance P of parameters and response of the last session is
+increased by the changes from one day to the next, most of all by the new position of the coil,
 
 .. math:: P' = P + Q_\theta + g^2 w w^T + t^2 (D w) (D w)^T + h^2 \|w\|^2 I / n ,
 
-with D the derivative by the logarithm of the time constant (`tracking.stretching`),
+with D the derivative by the logarithm of the time constant (`window_equations`),
 and becomes the prior of `tracking`, which is dropped where a fit without it contradicts it.
 """
 
@@ -28,7 +26,11 @@ from scipy.special import chdtri
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.batch import basis_at
 from rpms_ros.identification.estimation.settings import PARAMETERS, ProjectionSettings
-from rpms_ros.identification.estimation.window_equations import SLOPES, Point, slowed
+from rpms_ros.identification.estimation.window_equations import (
+    SLOPES,
+    Point,
+    time_scale_derivative,
+)
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import Estimator
 from rpms_ros.identification.stream import checkpoint
@@ -256,7 +258,7 @@ def knowledge_of(settings: ProjectionSettings) -> Knowledge:
     )
 
 
-def informed(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
+def posterior_as_prior(knowledge: Knowledge, fit: 'WindowFit') -> Knowledge:
     """Return the result of a fit as prior for later samples, slightly widened."""
     point = fit.point
     joint = PARAMETERS + len(point.linear)
@@ -392,7 +394,7 @@ class KnownMuscle:
         covariance: FloatArray = self.covariance + np.diag(spread)
         response = covariance[PARAMETERS:, PARAMETERS:]
         response += change.gain**2 * np.outer(self.linear, self.linear)
-        stretch = slowed(self.linear)
+        stretch = time_scale_derivative(self.linear)
         response += change.slowing**2 * np.outer(stretch, stretch)
         return covariance
 

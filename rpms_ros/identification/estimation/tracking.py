@@ -6,15 +6,9 @@ Samples of the last minute are kept in blocks of one pulse each.  Four times a s
 muscle, its slow change and the disturbance are fitted to all of them together; the priors of the
 speed of change and of the disturbance are chosen by the evidence (`window_fit`).  A sudden change
 is found by its prediction errors, and the window restarts with the part of the muscle that did not
-change (`changes`).  Latency and time constant of the basis are chosen by the samples
-(`basis_choice`).
-Steps are triggered by stamps alone, so the answer does not depend on how the data are cut.
-
-Rates, changes, disturbance and reasons of an estimate of `tracking`.
-
-Other starts for the fit of a young window, which may hang in a local minimum.
-
-Settings of the tracking estimator.
+change (`change_detection`).  Latency and time constant of the basis are chosen by the samples
+(`basis_choice`).  Steps are triggered by stamps alone, so the answer does not depend on how the
+data are cut.
 """
 
 import math
@@ -29,8 +23,8 @@ from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.estimation.basis_choice import (
     LIVELY,
     BasisChoice,
+    BasisFit,
     BasisSchedule,
-    Explained,
     RawSamples,
     Search,
     conversion,
@@ -52,8 +46,8 @@ from rpms_ros.identification.estimation.prior import (
     Knowledge,
     KnownMuscle,
     coordinates,
-    informed,
     knowledge_of,
+    posterior_as_prior,
     scaled_inverse,
 )
 from rpms_ros.identification.estimation.settings import (
@@ -64,14 +58,19 @@ from rpms_ros.identification.estimation.settings import (
 )
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, Tremor, repetition_rates
 from rpms_ros.identification.estimation.uncertainty import EstimateBuilder
-from rpms_ros.identification.estimation.window_equations import Origin, no_change, point_at, slowed
+from rpms_ros.identification.estimation.window_equations import (
+    Origin,
+    no_change,
+    point_at,
+    time_scale_derivative,
+)
 from rpms_ros.identification.estimation.window_fit import (
     Scales,
     Window,
     WindowFit,
-    explained,
     fresh_fit,
-    improved,
+    gauss_newton_steps,
+    steps_at_fixed_scales,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
@@ -149,8 +148,8 @@ def described_fit(
 
 def _leaves_alike(fit: WindowFit) -> bool:
     """Tell whether neighbouring residuals are alike, and more than the model's own error."""
-    left = fit.misfit * fit.weighed
-    return fit.together > _DOUBTED_INFLATION and left > 0.5 * fit.variance
+    left = fit.misfit * fit.weighting_variance
+    return fit.inflation > _DOUBTED_INFLATION and left > 0.5 * fit.variance
 
 
 def _rest_level(levels: FloatArray) -> float:
@@ -175,7 +174,7 @@ def _rates(
     base = PARAMETERS + len(fit.point.linear)
     # a slower twitch of the same height has a larger area, and so a larger steady force
     steady = float(area @ fit.point.linear)
-    by_slowing = float(area @ slowed(fit.point.linear)) / steady if steady else 0.0
+    by_slowing = float(area @ time_scale_derivative(fit.point.linear)) / steady if steady else 0.0
     # the parameters are past minus present: a force that was larger has fallen
     scale = 100.0 * _MINUTE / knot_s
     matrix = np.zeros((len(RATE_NAMES), len(fit.covariance)))
@@ -221,7 +220,7 @@ _TRIAL_STEPS = 5
 _DECISION = 3.0
 
 
-class Challenger(Restorable):
+class Multistart(Restorable):
     """Tries other starts, in turn.
 
     Parameters
@@ -236,7 +235,7 @@ class Challenger(Restorable):
         self._starts = starts
         self._turn = 0
 
-    def challenge(
+    def try_next(
         self, problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window
     ) -> None:
         """While the window is young try the next start; go on from there if it is better."""
@@ -247,11 +246,11 @@ class Challenger(Restorable):
         if length_ns > _OFTEN_NS and self._turn % _RESTS:
             return
         other = fresh_fit(self._starts[self._turn // _RESTS], len(fit.point.linear))
-        other.variance, other.together = fit.variance, fit.together
+        other.variance, other.inflation = fit.variance, fit.inflation
         mine = replace(fit)
-        if not explained(problem, other, knowledge, window, _TRIAL_STEPS):
+        if not steps_at_fixed_scales(problem, other, knowledge, window, _TRIAL_STEPS):
             return
-        if explained(problem, mine, knowledge, window, 1) and (
+        if steps_at_fixed_scales(problem, mine, knowledge, window, 1) and (
             other.evidence > mine.evidence + _DECISION
         ):
             fit.point, fit.scales, fit.levels = other.point, other.scales, other.levels
@@ -344,7 +343,7 @@ class TrackingEstimator(ProjectionEstimator):
     _basis: LaguerreBasis
     _last_ns: int | None
     _schedule: BasisSchedule
-    _challenger: Challenger
+    _multistart: Multistart
     _from_before: bool
     _knowledge: Knowledge
     _window: WindowFit
@@ -369,7 +368,7 @@ class TrackingEstimator(ProjectionEstimator):
         self._basis = settings.basis
         self._last_ns = None
         self._schedule = BasisSchedule()
-        self._challenger = Challenger(settings.starts())
+        self._multistart = Multistart(settings.starts())
         self._from_before = False
         self._prior = knowledge_of(settings)
         self._knowledge = self._prior
@@ -415,7 +414,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._make_room(int(stamp_ns[first]), int(stamp_ns[last - 1]))
             tremor = self._tremor.force(stamp_ns[part])
             rest = force[part] - tremor
-            self._take(stamp_ns[part], rest, usable[part], prediction[part])
+            self._add_samples(stamp_ns[part], rest, usable[part], prediction[part])
             self._raw.add(stamp_ns[part], force[part], tremor, usable[part])
             muscle = prediction[part] - self._disturbance(stamp_ns[part])
             self._tremor.add(stamp_ns[part], force[part], muscle, usable[part])
@@ -511,8 +510,8 @@ class TrackingEstimator(ProjectionEstimator):
         if not self._watch.deliberating:
             young = window.now_ns - window.first_ns < _YOUNG_NS
             steps = _FIRST_STEPS if young or basis != self._basis else _STEPS
-            self._challenger.challenge(self._problem, self._window, self._knowledge, self._span())
-            improved(self._problem, self._window, self._knowledge, self._span(), steps)
+            self._multistart.try_next(self._problem, self._window, self._knowledge, self._span())
+            gauss_newton_steps(self._problem, self._window, self._knowledge, self._span(), steps)
             self._doubt_what_is_from_before(self._span())
             if self._find:
                 self._watch.remember(snapshot(self._window, window.now_ns))
@@ -536,9 +535,9 @@ class TrackingEstimator(ProjectionEstimator):
             return
         explained = self._choice().explained(self._basis)
         if explained.tremor:
-            self._take_up(explained, self._basis)
+            self._adopt(explained, self._basis)
 
-    def _take_up(self, explained: Explained, basis: LaguerreBasis) -> None:
+    def _adopt(self, explained: BasisFit, basis: LaguerreBasis) -> None:
         """Go on with a basis as it explains the newest samples."""
         found, fit = explained.fit, self._window
         if explained.tremor:
@@ -553,11 +552,19 @@ class TrackingEstimator(ProjectionEstimator):
         if not explained.tremor and first_ns < self._compared_from():
             # of the earlier disturbance the fit of the newest samples says nothing
             fit.point = fit.point._replace(theta=found.point.theta, linear=found.point.linear)
-            if fit.together > _ALIKE:
-                fit.scales, fit.variance, fit.together = found.scales, found.variance, 1.0
+            if fit.inflation > _ALIKE:
+                fit.scales, fit.variance, fit.inflation = (
+                    found.scales,
+                    found.variance,
+                    1.0,
+                )
             return
         fit.point = found.point
-        fit.scales, fit.variance, fit.together = found.scales, found.variance, found.together
+        fit.scales, fit.variance, fit.inflation = (
+            found.scales,
+            found.variance,
+            found.inflation,
+        )
         fit.levels, fit.first = found.levels, found.first
 
     def _begin_without_tremor(self) -> None:
@@ -574,7 +581,7 @@ class TrackingEstimator(ProjectionEstimator):
             return
         self._from_before = window.now_ns - window.first_ns < _DOUBTED_NS
         alone = fresh_fit(self._window.point.theta, self._basis.functions)
-        improved(self._problem, alone, self._prior, window, _FIRST_STEPS)
+        gauss_newton_steps(self._problem, alone, self._prior, window, _FIRST_STEPS)
         if self._knowledge.contradicted(self._window, alone):
             self._from_before = False
             self._knowledge = self._prior
@@ -708,7 +715,7 @@ class TrackingEstimator(ProjectionEstimator):
     def _begin_anew(self) -> None:
         """Begin with an empty window and the knowledge of the muscle."""
         if self._window.variance > 0.0:
-            self._knowledge = informed(self._prior, self._window)
+            self._knowledge = posterior_as_prior(self._prior, self._window)
         self._problem.blocks.size[0] = 0
         self._problem = self._problem._replace(first=0)
         self._intake.fresh[0] = 1.0
@@ -721,7 +728,7 @@ class TrackingEstimator(ProjectionEstimator):
         """Compare the basis with others when it is time to."""
         if not self._choose or self._watch.deliberating:
             return
-        search = self._schedule.due(self._now_ns, self._window.together > _ALIKE)
+        search = self._schedule.due(self._now_ns, self._window.inflation > _ALIKE)
         if search is None:
             return
         if self._tremor.frequency:
@@ -735,9 +742,9 @@ class TrackingEstimator(ProjectionEstimator):
         found = choice.better(search is Search.EVERYWHERE)
         explained = choice.explained(found)
         quieter = explained.fit.scales.disturbance < LIVELY <= fit.scales.disturbance
-        freed = explained.fit.together < _ALIKE < fit.together
+        freed = explained.fit.inflation < _ALIKE < fit.inflation
         if found != self._basis or explained.tremor or quieter or freed:
-            self._take_up(explained, found)
+            self._adopt(explained, found)
 
     def _compared_from(self) -> int:
         """Return the first sample to which bases are fitted [ns]."""

@@ -1,33 +1,30 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""Uncertainty of an estimate: covariance of [theta, w], intervals of what depends on them.
+r"""Estimates from a fit: curve, response, physiology, each with its interval.
 
-The covariance is ``s^2 (M + C)^-1`` with M the Gauss-Newton matrix of the joint problem and C that
-of the prior.  ``s^2`` is the variance of the residuals, times the factor by which
-sums of neighbouring residuals vary more than those of white noise: drift, an artifact or a misfit
-of the basis correlate neighbouring residuals, and then a sample informs less than an independent
-one.
+**Uncertainty.** The covariance of [theta, w] is ``s^2 (M + C)^-1`` with M the Gauss-Newton
+matrix of the joint problem and C that of the prior. ``s^2`` is the variance of the residuals,
+times the factor by which sums of neighbouring residuals vary more than those of white noise:
+drift, an artifact or a misfit of the basis correlate neighbouring residuals, and then a sample
+informs less than an independent one.
 
-How far off the area of a response may be that the functions do not fit.
-
-A response that lacks an area ``a_k`` in the time between ``k`` and ``k + 1`` blocks after its
-pulse leaves residuals whose sum over block b is ``sum_k a_k rho_(b-k) / dt``.  With intensities
-that differ from pulse to pulse the mean square of these sums is that of ``rho`` times
-``sum_k a_k^2``, beyond what white residuals have.  The signs are not known: taken as random, the
-error of the area, to which the recruitment curve is proportional, is the root of ``sum_k a_k^2``.
-The fit has taken up a part of what is missing, so it is multiplied by `_SHOWN`.
+**Misfit.** A response that lacks an area ``a_k`` in the time between ``k`` and ``k + 1``
+blocks after its pulse leaves residuals whose sum over block b is ``sum_k a_k rho_(b-k) / dt``.
+With intensities that differ from pulse to pulse the mean square of these sums is that of
+``rho`` times ``sum_k a_k^2``, beyond what white residuals have. The signs are not known: taken
+as random, the error of the area, to which the recruitment curve is proportional, is the root
+of ``sum_k a_k^2``. The fit has taken up a part of what is missing, so it is multiplied by
+`_SHOWN`.
 
 Drift, voluntary effort and a changed muscle leave such sums too, and are an error of the curve
 too.
 
-Which parameters the data determine.
+**Identifiability.**
 
 * not informed: the standard deviation is above 0.7 of that of the prior: the data have not halved
   the variance.
 * converged: it is below `SETTLED`, and the last step was smaller than that.
 * informed: neither.
-
-Estimates from a fit: curve, response, physiology, each with its interval.
 """
 
 import math
@@ -181,11 +178,11 @@ def uncertainty(
     scale = np.sqrt(np.diag(matrix))
     scaled = matrix / np.outer(scale, scale) + _ROUNDING * np.eye(len(matrix))
     inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    together = max(1.0, float(spread.max(initial=0.0)) / variance)
+    inflation = max(1.0, float(spread.max(initial=0.0)) / variance)
     inverse = 0.5 * (inverse + inverse.T) * variance
-    inverse[PARAMETERS:] *= np.sqrt(together)
-    inverse[:, PARAMETERS:] *= np.sqrt(together)
-    inverse = _inflate_parameters(inverse, prior, together)
+    inverse[PARAMETERS:] *= np.sqrt(inflation)
+    inverse[:, PARAMETERS:] *= np.sqrt(inflation)
+    inverse = _inflate_parameters(inverse, prior, inflation)
     return Uncertainty(inverse[:joint, :joint], fit.theta.copy(), confidence)
 
 

@@ -13,33 +13,24 @@ change of u_thr and u_sat from one interval to the next older one, and b a piece
 disturbance.  D is the derivative of the Laguerre functions by the logarithm of their time
 constant, so ``e^(delta D)`` stretches a response in time,
 
-.. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right).
+.. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right) ,
+
+a series that is cut off at the number of functions.
 
 The unknowns ``x = [theta, w, gamma, delta, sigma]`` are few; b has a knot at the end of every
 interval and is eliminated, which costs a few hundred multiplications an interval because its
 second differences and the intervals couple three neighbours only.
 
-A response of Laguerre functions, stretched in time.
-
-D is the derivative of the functions by the logarithm of their time constant,
-
-.. math:: D \phi_k = \tfrac12 \left( k \phi_{k-1} - (k + 1) \phi_{k+1} \right),
-
-so ``e^(delta D)`` stretches a response by ``e^delta``; the series is cut off at the number of
-functions.
-
-The blocks of a window, linearised and condensed into intervals of equal length.
-
-Within an interval of a fraction of a second the muscle is constant, so gain, time constant
-and disturbance may differ from one interval to the next, and each interval needs one small
-matrix: ``G = L^T L`` and ``r = L^T y`` with the columns
+**Intervals.** Within an interval of a fraction of a second the muscle is constant, so gain,
+time constant and disturbance may differ from one interval to the next, and each interval needs
+one small matrix: ``G = L^T L`` and ``r = L^T y`` with the columns
 
 .. math:: L = [\psi_1 .. \psi_4,\; z_1 .. z_n,\; h_0,\; h_1]
 
-where psi are the derivatives of the force by theta (alpha as logarithms), z the regressors of the
-coefficients w, and h the two hats of a piecewise linear baseline whose knots are the interval's
-ends.  Any model whose force is a combination of these columns, with factors that change from
-interval to interval, is fitted from them without the samples.
+where psi are the derivatives of the force by theta (alpha as logarithms), z the regressors of
+the coefficients w, and h the two hats of a piecewise linear baseline whose knots are the
+interval's ends. Any model whose force is a combination of these columns, with factors that
+change from interval to interval, is fitted from them without the samples.
 """
 
 from typing import NamedTuple
@@ -68,7 +59,7 @@ NO_SLOWING = 1e-5
 
 
 @numba.njit(cache=True)
-def slowed(linear: FloatArray) -> FloatArray:
+def time_scale_derivative(linear: FloatArray) -> FloatArray:
     """Return D w (functions,), truncated to the number of functions."""
     count = len(linear)
     result = np.zeros(count)
@@ -81,13 +72,13 @@ def slowed(linear: FloatArray) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def stretched(linear: FloatArray, slowing: float) -> FloatArray:
+def time_scaled(linear: FloatArray, slowing: float) -> FloatArray:
     """Return w (functions,) with its response stretched in time by ``e^slowing``."""
     term, total = linear.copy(), linear.copy()
     if abs(slowing) < NO_SLOWING:
         return total
     for order in range(1, _TERMS):
-        term = slowed(term) * (slowing / order)
+        term = time_scale_derivative(term) * (slowing / order)
         total += term
         if np.abs(term).max() < _LAST_TERM:
             break
@@ -95,7 +86,7 @@ def stretched(linear: FloatArray, slowing: float) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def stretching_powers(functions: int) -> FloatArray:
+def time_scaling_terms(functions: int) -> FloatArray:
     """Return the terms of ``e^D`` (terms, functions, functions)."""
     powers = np.zeros((_TERMS, functions, functions))
     for function in range(functions):
@@ -103,12 +94,12 @@ def stretching_powers(functions: int) -> FloatArray:
     for order in range(1, _TERMS):
         for function in range(functions):
             column = np.ascontiguousarray(powers[order - 1, :, function])
-            powers[order, :, function] = slowed(column) / order
+            powers[order, :, function] = time_scale_derivative(column) / order
     return powers
 
 
 @numba.njit(cache=True)
-def _stretching(slowing: float, powers: FloatArray) -> FloatArray:
+def _time_scaling(slowing: float, powers: FloatArray) -> FloatArray:
     """Return ``e^(slowing D)`` (functions, functions)."""
     matrix: FloatArray = powers[0].copy()
     factor = 1.0
@@ -121,7 +112,7 @@ def _stretching(slowing: float, powers: FloatArray) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def stretched_columns(
+def time_scaled_columns(
     gram: FloatArray, right: FloatArray, slowing: float, powers: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the sums of an interval with the columns of w stretched in time.
@@ -133,10 +124,10 @@ def stretched_columns(
     slowing : float
         Logarithm of the relative time constant.
     powers : ndarray (terms, functions, functions)
-        See `stretching_powers`.
+        See `time_scaling_terms`.
     """
     functions = powers.shape[1]
-    matrix = _stretching(slowing, powers)
+    matrix = _time_scaling(slowing, powers)
     part = slice(PARAMETERS, PARAMETERS + functions)
     # columns first, rows after
     half, changed = gram.copy(), right.copy()
@@ -481,8 +472,8 @@ def assemble(
     slow = np.zeros(local + 2)
     force[PARAMETERS:local] = point.linear
     # D commutes with its exponential
-    slow[PARAMETERS:local] = slowed(point.linear)
-    powers = stretching_powers(len(point.linear))
+    slow[PARAMETERS:local] = time_scale_derivative(point.linear)
+    powers = time_scaling_terms(len(point.linear))
     basis = np.zeros((6, local + 2))
     place = np.zeros(6, dtype=np.int64)
     for index in range(len(intervals.samples)):
@@ -494,7 +485,7 @@ def assemble(
         delay = _at_age(point.slowing, position)
         gram, right = intervals.gram[index], intervals.right[index]
         if abs(delay) >= NO_SLOWING:
-            gram, right = stretched_columns(gram, right, delay, powers)
+            gram, right = time_scaled_columns(gram, right, delay, powers)
         force[0] = age * point.slope[0]
         force[1] = age * point.slope[1]
         # right-hand side of the residual at the point, by the columns of the interval

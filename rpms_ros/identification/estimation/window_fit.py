@@ -6,8 +6,6 @@ The standard deviations of the slow change and of the disturbance are not settin
 scale on a coarse grid; at every step the present value is compared with its neighbours by the
 evidence, the probability of the samples with everything else integrated out (Laplace's
 approximation, exact except for theta).
-
-Variance of what a fit leaves of the samples of a window, and how much neighbours are alike.
 """
 
 import math
@@ -40,7 +38,7 @@ from rpms_ros.identification.estimation.window_equations import (
     disturbance_at,
     eliminated,
     point_at,
-    stretched,
+    time_scaled,
 )
 from rpms_ros.pulses import FloatArray
 
@@ -73,7 +71,7 @@ def _left(
         coefficients[:PARAMETERS] = gain[index] * theta
         for slope in range(len(point.slope)):
             coefficients[slope] += gain[index] * age[index] * point.slope[slope]
-        response = stretched(point.linear, delay[index])
+        response = time_scaled(point.linear, delay[index])
         for function in range(functions):
             coefficients[PARAMETERS + function] = gain[index] * response[function]
         coefficients[columns - 2] = levels[index]
@@ -162,7 +160,7 @@ _BASIS_ERROR, _BETWEEN_KNOTS = 2e-4, 0.03
 _LARGEST_STEP: FloatArray = np.array([0.1, 0.1, 0.7, 0.5])
 _LARGEST_SLOWING_STEP = 0.05
 _RIDGE = 1e-2
-_MOST_TOGETHER = 3.0
+_MOST_INFLATION = 3.0
 # Standard deviations by which w has to differ from zero to count as known.
 _SHOWN = 8.0
 # Scales whose evidence is this much smaller do not count [nat].
@@ -239,7 +237,7 @@ class WindowFit:
         Scales with the largest evidence.
     variance : float
         Variance of the residuals [N^2].
-    together : float
+    inflation : float
         Factor on the variance by the correlation of neighbouring residuals.
     levels : ndarray (knots,)
         Disturbance at the ends of the intervals [N], the newest last.
@@ -259,14 +257,14 @@ class WindowFit:
         Mean square of what the last step leaves, against the variance.
     likelihood : float
         Logarithm of that of the samples at the last step's x, the disturbance integrated out.
-    most_together : float
-        Limit of `together` where samples are weighted by it.
+    most_inflation : float
+        Limit of `inflation` where samples are weighted by it.
     """
 
     point: Point
     scales: Scales
     variance: float
-    together: float
+    inflation: float
     levels: FloatArray
     first: int
     covariance: FloatArray
@@ -276,16 +274,16 @@ class WindowFit:
     evidence: float = -math.inf
     misfit: float = 1.0
     likelihood: float = -math.inf
-    most_together: float = _MOST_TOGETHER
+    most_inflation: float = _MOST_INFLATION
 
     @property
-    def weighed(self) -> float:
+    def weighting_variance(self) -> float:
         """Variance that weights the samples [N^2].
 
         The factor of correlation is limited: if residuals are correlated because a scale is too
         small, the samples must keep enough weight to show it.
         """
-        return self.variance * min(self.together, self.most_together)
+        return self.variance * min(self.inflation, self.most_inflation)
 
     @property
     def shows_response(self) -> bool:
@@ -325,7 +323,7 @@ def fresh_fit(theta: FloatArray, functions: int) -> WindowFit:
         point=point,
         scales=Scales(),
         variance=0.0,
-        together=1.0,
+        inflation=1.0,
         levels=np.zeros(2),
         first=0,
         covariance=np.zeros((unknowns, unknowns)),
@@ -358,10 +356,10 @@ class _Linearised:
         knowledge: Knowledge,
         now: float,
         spacing: float,
-        bends: FloatArray,
+        second_differences: FloatArray,
         start: 'StartLevels | None',
     ) -> None:
-        self.bends = bends
+        self.second_differences = second_differences
         self.now = now
         self.start = start
         self.intervals = intervals
@@ -381,9 +379,9 @@ class _Linearised:
         """
         force = math.sqrt(self.power) + 1e-9
         deviation = LIVELINESS[disturbance] * force
-        unknown = np.isnan(self.bends)
-        bends = np.where(unknown, _UNKNOWN_BEND * deviation, self.bends)
-        precision = (_FREEDOM + 1.0) / (_FREEDOM + (bends / deviation) ** 2)
+        unknown = np.isnan(self.second_differences)
+        second_differences = np.where(unknown, _UNKNOWN_BEND * deviation, self.second_differences)
+        precision = (_FREEDOM + 1.0) / (_FREEDOM + (second_differences / deviation) ** 2)
         level = np.full(len(precision), 1.0 / (_LEVEL * force) ** 2)
         about = np.zeros(len(precision))
         if self.start is not None:
@@ -500,7 +498,7 @@ def _averaged(solution: _Solution, tried: list[_Solution]) -> tuple[FloatArray, 
     return step, covariance
 
 
-def improved(
+def gauss_newton_steps(
     problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
 ) -> None:
     """Take up to so many steps; scales and variance follow the samples."""
@@ -511,7 +509,7 @@ def improved(
         if fit.variance == 0.0:
             fit.variance = at.power * 0.01 + LEAST_ENERGY
         try:
-            fit.scales, solution, tried = _best_scales(at, fit.weighed, fit.scales)
+            fit.scales, solution, tried = _best_scales(at, fit.weighting_variance, fit.scales)
         except np.linalg.LinAlgError:
             fit.failures += 1
             # an older covariance would claim that these samples were understood
@@ -519,7 +517,7 @@ def improved(
             fit.covariance = _UNKNOWN * np.eye(unknowns)
             return
         _move(fit, at, solution, *_averaged(solution, tried))
-        fit.variance, fit.together = noise_of(
+        fit.variance, fit.inflation = noise_of(
             at.intervals,
             at.point,
             fit.point,
@@ -533,7 +531,7 @@ def improved(
             break
 
 
-def explained(
+def steps_at_fixed_scales(
     problem: Problem, fit: WindowFit, knowledge: Knowledge, window: Window, steps: int
 ) -> bool:
     """Take so many steps with the present scales and variance; return whether they succeeded."""
@@ -541,7 +539,7 @@ def explained(
         at = _linearised(problem, fit, knowledge, window)
         if at.samples == 0.0:
             return False
-        reduced = at.reduced(fit.weighed, fit.scales.disturbance)
+        reduced = at.reduced(fit.weighting_variance, fit.scales.disturbance)
         solution = _solution(at, reduced, fit.scales)
         if solution is None:
             return False
@@ -559,7 +557,7 @@ def _linearised(
     intervals = condensed(problem, theta, linear, first_ns, length_ns, window.origin)
     first = int(intervals.first[0])
     now = window.now_ns / window.length_ns - first + window.lag
-    bends = _bends(fit, first, len(intervals.samples) + 1)
+    bends = _second_differences(fit, first, len(intervals.samples) + 1)
     return _Linearised(intervals, point, knowledge, now, window.spacing, bends, window.start)
 
 
@@ -581,27 +579,27 @@ def _move(
     fit.moved = step[:PARAMETERS]
     fit.levels = disturbance_at(solution.reduced, step)
     fit.first = int(at.intervals.first[0])
-    fit.covariance = covariance * max(1.0, fit.together / _MOST_TOGETHER)
+    fit.covariance = covariance * max(1.0, fit.inflation / _MOST_INFLATION)
     fit.level_deviation = math.sqrt(1.0 / float(solution.reduced.factor[-1, -1]))
     fit.evidence = solution.evidence
     fit.misfit = solution.left / at.samples
     fit.likelihood = (
         float(solution.reduced.evidence[0])
         - 0.5 * solution.left
-        - 0.5 * at.samples * math.log(fit.weighed)
+        - 0.5 * at.samples * math.log(fit.weighting_variance)
     )
 
 
-def _bends(fit: WindowFit, first: int, knots: int) -> FloatArray:
+def _second_differences(fit: WindowFit, first: int, knots: int) -> FloatArray:
     """Return the last second differences of the disturbance (knots,), NaN where unknown."""
     known = np.full(len(fit.levels), np.nan)
     known[1:-1] = np.diff(fit.levels, 2)
-    bends = np.full(knots, np.nan)
+    second_differences = np.full(knots, np.nan)
     shift = first - fit.first
     part = known[max(shift, 0) :][: max(knots + min(shift, 0), 0)]
     begin = max(-shift, 0)
-    bends[begin : begin + len(part)] = part
-    return bends
+    second_differences[begin : begin + len(part)] = part
+    return second_differences
 
 
 def moved(point: Point, step: FloatArray) -> Point:

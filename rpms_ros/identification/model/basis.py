@@ -1,11 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""Continuous Laguerre functions behind a latency: a basis with a finite-dimensional state.
+r"""Orthonormal basis functions of the impulse response, Eqs. (14) and (31).
 
-With pole ``p = 1 / T_p`` and ``x = 2 p t`` the functions are
-``phi_l(t) = sqrt(2 p) e^(-x/2) L_l(x)``, orthonormal on ``t >= 0``.  They are the impulse
-responses of a chain of one low-pass and all-passes, so the sum over any number of past pulses
-follows from n states ``z``.  Between pulses a lower triangular Toeplitz matrix advances them,
+**Continuous Laguerre functions** behind a latency have a finite-dimensional state. With pole
+``p = 1 / T_p`` and ``x = 2 p t`` the functions are ``phi_l(t) = sqrt(2 p) e^(-x/2) L_l(x)``,
+orthonormal on ``t >= 0``. They are the impulse responses of a chain of one low-pass and
+all-passes, so the sum over any number of past pulses follows from n states ``z``. Between
+pulses a lower triangular Toeplitz matrix advances them,
 
 .. math:: z_l(t + d) = \sum_{k \le l} e_k(2 p d)\, z_{l-k}(t), \qquad
           e_k(x) = e^{-x/2} \left( L_k(x) - L_{k-1}(x) \right),
@@ -13,17 +14,15 @@ follows from n states ``z``.  Between pulses a lower triangular Toeplitz matrix 
 and a pulse adds ``sqrt(2 p)`` times its recruitment to each of them.  The response is not
 truncated; a twitch needs as many functions as it has poles if ``T_p`` is its time constant.
 
-Orthonormal basis functions of the impulse response, Eqs. (14) and (31).
-
-The paper's distorted sines, for taps ``i = 1 .. m`` of ``T_s`` seconds each,
+**The paper's distorted sines**, for taps ``i = 1 .. m`` of ``T_s`` seconds each,
 
 .. math:: \tilde r_l(i) = \sqrt{2/m}\,\sin\!\left(l \pi (1 - e^{-(i - 0.5)/\eta})\right)
 
-are continuous in ``i``, so they are evaluated at the true lag ``i = lag / T_s`` of every pulse:
-pulses and samples need no common grid.  They are zero at ``i = 0.5``, where their support begins;
-it ends at ``m + 0.5``, so that a grid of any phase has exactly m taps in it.
+are continuous in ``i``, so they are evaluated at the true lag ``i = lag / T_s`` of every
+pulse: pulses and samples need no common grid. They are zero at ``i = 0.5``, where their
+support begins; it ends at ``m + 0.5``, so that a grid of any phase has exactly m taps in it.
 
-``R = (C^T)^{-1} R~`` with ``C^T C = R~ R~^T`` makes them orthonormal on the taps.  The sum over
+``R = (C^T)^{-1} R~`` with ``C^T C = R~ R~^T`` makes them orthonormal on the taps. The sum over
 pulses is linear, so the raw functions are summed and the triangular factor is applied once.
 """
 

@@ -21,11 +21,8 @@ and the rest is solved again.  It is taken if it does not raise the cost; else m
 The functions are compiled into the loop, without calls at run time.  They are
 decorated by `numba.extending.register_jitable` and not by `numba.njit`: the key under which numba
 keeps a compiled closure holds what it closes over, and a dispatcher is another one in every
-process.
-
-Compiled algebra of symmetric matrices of a few rows, without allocation.
-
-LAPACK's calls cost more than the arithmetic at this size; numba offers them with allocation only.
+process.  The algebra of symmetric matrices of a few rows is compiled too: at this size LAPACK's
+calls cost more than the arithmetic, and numba offers them with allocation only.
 """
 
 import math

@@ -9,12 +9,8 @@ direction has the weight of its information.  Time constant, latency and order h
 on the response; a prior as wide as people differ (Tables 1 and 2) keeps them physiological where
 the data do not separate them, and the intervals show it.
 
-Fit of one twitch to coefficients of a basis, compiled.
-
 For given time constant, latency and order the best peak follows from one linear equation; three
 parameters remain for `rpms_ros.identification.model.levenberg_marquardt`, with a Gaussian prior.
-
-The normalised twitch of Eq. (2) and its derivatives, compiled.
 """
 
 import math

@@ -1,26 +1,23 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-r"""The history law as a weight of each pulse that depends on the pulses before it.
-
-The history law (`rpms_ros.identification.model.summation`) is not linear: facilitated
-twitches add up to an activation x, and the force is ``S(x)``.  An
-estimator adds weighted responses.  So each pulse gets the weight for which the sum of the weighted
-twitches equals the force of the law at the peak of that pulse's own twitch,
-
-.. math:: r_q = S\Big(\sum_{j \le q} p_j F(t^* - t_j)\Big) - \sum_{j < q} r_j F(t^* - t_j),
-          \qquad t^* = t_q + (n - 1) T_a .
-
-It depends on earlier pulses only.  The series lag of the law is part of the response.
-
-History law: how earlier pulses of a train change the effect of later ones.
+r"""The history law: how earlier pulses of a train change the effect of later ones.
 
 Pulse q is facilitated by the earlier ones, whose effect decays,
 
 .. math:: p_q = 1 + a \sum_{j<q} e^{-(t_q - t_j) / \tau_p}
 
 (potentiation and the doublet effect).  The weighted twitches add up to an activation
-``x = sum_q p_q F^(t - t_q)`` (Eqs. 5, 6), and the force rises with it cooperatively at low
+``x = sum_q p_q F(t - t_q)`` (Eqs. 5, 6), and the force rises with it cooperatively at low
 activation and saturates at high activation, ``S(x) = (1 + k^h) x^h / (k^h + x^h)``.
+
+An estimator adds weighted responses, but the law is not linear.  So each pulse gets the weight for
+which the sum of the weighted twitches equals the force of the law at the peak of that pulse's own
+twitch,
+
+.. math:: r_q = S\Big(\sum_{j \le q} p_j F(t^* - t_j)\Big) - \sum_{j < q} r_j F(t^* - t_j),
+          \qquad t^* = t_q + (n - 1) T_a .
+
+It depends on earlier pulses only.  The series lag of the law is part of the response.
 """
 
 import json

@@ -12,8 +12,8 @@ from rpms_ros.identification.estimation.window_equations import (
     disturbance_at,
     eliminated,
     empty_intervals,
-    slowed,
-    stretched,
+    time_scale_derivative,
+    time_scaled,
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
 
@@ -72,7 +72,7 @@ class Written:
             inner = self.columns[index, :, :LOCAL] @ np.concatenate(
                 (
                     theta + np.concatenate((age * slope, np.zeros(2))),
-                    stretched(linear, delay),
+                    time_scaled(linear, delay),
                 )
             )
             force[index] = (1.0 + grown) * inner
@@ -147,7 +147,7 @@ def test_slowing_is_the_derivative_by_the_time_constant():
         LaguerreBasis(functions, 38e-3 * np.exp(sign * step)).evaluate(lag) @ weights
         for sign in (1, -1)
     )
-    derivative = LaguerreBasis(functions, 38e-3).evaluate(lag) @ slowed(weights)
+    derivative = LaguerreBasis(functions, 38e-3).evaluate(lag) @ time_scale_derivative(weights)
     # differences of values of about 10 over a step of 1e-6: nine digits are left
     np.testing.assert_allclose(derivative, (slower - faster) / (2 * step), atol=1e-7)
 
@@ -162,7 +162,7 @@ def test_a_response_is_stretched_in_time():
 
     functions = basis.evaluate(lag)
     weights = 1e-3 * functions.T @ twitch(32e-3)
-    slower = functions @ stretched(weights, np.log(stretch))
+    slower = functions @ time_scaled(weights, np.log(stretch))
     expected = twitch(32e-3 * stretch) / np.sqrt(stretch)
     # nine functions hold the slower twitch to 0.1 % of its peak
     np.testing.assert_allclose(slower, expected, atol=2e-3 * expected.max())
