@@ -48,11 +48,12 @@ _LEAST_DISTANCE_NS = 900_000
 # A tremor is subtracted in pieces of a second with at least so many samples, fitted together with
 # a polynomial of so many terms.
 _LEAST_IN_PIECE, _SLOW = 30, 4
-_ARRAYS = ('_stamp_ns', '_measured', '_force')
+_SAMPLES = ('_stamp_ns', '_measured', '_force')
+_PULSES = ('_onset_ns', '_intensity', '_weight')
 
 
 class RawSamples(Restorable):
-    """Usable samples and pulses of the last seconds."""
+    """Usable samples and pulses of the last seconds, or since the start."""
 
     _stamp_ns: IntArray
     _measured: FloatArray
@@ -61,68 +62,96 @@ class RawSamples(Restorable):
     _onset_ns: IntArray
     _intensity: FloatArray
     _weight: FloatArray
+    _pulses: int
 
     def __init__(self) -> None:
         self.forget()
 
     def _check_restored(self) -> None:
-        samples = {len(getattr(self, name)) for name in _ARRAYS}
-        pulses = {len(self._onset_ns), len(self._intensity), len(self._weight)}
+        samples = {len(getattr(self, name)) for name in _SAMPLES}
+        pulses = {len(getattr(self, name)) for name in _PULSES}
         fits = len(samples) == len(pulses) == 1 and 0 <= self._size <= len(self._force)
-        expect(fits, 'RawSamples', 'as many forces as stamps')
+        within = 0 <= self._pulses <= len(self._onset_ns)
+        expect(fits and within, 'RawSamples', 'as many forces as stamps')
 
     def forget(self) -> None:
         """Forget everything."""
-        self._stamp_ns = np.zeros(4096, dtype=np.int64)
-        self._measured = np.zeros(4096)
-        self._force = np.zeros(4096)
-        self._size = 0
-        self._onset_ns = np.empty(0, dtype=np.int64)
-        self._intensity = np.empty(0)
-        self._weight = np.empty(0)
+        for name in (*_SAMPLES, *_PULSES):
+            setattr(self, name, np.zeros(4096, np.int64 if name.endswith('ns') else np.float64))
+        self._size = self._pulses = 0
+
+    @property
+    def first_ns(self) -> int:
+        """First stamp [ns]; there must be one."""
+        return int(self._stamp_ns[0])
+
+    def last_strong_ns(self, before_ns: int) -> int | None:
+        """Return the last pulse before a time with half of the highest intensity or more [ns]."""
+        count = int(np.searchsorted(self._onset_ns[: self._pulses], before_ns))
+        intensity = self._intensity[:count]
+        strong = np.flatnonzero(intensity >= 0.5 * intensity.max(initial=0.0))
+        some = self._size and len(strong) and intensity[strong[-1]] > 0.0
+        return int(self._onset_ns[strong[-1]]) if some else None
+
+    def _make_room(self, names: tuple[str, ...], need: int) -> None:
+        """Enlarge arrays to so many places, if they have fewer."""
+        for name in names:
+            old = getattr(self, name)
+            if need > len(old):
+                larger = np.zeros(2 * need, dtype=old.dtype)
+                larger[: len(old)] = old
+                setattr(self, name, larger)
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray, weight: FloatArray) -> None:
         """Add pulses (pulses,), ascending, with the factor of their recruitment."""
-        self._onset_ns = np.concatenate((self._onset_ns, onset_ns))
-        self._intensity = np.concatenate((self._intensity, intensity))
-        self._weight = np.concatenate((self._weight, weight))
+        here = slice(self._pulses, self._pulses + len(onset_ns))
+        self._make_room(_PULSES, here.stop)
+        self._onset_ns[here], self._intensity[here], self._weight[here] = (
+            onset_ns,
+            intensity,
+            weight,
+        )
+        self._pulses = here.stop
 
     def add(
-        self, stamp_ns: IntArray, force: FloatArray, tremor: FloatArray, usable: BoolArray
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        tremor: FloatArray | float,
+        usable: BoolArray,
     ) -> None:
         """Add the usable ones of ascending samples (samples,), and the tremor in their force."""
         last = int(self._stamp_ns[self._size - 1]) if self._size else -(2**62)
         stamp_ns = stamp_ns[usable]
         kept = _thinned(stamp_ns, last)
-        need = self._size + len(kept)
-        if need > len(self._force):
-            for name in _ARRAYS:
-                old = getattr(self, name)
-                larger = np.zeros(2 * need - len(old), dtype=old.dtype)
-                setattr(self, name, np.concatenate((old, larger)))
-        self._stamp_ns[self._size : need] = stamp_ns[kept]
-        self._measured[self._size : need] = force[usable][kept]
-        self._force[self._size : need] = (force - tremor)[usable][kept]
-        self._size = need
+        here = slice(self._size, self._size + len(kept))
+        self._make_room(_SAMPLES, here.stop)
+        self._stamp_ns[here] = stamp_ns[kept]
+        self._measured[here] = force[usable][kept]
+        self._force[here] = (force - tremor)[usable][kept]
+        self._size = here.stop
 
     def drop(self, before_ns: int) -> None:
         """Drop what lies before a time [ns], once it is a quarter of what is kept."""
         first = int(np.searchsorted(self._stamp_ns[: self._size], before_ns))
-        if first > self._size // 4:
-            kept = self._size - first
-            for name in _ARRAYS:
+        if first <= self._size // 4:
+            return
+        pulse = before_ns - 2 * NANOSECONDS_PER_SECOND
+        first_pulse = int(np.searchsorted(self._onset_ns[: self._pulses], pulse))
+        for names, begin, end in (
+            (_SAMPLES, first, self._size),
+            (_PULSES, first_pulse, self._pulses),
+        ):
+            for name in names:
                 values = getattr(self, name)
-                values[:kept] = values[first : self._size].copy()
-            self._size = kept
-            pulse = int(np.searchsorted(self._onset_ns, before_ns - 2 * NANOSECONDS_PER_SECOND))
-            self._onset_ns = self._onset_ns[pulse:]
-            self._intensity = self._intensity[pulse:]
-            self._weight = self._weight[pulse:]
+                values[: end - begin] = values[begin:end].copy()
+        self._size -= first
+        self._pulses -= first_pulse
 
     def newest_pulses(self, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return onset [ns], intensity and weight of the newest pulses (count,)."""
-        first = len(self._onset_ns) - count
-        return self._onset_ns[first:], self._intensity[first:], self._weight[first:]
+        here = slice(self._pulses - count, self._pulses)
+        return self._onset_ns[here], self._intensity[here], self._weight[here]
 
     def condensed(
         self,
@@ -227,8 +256,9 @@ class RawSamples(Restorable):
         low = int(np.searchsorted(self._stamp_ns[: self._size], first_ns))
         stamp_ns, force = self._stamp_ns[low : self._size], self._force[low : self._size]
         memory_ns = round(basis.duration * NANOSECONDS_PER_SECOND)
-        pulse = int(np.searchsorted(self._onset_ns, first_ns - memory_ns))
-        begin_ns = self._onset_ns[pulse:] + round(basis.latency * NANOSECONDS_PER_SECOND)
+        onset_ns = self._onset_ns[: self._pulses]
+        pulse = int(np.searchsorted(onset_ns, first_ns - memory_ns))
+        begin_ns = onset_ns[pulse:] + round(basis.latency * NANOSECONDS_PER_SECOND)
         span_ns = int(stamp_ns[-1] - stamp_ns[0]) if len(stamp_ns) else 0
         need = len(begin_ns) + span_ns // 200_000_000 + 8
         functions = basis.functions
@@ -247,8 +277,8 @@ class RawSamples(Restorable):
             force,
             np.ones(len(stamp_ns), dtype=np.bool_),
             begin_ns,
-            self._intensity[pulse:],
-            self._weight[pulse:],
+            self._intensity[pulse : self._pulses],
+            self._weight[pulse : self._pulses],
             problem,
             intake,
             fit,

@@ -7,10 +7,8 @@ parameters follow exactly (`rpms_ros.identification.estimation.blocks`), so that
 grows with the pulses, not with the samples.  A fit is made whenever the recording has doubled, so
 that every sample has an a-priori prediction, and once more for an estimate.
 
-**Basis.**  With `choose_basis`, latency and time constant of the basis are chosen on a grid by how
-well a part of the recording is explained.  All bases have as many unknowns, so the one with the
-smallest residual is the most likely one; of those that only the noise tells apart the middle is
-taken.
+**Basis.**  With `choose_basis`, latency and time constant of the basis are chosen by how well the
+last part of the recording that was stimulated is explained (`basis_choice`).
 
 **Constant muscle.**  A fit over everything takes the muscle as constant.  Whether it was is seen
 part by part: for each
@@ -20,22 +18,15 @@ time they gain no more than noise does; where it tired, where the coil moved or 
 tensed it, they gain percents of the force.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import pairwise
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
 
-from rpms_ros.identification.estimation.blocks import LONGEST_BLOCK_NS, empty_blocks, grown
-from rpms_ros.identification.estimation.estimator import (
-    Intake,
-    ProjectionEstimator,
-    add_samples,
-    fresh_intake,
-    recompute_state,
-)
+from rpms_ros.identification.estimation.basis_choice import BasisChoice, RawSamples
+from rpms_ros.identification.estimation.blocks import COUNT, grown
+from rpms_ros.identification.estimation.estimator import ProjectionEstimator, recompute_state
 from rpms_ros.identification.estimation.gauss_newton import (
     Fit,
     complete_equations,
@@ -43,344 +34,25 @@ from rpms_ros.identification.estimation.gauss_newton import (
     fit_linear,
     improve,
 )
+from rpms_ros.identification.estimation.prior import knowledge_of
 from rpms_ros.identification.estimation.settings import (
     PARAMETERS,
     BaselineKnots,
-    Prior,
     Problem,
     ProjectionSettings,
-    pass_arrays,
 )
 from rpms_ros.identification.estimation.uncertainty import EstimateBuilder
 from rpms_ros.identification.estimation.window_equations import condensed, no_change
+from rpms_ros.identification.estimation.window_fit import (
+    INTERVAL_NS,
+    Window,
+    fresh_fit,
+    gauss_newton_steps,
+)
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.stream.doubts import NO_CONSTANT_MUSCLE, REASON
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
-from rpms_ros.saved_state import Restorable, expect
-
-Array = TypeVar('Array', IntArray, FloatArray)
-
-_ROOM = 4096
-
-
-class Part(NamedTuple):
-    """Samples and pulses between two jumps of the clock, as slices of the record."""
-
-    samples: slice
-    pulses: slice
-
-
-class SampleRecord(Restorable):
-    """Usable samples and pulses since the start; its memory grows with the recording."""
-
-    _stamp_ns: IntArray
-    _force: FloatArray
-    _size: int
-    _onset_ns: IntArray
-    _pulse: FloatArray
-    _pulses: int
-    _jumps: list[tuple[int, int]]
-
-    def __init__(self) -> None:
-        self._stamp_ns = np.zeros(_ROOM, dtype=np.int64)
-        self._force = np.zeros(_ROOM)
-        self._size = 0
-        self._onset_ns = np.zeros(_ROOM, dtype=np.int64)
-        # intensity and weight
-        self._pulse = np.zeros((_ROOM, 2))
-        self._pulses = 0
-        self._jumps = []
-
-    def _check_restored(self) -> None:
-        samples = self._stamp_ns.shape == self._force.shape == (len(self._force),)
-        pulses = self._pulse.shape == (len(self._onset_ns), 2) and self._onset_ns.ndim == 1
-        within = 0 <= self._size <= len(self._force) and 0 <= self._pulses <= len(self._onset_ns)
-        places = np.array([(0, 0), *self._jumps, (self._size, self._pulses)])
-        ordered = bool((np.diff(places, axis=0) >= 0).all())
-        expect(samples and pulses and within and ordered, 'SampleRecord', 'arrays of one size')
-
-    def add_pulses(self, onset_ns: IntArray, intensity: FloatArray, weight: FloatArray) -> None:
-        """Add pulses (pulses,), ascending, with the factor of their recruitment."""
-        end = self._pulses + len(onset_ns)
-        self._onset_ns = _grown(self._onset_ns, end)
-        self._pulse = _grown(self._pulse, end)
-        self._onset_ns[self._pulses : end] = onset_ns
-        self._pulse[self._pulses : end] = np.stack((intensity, weight), axis=1)
-        self._pulses = end
-
-    def add(self, stamp_ns: IntArray, force: FloatArray) -> None:
-        """Add usable samples (samples,), ascending."""
-        end = self._size + len(stamp_ns)
-        self._stamp_ns = _grown(self._stamp_ns, end)
-        self._force = _grown(self._force, end)
-        self._stamp_ns[self._size : end] = stamp_ns
-        self._force[self._size : end] = force
-        self._size = end
-
-    def jump(self) -> None:
-        """Note that the clock has jumped: earlier pulses do not act on later samples."""
-        self._jumps.append((self._size, self._pulses))
-
-    def parts(self) -> list[Part]:
-        """Return the parts between jumps, in order."""
-        edges = [(0, 0), *self._jumps, (self._size, self._pulses)]
-        return [
-            Part(slice(first[0], last[0]), slice(first[1], last[1]))
-            for first, last in pairwise(edges)
-        ]
-
-    def newest_pulses(self, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return onset [ns], intensity and weight of the newest pulses (count,)."""
-        here = slice(self._pulses - count, self._pulses)
-        return self._onset_ns[here], self._pulse[here, 0], self._pulse[here, 1]
-
-    def window(self, longest_ns: int) -> Part | None:
-        """Return the samples that choose a basis: the longest part, from its first strong pulse.
-
-        A pulse is strong with half of the highest intensity.  None if there is no such part.
-        """
-        part = max(self.parts(), key=lambda one: one.samples.stop - one.samples.start)
-        stamps, onsets = self._stamp_ns[part.samples], self._onset_ns[part.pulses]
-        if not len(stamps):
-            return None
-        # how far ahead of the samples pulses are known must not matter
-        onsets = onsets[: np.searchsorted(onsets, stamps[-1])]
-        intensity = self._pulse[part.pulses, 0][: len(onsets)]
-        if not intensity.max(initial=0.0) > 0.0:
-            return None
-        strong = int(np.argmax(intensity >= 0.5 * intensity.max()))
-        ends_ns = int(onsets[strong]) + longest_ns
-        edges = np.searchsorted(stamps, [int(onsets[strong]), ends_ns]) + part.samples.start
-        last = int(np.searchsorted(onsets, ends_ns)) + part.pulses.start
-        return Part(slice(int(edges[0]), int(edges[1])), slice(part.pulses.start, last))
-
-    def span_ns(self, part: Part) -> tuple[int, int]:
-        """Return the first and the last stamp of a part that has samples [ns]."""
-        return int(self._stamp_ns[part.samples.start]), int(self._stamp_ns[part.samples.stop - 1])
-
-    def condensed(
-        self, basis: LaguerreBasis, prior: Prior, baseline: BaselineKnots, parts: list[Part]
-    ) -> tuple[Problem, Intake, int]:
-        """Return the samples of parts, condensed into blocks for a basis.
-
-        Parameters
-        ----------
-        basis : LaguerreBasis
-            The basis.
-        prior : Prior
-            Prior of the problem.
-        baseline : BaselineKnots
-            Baseline of the problem.
-        parts : list of Part
-            Samples that are fitted; pulses before the first sample advance its state.
-
-        Returns
-        -------
-        tuple
-            Problem, intake at the newest sample, and how many pulses have not begun to act.
-        """
-        need = 8
-        for part in parts:
-            if part.samples.start < part.samples.stop:
-                first_ns, last_ns = self.span_ns(part)
-                need += (last_ns - first_ns) // (LONGEST_BLOCK_NS // 2) + 8
-            need += part.pulses.stop - part.pulses.start
-        functions = basis.functions
-        problem = Problem(
-            blocks=empty_blocks(need, functions),
-            first=0,
-            input_gain=basis.input_gain,
-            baseline=baseline,
-            prior=prior,
-            work=pass_arrays(functions),
-        )
-        # its predictions are not used
-        fit = empty_fit(np.ones(4), functions, baseline.knots)
-        intake = fresh_intake(functions)
-        waiting = 0
-        latency_ns = round(basis.latency * NANOSECONDS_PER_SECOND)
-        for part in parts:
-            intake.fresh[0] = 1.0
-            stamps = self._stamp_ns[part.samples]
-            begin_ns = self._onset_ns[part.pulses] + latency_ns
-            begun = add_samples(
-                stamps,
-                self._force[part.samples],
-                np.ones(len(stamps), dtype=np.bool_),
-                begin_ns,
-                np.ascontiguousarray(self._pulse[part.pulses, 0]),
-                np.ascontiguousarray(self._pulse[part.pulses, 1]),
-                problem,
-                intake,
-                fit,
-                2.0 / basis.time_constant,
-                np.empty(len(stamps)),
-            )
-            waiting = len(begin_ns) - begun
-        return problem, intake, waiting
-
-
-def _grown(values: Array, least: int) -> Array:
-    """Return the values in an array with room for so many rows."""
-    if least <= len(values):
-        return values
-    larger = np.zeros((max(least, 2 * len(values)), *values.shape[1:]), dtype=values.dtype)
-    larger[: len(values)] = values
-    return larger
-
-
-Place = tuple[int, int]
-"""Point of the grid: steps of the time constant and of the latency from those of the start."""
-
-# 38 ms times 1.5^(k / 4): 5 to 105 ms; 8 ms and j / 4 ms: 0 to 35 ms.
-_RATIO = 1.5**0.25
-_SHIFT = 0.25e-3
-_FASTEST, _SLOWEST = -20, 10
-_SOONEST, _LATEST = -32, 108
-_COARSE = tuple((k, j) for k in range(-16, 11, 4) for j in (-32, -16, 0, 20, 44, 72))
-# Steps of the search; a slower basis that begins earlier resembles a faster one that begins later.
-_STRIDES = (
-    *((1, 0), (-1, 0), (0, 1), (0, -1), (0, 2), (0, -2), (0, 8), (0, -8)),
-    *((3, 0), (-3, 0), (1, -2), (-1, 2), (3, -1), (-3, 1), (3, 1), (-3, -1)),
-)
-# Points whose log-likelihoods differ by less are told apart by the noise alone [nat].
-_EQUAL = 6.0
-# How far the latency follows from one time constant to the next.
-_FOLLOWED = (0, -1, 1, -2, 2, -4, 4)
-# Latencies are compared step by step up to this distance, and then in strides: the edges of a wide
-# range need not be known to a step.
-_FINE, _STRIDE = 8, 4
-_STEPS = 6
-_TOLERANCE = 1e-3
-_DAMPING = 1e-2
-# Residuals below this share of the energy of the force are not distinguished.
-_LEAST_SHARE = 1e-9
-
-
-def basis_at(start: LaguerreBasis, place: Place) -> LaguerreBasis:
-    """Return the basis at a point of the grid around `start`."""
-    time_constant = start.time_constant * _RATIO ** place[0]
-    return LaguerreBasis(start.functions, time_constant, start.latency + _SHIFT * place[1])
-
-
-def _between(low: int, high: int, first: int, last: int, best: int) -> int:
-    """Return the middle of what is equal from `low` to `high`; that of the start if all is."""
-    if low - first < _STRIDE and last - high < _STRIDE:
-        return 0
-    # of two, none is at an edge
-    return (low + high + 1) // 2 if high - low > 1 else best
-
-
-class BasisSearch:
-    """Search for the basis that explains a part of a recording best.
-
-    Parameters
-    ----------
-    record : SampleRecord
-        The recording.
-    part : Part
-        The part that is fitted.
-    start : LaguerreBasis
-        Basis at the point (0, 0) of the grid.
-    theta : ndarray (4,)
-        Start of the nonlinear parameters.
-    prior : Prior
-        Prior and bounds.
-    knot_spacing : float
-        Distance of the baseline's knots [s].
-    """
-
-    def __init__(
-        self,
-        record: SampleRecord,
-        part: Part,
-        start: LaguerreBasis,
-        theta: FloatArray,
-        prior: Prior,
-        knot_spacing: float,
-    ) -> None:
-        self._record, self._part, self._start = record, part, start
-        self._theta, self._prior = theta, prior
-        first_ns, last_ns = record.span_ns(part)
-        intervals = max(round((last_ns - first_ns) / NANOSECONDS_PER_SECOND / knot_spacing), 1)
-        spacing_ns = max(-(-(last_ns - first_ns) // intervals), 1)
-        self._baseline = BaselineKnots(intervals + 1, first_ns, spacing_ns)
-        self._found: dict[Place, float] = {}
-
-    def best(self, place: Place, everywhere: bool) -> Place:
-        """Return the middle of the best points found from `place`.
-
-        With `everywhere` the search begins at the best of a coarse grid too.
-        """
-        if everywhere:
-            place = min((place, *_COARSE), key=self._unexplained)
-        while True:
-            around = [(place[0] + k, place[1] + j) for k, j in _STRIDES]
-            nearest = min((place, *filter(self._has, around)), key=self._unexplained)
-            if nearest == place:
-                break
-            place = nearest
-        return self._middle(place)
-
-    def _middle(self, best: Place) -> Place:
-        """Return the point in the middle of those that are as good as the best.
-
-        A slow change of intensity tells little of the dynamics, and the best of many points that
-        are nearly equal is one at the edge as often as not, whose functions just bear the twitch.
-        First the middle of the time constants, then that of the latencies there; if all of them
-        are equal, that of the start.
-        """
-        most = self._unexplained(best) + _EQUAL
-        found = {best[0]: best[1]}
-        for step in (-1, 1):
-            place = best
-            while True:
-                beside = [(place[0] + step, place[1] + j) for j in _FOLLOWED]
-                place = min(filter(self._has, beside), key=self._unexplained, default=best)
-                if place == best or self._unexplained(place) > most:
-                    break
-                found[place[0]] = place[1]
-        constant = _between(min(found), max(found), _FASTEST, _SLOWEST, best[0])
-        low, high = (self._last_latency(constant, found[constant], way, most) for way in (-1, 1))
-        soonest = next(j for j in range(_SOONEST, 1) if self._has((constant, j)))
-        return constant, _between(low, high, soonest, _LATEST, found[constant])
-
-    def _last_latency(self, constant: int, latency: int, way: int, most: float) -> int:
-        """Return the last latency on the way that is as good."""
-        distance = 0
-        while True:
-            further = distance + (1 if distance < _FINE else _STRIDE)
-            place = (constant, latency + way * further)
-            if not self._has(place) or self._unexplained(place) > most:
-                return latency + way * distance
-            distance = further
-
-    def _has(self, place: Place) -> bool:
-        """Return whether the grid has a point."""
-        k, j = place
-        sooner = self._start.latency + _SHIFT * j
-        return _FASTEST <= k <= _SLOWEST and _SOONEST <= j <= _LATEST and sooner > -1e-12
-
-    def _unexplained(self, place: Place) -> float:
-        """Return minus the log-likelihood of a point, without a constant [nat]."""
-        if place not in self._found:
-            self._found[place] = self._fitted(basis_at(self._start, place))
-        return self._found[place]
-
-    def _fitted(self, basis: LaguerreBasis) -> float:
-        problem, _, _ = self._record.condensed(basis, self._prior, self._baseline, [self._part])
-        # the force of pulses before the part is unknown
-        knots = self._baseline.knots
-        fit, trial = (empty_fit(self._theta, basis.functions, knots) for _ in range(2))
-        fit.damping[0] = _DAMPING
-        fit_linear(problem, fit, True)
-        fit_linear(problem, fit, True)
-        improve(problem, fit, trial, _STEPS, _TOLERANCE)
-        samples, energy = float(fit.samples[0]), float(fit.energy[0])
-        least = _LEAST_SHARE * energy + np.finfo(np.float64).tiny
-        return 0.5 * samples * math.log(float(fit.squares[0]) + least)
-
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND
 _GROWTH = 2
@@ -395,11 +67,15 @@ _FINAL_STEPS = 12
 _FINAL_TOLERANCE = 1e-9
 _ROUNDS = 2
 _START_DAMPING = 1e-2
-# The newest part of a recording that chooses the basis, the least samples for that, and the
-# length from which the whole grid of bases is searched once more.
+# The part of a recording that chooses the basis, before its last strong pulse, the least samples
+# for that, and the length from which the whole grid of bases is searched once more.
 _CHOSEN_NS = 40 * NANOSECONDS_PER_SECOND
 _LEAST_SAMPLES = 500
 _SEARCHED_AGAIN_NS = 10 * NANOSECONDS_PER_SECOND
+_CHOICE_STEPS = 10
+# Where the clock has jumped, recordings are put one after the other with this distance.
+_APART_NS = 60 * NANOSECONDS_PER_SECOND
+_NO_KNOTS = 2.0**40
 
 
 class BatchEstimator(ProjectionEstimator):
@@ -426,10 +102,12 @@ class BatchEstimator(ProjectionEstimator):
     _due_ns: int
     _interval_ns: int
     _fitted_samples: int
-    _place: tuple[int, int]
+    _basis: LaguerreBasis
     _searches: int
-    _looked_at: tuple[int, int]
-    _record: SampleRecord
+    _compared_ns: int
+    _shift_ns: int
+    _jumped: bool
+    _raw: RawSamples
 
     def __init__(
         self,
@@ -444,30 +122,35 @@ class BatchEstimator(ProjectionEstimator):
         self._due_ns = 0
         self._interval_ns = _FIRST_FIT_NS
         self._fitted_samples = 0
-        self._place = (0, 0)
+        self._basis = self.settings.basis
         self._searches = 0
-        self._looked_at = (0, 0)
-        self._record = SampleRecord()
+        self._compared_ns = 0
+        self._shift_ns = 0
+        self._jumped = False
+        self._raw = RawSamples()
         if self.settings.choose_basis:
             self._use(self.settings.basis)
 
     def add_pulses(self, onset_ns: IntArray, intensity: FloatArray) -> None:
         """Add pulses (pulses,), ascending, none before one that was already added [ns, 1]."""
+        if not len(onset_ns):
+            return
+        onset_ns = self._in_a_row(onset_ns)
         super().add_pulses(onset_ns, intensity)
-        if self.settings.choose_basis and len(onset_ns):
+        if self.settings.choose_basis:
             weight = self._delay_line.weight[-len(onset_ns) :]
-            self._record.add_pulses(onset_ns, intensity, weight)
+            self._raw.add_pulses(onset_ns, intensity, weight)
 
     def forget_pulses(self) -> None:
         """Drop the pulses that still act: the clock has jumped, their lag is unknown."""
         super().forget_pulses()
-        self._record.jump()
+        self._jumped = True
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore a saved state; see `Restorable.restore`."""
         super().restore(state)
         if self.settings.choose_basis:
-            self._use(basis_at(self.settings.basis, self._place))
+            self._use(self._basis)
 
     def update(self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray) -> FloatArray:
         """Add samples (samples,), ascending; return their a-priori prediction [N].
@@ -478,6 +161,7 @@ class BatchEstimator(ProjectionEstimator):
         first = 0
         if not len(stamp_ns):
             return prediction
+        stamp_ns = self._in_a_row(stamp_ns)
         if self._origin_ns is None:
             self._origin_ns = int(stamp_ns[0])
             self._due_ns = self._origin_ns + _FIRST_FIT_NS
@@ -493,16 +177,26 @@ class BatchEstimator(ProjectionEstimator):
             self._make_room(int(stamp_ns[last - 1] - stamp_ns[first]))
             self._add_samples(stamp_ns[part], force[part], usable[part], prediction[part])
             if self.settings.choose_basis:
-                chosen = usable[part]
-                self._record.add(stamp_ns[part][chosen], force[part][chosen])
+                self._raw.add(stamp_ns[part], force[part], 0.0, usable[part])
             self._last_ns = int(stamp_ns[last - 1])
             first = last
         return prediction
+
+    def predict(self, stamp_ns: IntArray) -> FloatArray:
+        """Return the prediction of the next samples (samples,) [N]."""
+        return super().predict(stamp_ns + self._shift_ns)
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
         """Fit all samples so far and return the estimate."""
         self._fit_all(scouting=True)
         return examined(self._build(stamp_ns, faults), self._problem, self._fit)
+
+    def _in_a_row(self, stamp_ns: IntArray) -> IntArray:
+        """Return stamps [ns] that go on after a jump of the clock, far behind what was before."""
+        if self._jumped:
+            self._jumped = False
+            self._shift_ns = max(self._last_ns, self._due_ns) + _APART_NS - int(stamp_ns[0])
+        return stamp_ns + self._shift_ns
 
     def _make_room(self, span_ns: int) -> None:
         """Enlarge the ring buffer for the pending pulses and the blocks of a pause."""
@@ -559,42 +253,48 @@ class BatchEstimator(ProjectionEstimator):
 
     def _choose_basis(self) -> bool:
         """Choose the basis that explains the recording best; return whether it has changed."""
-        part = self._record.window(_CHOSEN_NS)
-        if part is None or part.samples.stop - part.samples.start < _LEAST_SAMPLES:
+        strong_ns = self._raw.last_strong_ns(self._last_ns)
+        if strong_ns is None or strong_ns == self._compared_ns:
             return False
-        looked_at = part.samples.start, part.samples.stop
-        if looked_at == self._looked_at:
+        first_ns = max(strong_ns - _CHOSEN_NS, self._raw.first_ns)
+        prior, theta = self._problem.prior, self._fit.theta
+        nothing = np.zeros(self._basis.functions)
+        problem, _, _ = self._raw.condensed(self._basis, theta, nothing, first_ns, prior)
+        samples = problem.blocks.moments[problem.first : int(problem.blocks.size[0]), COUNT].sum()
+        if samples < _LEAST_SAMPLES:
             return False
-        self._looked_at = looked_at
-        search = BasisSearch(
-            self._record,
-            part,
-            self.settings.basis,
-            self._fit.theta,
-            self._problem.prior,
-            self.settings.knot_spacing,
+        self._compared_ns = strong_ns
+        knowledge, origin = knowledge_of(self.settings), no_change(self._basis.functions)
+        window = Window(first_ns, self._last_ns, INTERVAL_NS, _NO_KNOTS, 0, 0.0, origin)
+        fit = fresh_fit(theta, self._basis.functions)
+        gauss_newton_steps(problem, fit, knowledge, window, _CHOICE_STEPS)
+        choice = BasisChoice(
+            self._raw,
+            self._basis,
+            fit,
+            knowledge,
+            prior,
+            first_ns,
+            self._last_ns,
+            INTERVAL_NS,
+            _NO_KNOTS,
+            0.0,
+            origin,
+            None,
         )
-        first_ns, last_ns = self._record.span_ns(part)
-        everywhere = self._searches < 1 + (last_ns - first_ns > _SEARCHED_AGAIN_NS)
+        everywhere = self._searches < 1 + (strong_ns - first_ns > _SEARCHED_AGAIN_NS)
         self._searches += everywhere
-        place = search.best(self._place, everywhere)
-        if place == self._place:
+        basis = choice.better(everywhere)
+        if basis == self._basis:
             return False
-        self._place = place
-        basis = basis_at(self.settings.basis, place)
-        old = self._intake
-        parts = self._record.parts()
-        problem, intake, waiting = self._record.condensed(
-            basis, self._problem.prior, self._problem.baseline, parts
-        )
-        self._problem = problem
-        self._intake = old._replace(state=intake.state, fresh=intake.fresh)
-        self._delay_line.restart(*self._record.newest_pulses(waiting), basis.latency)
+        self._into_other_blocks(self._raw, basis, self._raw.first_ns, 0, theta, nothing)
+        self._problem = self._problem._replace(first=0)
         self._use(basis)
         return True
 
     def _use(self, basis: LaguerreBasis) -> None:
         """Use a basis from now on."""
+        self._basis = basis
         self._rate = 2.0 / basis.time_constant
         self._delay_line.latency(basis.latency)
         self._builder = EstimateBuilder(

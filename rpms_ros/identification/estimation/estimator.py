@@ -7,7 +7,7 @@ Samples and pulses are added to blocks, with an a-priori prediction of each samp
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numba
 import numpy as np
@@ -46,7 +46,7 @@ from rpms_ros.identification.estimation.uncertainty import (
     ResidualSums,
     residual_spread,
 )
-from rpms_ros.identification.model.basis import transition_generator
+from rpms_ros.identification.model.basis import LaguerreBasis, transition_generator
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
 from rpms_ros.identification.stream.faults import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.muscle.recruitment import (
@@ -56,6 +56,9 @@ from rpms_ros.muscle.recruitment import (
 )
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import RestorableWithSettings, State, described, expect
+
+if TYPE_CHECKING:
+    from rpms_ros.identification.estimation.basis_choice import RawSamples
 
 OUTPUT_ERROR_TIME = 1.0
 
@@ -401,6 +404,25 @@ class ProjectionEstimator(RestorableWithSettings):
             expected,
         )
         return expected
+
+    def _into_other_blocks(
+        self,
+        raw: 'RawSamples',
+        basis: LaguerreBasis,
+        first_ns: int,
+        capacity: int,
+        theta: FloatArray,
+        linear: FloatArray,
+    ) -> None:
+        """Put samples from `first_ns` on into blocks of another basis, where theta, w hold."""
+        problem, intake, pending = raw.condensed(
+            basis, theta, linear, first_ns, self._problem.prior, capacity
+        )
+        self._problem = problem._replace(baseline=self._problem.baseline)
+        self._intake = self._intake._replace(
+            state=intake.state, response=intake.response, fresh=intake.fresh
+        )
+        self._delay_line.restart(*raw.newest_pulses(pending), basis.latency)
 
     def _add_samples(
         self, stamp_ns: IntArray, force: FloatArray, usable: BoolArray, prediction: FloatArray

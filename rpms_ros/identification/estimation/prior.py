@@ -24,7 +24,6 @@ import numpy as np
 from scipy.special import chdtri
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.estimation.batch import basis_at
 from rpms_ros.identification.estimation.settings import PARAMETERS, ProjectionSettings
 from rpms_ros.identification.estimation.window_equations import (
     SLOPES,
@@ -303,8 +302,11 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
 _LAG: FloatArray = np.arange(0.0, 0.6, 1e-3)
 _LARGEST_RESULT = 64_000_000
 # Functions on which the response of a result may have been found: 7 to 105 ms, 0 to 35 ms.
-_BASIS = LaguerreBasis(7, 38e-3, 8e-3)
-_PLACES = tuple((k, j) for k in range(-16, 11) for j in range(-32, 109, 4))
+_BASES = tuple(
+    LaguerreBasis(7, 38e-3 * 1.5 ** (0.25 * constant), 1e-3 * latency)
+    for constant in range(-16, 11)
+    for latency in range(36)
+)
 # Standard deviations that the JSON of a result lacks: response, as a share of it, and parameters.
 _RESULT_SHARE = 0.02
 _RESULT_DEVIATION = (0.02, 0.02, 0.3, 0.2)
@@ -450,7 +452,7 @@ def known_from(path: Path | str) -> KnownMuscle:
 
 def _of_batch(state: Mapping[str, Any]) -> KnownMuscle:
     """Return the knowledge in the state of a batch."""
-    settings, fit, prior = state['settings'], state['_fit'], state['_problem']['prior']
+    fit, prior = state['_fit'], state['_problem']['prior']
     variance = float(fit['variance'][0])
     lower = np.tril(fit['complete'])
     matrix = lower + np.tril(lower, -1).T
@@ -460,11 +462,7 @@ def _of_batch(state: Mapping[str, Any]) -> KnownMuscle:
     size = float(np.trace(matrix))
     matrix += 1e-9 * size / len(matrix) * np.eye(len(matrix))
     inverse = np.linalg.inv(matrix)[:joint, :joint]
-    basis = LaguerreBasis(
-        settings['basis.functions'], settings['basis.time_constant'], settings['basis.latency']
-    )
-    if settings['choose_basis']:
-        basis = basis_at(basis, state['_place'])
+    basis = LaguerreBasis(**state['_basis'])
     return KnownMuscle(fit['theta'], fit['linear'], variance * inverse, variance, basis)
 
 
@@ -503,8 +501,7 @@ def _fitted_basis(time: FloatArray, force: FloatArray) -> tuple[LaguerreBasis, F
     A result does not say on which functions its response was found.
     """
     found = {}
-    for place in _PLACES:
-        basis = basis_at(_BASIS, place)
+    for basis in _BASES:
         functions = basis.evaluate(time)
         linear = np.linalg.lstsq(functions, force, rcond=None)[0]
         found[basis] = float(np.sum((force - functions @ linear) ** 2)), linear

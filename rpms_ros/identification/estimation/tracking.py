@@ -65,6 +65,7 @@ from rpms_ros.identification.estimation.window_equations import (
     time_scale_derivative,
 )
 from rpms_ros.identification.estimation.window_fit import (
+    INTERVAL_NS,
     Scales,
     Window,
     WindowFit,
@@ -301,7 +302,6 @@ class TrackingSettings(ProjectionSettings):
 _HIGHEST_RATE = 120.0
 _SPARE_BLOCKS = 128
 _BLOCKS_OF_PAUSES = 4
-INTERVAL_NS = 125_000_000
 # Distance of two knots of the slow change, in intervals.
 _KNOT_INTERVALS = 40
 _KNOT_S = _KNOT_INTERVALS * INTERVAL_NS / NANOSECONDS_PER_SECOND
@@ -772,15 +772,9 @@ class TrackingEstimator(ProjectionEstimator):
         matrix = conversion(self._basis, basis)
         fit = self._window
         linear = matrix @ fit.point.linear
-        first_ns = self._span().first_ns
-        problem, intake, pending = self._raw.condensed(
-            basis, fit.point.theta, linear, first_ns, self._problem.prior, self._capacity
+        self._into_other_blocks(
+            self._raw, basis, self._span().first_ns, self._capacity, fit.point.theta, linear
         )
-        self._problem = problem._replace(baseline=self._problem.baseline)
-        for name in ('error_energy', 'force_energy', 'recent', 'learnt', 'previous_ns'):
-            getattr(intake, name)[:] = getattr(self._intake, name)
-        self._intake = intake
-        self._delay_line.restart(*self._raw.newest_pulses(pending), basis.latency)
         both = np.eye(PARAMETERS + basis.functions)
         both[PARAMETERS:, PARAMETERS:] = matrix
         self._knowledge = self._knowledge.converted(both, float(np.linalg.norm(linear)))

@@ -42,6 +42,8 @@ from rpms_ros.identification.estimation.window_equations import (
 )
 from rpms_ros.pulses import FloatArray
 
+INTERVAL_NS = 125_000_000
+"""Length of an interval of the disturbance [ns]."""
 # The model's error is at least this share of the force's mean square, for so many samples.
 _MODEL_ERROR = 1e-4
 _MODEL_ERROR_SAMPLES = 200.0
