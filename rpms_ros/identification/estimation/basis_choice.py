@@ -13,9 +13,11 @@ are made; `BasisSchedule` says when to compare, by stamps alone.
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from itertools import pairwise
+from statistics import fmean
 
 import numpy as np
 
@@ -312,6 +314,8 @@ _EARLY_NS = 12 * NANOSECONDS_PER_SECOND
 # A tremor has to make the samples likelier by so much [nat]: it has two unknowns a second.
 _TREMOR_DECISION = 50.0
 _STEPS, _ROUGH_STEPS = 10, 3
+# Bases whose log-likelihoods differ by less are told apart by the noise alone [nat].
+_EQUAL, _MOST_EQUAL = 6.0, 30
 _FINALISTS = 5
 # From this place on its grid a disturbance is lively: below a ten thousandth of the force.
 LIVELY = 4
@@ -440,12 +444,35 @@ class BasisChoice:
         tried = [one for one, rough in self._found if rough]
         finalists = sorted(tried, key=self._roughly, reverse=True)[:_FINALISTS]
         best = max((basis, *finalists), key=self._likelihood)
+        best = self._middle(best, tried)
         gain = self._likelihood(best) - self._likelihood(basis)
         fit = self.explained(best).fit
         least = _EARLY_DECISION if self.now_ns - self.first_ns < _EARLY_NS else _DECISION
         if fit.scales.disturbance >= LIVELY:
             least = _LIVELY_DECISION
         return best if gain > least * min(fit.inflation, self.fit.most_inflation) else basis
+
+    def _middle(self, best: LaguerreBasis, tried: Sequence[LaguerreBasis]) -> LaguerreBasis:
+        """Return the mean of the bases that only the noise tells apart from the best.
+
+        A slow change of intensity tells little of the dynamics, and the best of many bases that
+        are nearly equal is one at the edge as often as not, whose functions just bear the twitch.
+        """
+        least = self._roughly(best) - _EQUAL
+        equal = [one for one in tried if self._roughly(one) > least]
+        for one in equal:
+            if len(equal) > _MOST_EQUAL:
+                break
+            beside = (other for other in neighbours(one) if other not in equal)
+            equal += [other for other in beside if self._roughly(other) > least]
+        most = max(map(self._roughly, equal))
+        share = [math.exp(self._roughly(one) - most) for one in equal]
+        constant = math.exp(fmean([math.log(one.time_constant) for one in equal], share))
+        latency = fmean([one.latency for one in equal], share)
+        middle = replace(
+            best, time_constant=round(constant, _DIGITS), latency=round(latency, _DIGITS)
+        )
+        return middle if self._likelihood(middle) > self._likelihood(best) - _EQUAL else best
 
     def explained(self, basis: LaguerreBasis, rough: bool = False) -> BasisFit:
         """Return how well a basis explains the samples, with a tremor or without.

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import Estimate, estimator_by_name
-from rpms_ros.identification.estimation.batch import BatchEstimator, SampleRecord, basis_at
+from rpms_ros.identification.estimation.batch import BatchEstimator
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -89,7 +88,7 @@ def test_a_recording_that_tells_nothing_of_the_dynamics_leaves_the_functions_of_
     noise = np.random.default_rng(1).normal(scale=0.05, size=len(what.force))
     found = fed(batch(), what._replace(force=noise))
     found.estimate(0, {})
-    assert found._place == (0, 0)
+    assert found._basis == found.settings.basis
 
 
 def test_a_preset_of_the_paper_sets_the_basis(living_sessions) -> None:
@@ -127,22 +126,11 @@ def replace_times(what, by_ns: int):
     return what._replace(onset_ns=what.onset_ns + by_ns, stamp_ns=what.stamp_ns + by_ns)
 
 
-def test_the_middle_of_the_grid_is_the_start_and_no_latency_is_below_zero() -> None:
-    start = LaguerreBasis(7, 38e-3, 8e-3)
-    assert basis_at(start, (0, 0)) == start
-    assert basis_at(start, (0, -32)).latency == 0.0
-    with pytest.raises(IdentificationError, match='expected a latency of at least 0 s'):
-        basis_at(start, (0, -33))
-
-
-def test_a_basis_is_chosen_by_what_follows_the_first_strong_pulse() -> None:
-    record = SampleRecord()
-    assert record.window(NANOSECONDS_PER_SECOND) is None
-    onset = np.arange(5, dtype=np.int64) * NANOSECONDS_PER_SECOND
-    record.add_pulses(onset, np.array([0.0, 0.2, 0.9, 1.0, 0.1]), np.ones(5))
-    stamps = np.arange(50, dtype=np.int64) * (NANOSECONDS_PER_SECOND // 10)
-    record.add(stamps, np.zeros(50))
-    part = record.window(2 * NANOSECONDS_PER_SECOND)
-    assert part is not None
-    assert (part.samples, part.pulses) == (slice(20, 40), slice(0, 4))
-    assert record.span_ns(part) == (stamps[20], stamps[39])
+@pytest.mark.long
+def test_a_long_rest_at_the_end_does_not_choose_the_basis(living_sessions) -> None:
+    what = recording(living_sessions, *MUSCLES[3], 'random')
+    estimator = fed(batch(), what)
+    rest_ns = what.stamp_ns[-1] + np.arange(1, 120_000, dtype=np.int64) * 1_000_000
+    noise = np.random.default_rng(1).normal(scale=0.05, size=len(rest_ns))
+    estimator.update(rest_ns, noise, np.ones(len(rest_ns), dtype=np.bool_))
+    assert curve_error(estimator.estimate(0, {}), what) < 0.005
