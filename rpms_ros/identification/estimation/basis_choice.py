@@ -458,6 +458,8 @@ class BasisChoice:
         A slow change of intensity tells little of the dynamics, and the best of many bases that
         are nearly equal is one at the edge as often as not, whose functions just bear the twitch.
         """
+        if not math.isfinite(self._roughly(best)):
+            return best
         least = self._roughly(best) - _EQUAL
         equal = [one for one in tried if self._roughly(one) > least]
         for one in equal:
