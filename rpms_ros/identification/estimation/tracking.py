@@ -314,6 +314,8 @@ _SHORTEST_S = 20.0
 _LONGEST_LAG_S = 0.3
 _STEPS, _FIRST_STEPS = 2, 6
 _DOUBTED_NS = 10 * NANOSECONDS_PER_SECOND
+# After a rest of this length what is known of the muscle is kept as prior.
+_REST_NS = 20 * NANOSECONDS_PER_SECOND
 _SETTLING_NS = NANOSECONDS_PER_SECOND // 2
 _YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
 # Neighbouring residuals of a basis that fits are seldom alike.
@@ -499,6 +501,9 @@ class TrackingEstimator(ProjectionEstimator):
             return
         if not self._schedule.begun and self._window.shows_response:
             self._schedule.begin(self._now_ns)
+        if self._rests():
+            self._begin_anew()
+            self._from_before = True
         self._slide()
         self._follow_tremor()
         if not self._holds_samples():
@@ -664,6 +669,13 @@ class TrackingEstimator(ProjectionEstimator):
         origin = (window.first + len(window.levels) - 2) * INTERVAL_NS
         self._problem = self._problem._replace(baseline=BaselineKnots(2, origin, INTERVAL_NS))
         recompute_state(self._problem, self._intake, fit)
+
+    def _rests(self) -> bool:
+        """Return whether the pulses of the window were long ago: soon it would hold none."""
+        blocks = self._problem.blocks
+        order = (int(blocks.head[0]) + np.arange(int(blocks.size[0]))) % len(blocks.start_ns)
+        acting_ns = blocks.start_ns[order][blocks.intensity[order] > 0.0]
+        return len(acting_ns) > 0 and self._now_ns - int(acting_ns[-1]) > _REST_NS
 
     def _slide(self) -> None:
         """Drop blocks before the window, except those that advance its first state."""
