@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 
-from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
+from rpms_ros.nodes.common.runner import free_domain, use_fast_discovery
 
 START = 'import sys; from rpms_ros.nodes.{} import main; sys.exit(main())'
 
@@ -41,19 +41,19 @@ def graph(nodes, code=''):
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     use_fast_discovery()
-    with reserved_domain() as domain:
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        import rclpy
+    domain = free_domain()
+    os.environ['ROS_DOMAIN_ID'] = str(domain)
+    import rclpy
 
-        started = [start(name, parameters, code) for name, parameters in nodes.items()]
-        rclpy.init(args=[], domain_id=domain)
-        try:
-            yield
-        finally:
-            for process in started:
-                process.terminate()
-                process.wait(10)
-            rclpy.try_shutdown()
+    started = [start(name, parameters, code) for name, parameters in nodes.items()]
+    rclpy.init(args=[], domain_id=domain)
+    try:
+        yield
+    finally:
+        for process in started:
+            process.terminate()
+            process.wait(10)
+        rclpy.try_shutdown()
 
 
 def start(name, parameters, code=''):

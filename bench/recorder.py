@@ -32,8 +32,8 @@ from rclpy.node import Node
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
+from rpms_ros.nodes.common.runner import free_domain, use_fast_discovery
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse
 from rpms_ros.recording import read_recording
 
@@ -124,15 +124,15 @@ class Source(Node):
 def source() -> Iterator[tuple[Source, int]]:
     """Yield a source in a domain of its own, and the domain."""
     use_fast_discovery()
-    with reserved_domain() as domain:
-        context = Context()
-        rclpy.init(args=[], context=context, domain_id=domain)
-        node = Source(context)
-        try:
-            yield node, domain
-        finally:
-            node.destroy_node()
-            context.try_shutdown()
+    domain = free_domain()
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    node = Source(context)
+    try:
+        yield node, domain
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 def start_recorder(path: Path, domain: int) -> subprocess.Popen[bytes]:

@@ -96,21 +96,21 @@ class Graph:
 def running_graph():
     """A graph in a private domain."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
+    from rpms_ros.nodes.common.runner import free_domain, use_fast_discovery
 
     use_fast_discovery()
-    with reserved_domain() as domain:
-        import rclpy
-        from rclpy.context import Context
+    domain = free_domain()
+    import rclpy
+    from rclpy.context import Context
 
-        context = Context()
-        rclpy.init(args=[], context=context, domain_id=domain)
-        graph = Graph(context)
-        try:
-            yield graph
-        finally:
-            graph.close()
-            context.try_shutdown()
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    graph = Graph(context)
+    try:
+        yield graph
+    finally:
+        graph.close()
+        context.try_shutdown()
 
 
 def resident_mb():

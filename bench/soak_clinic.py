@@ -19,8 +19,9 @@ from rclpy.node import Node
 from soak_laboratory import Counting
 
 from rpms_msgs.msg import DriverStatus
+from rpms_ros.nodes import operator_console
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.keyboard import Keyboard
+from rpms_ros.nodes.common.operator import Keyboard
 from rpms_ros.nodes.operator_console import OperatorConsole
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
@@ -61,14 +62,14 @@ class Clinic:
         self.driver = None
         self._start_driver()
         self._add(StopButton, keyboards[1])
-        self._add(PlantSimulator, rate=RATE, truth_rate=0.0)
+        self._add(PlantSimulator, rate=RATE)
         self.recorder = self._add(Recorder, path=str(self.path))
+        operator_console.KEY_DELAY_S = 2.0
         self.console = self._add(
             OperatorConsole,
             keyboards[0],
             operator='ada',
             schedule_file=str(schedule),
-            key_delay=2.0,
             key_repeat=2.0,
         )
         watcher = self._add(lambda **options: Node('watcher', **options))

@@ -21,7 +21,7 @@ from rosgraph_msgs.msg import Clock
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
@@ -259,7 +259,6 @@ class Laboratory:
             rate=self.rate,
             noise=0.05,
             publication_delay=0.0,
-            truth_rate=0.0,
             minimum_subscribers=1,
         )
         self._plant_given = self.link.given

@@ -60,7 +60,7 @@ import rclpy
 from lifecycle_msgs.srv import ChangeState
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rpms_ros.nodes.common.subscriptions import use_fast_discovery
+from rpms_ros.nodes.common.runner import use_fast_discovery
 from rpms_ros.nodes.common.operator import OperatorClient
 from rpms_ros.stimulation import constant
 use_fast_discovery()

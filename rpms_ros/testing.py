@@ -184,7 +184,7 @@ class SimulatedMuscle:
             If there is no pulse, or they take longer than `LONGEST_TRAIN_S`.
         """
         from rpms_ros import messages
-        from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+        from rpms_ros.nodes.common.topics import MESSAGE_TYPES
         from rpms_ros.pulses import Pulse
 
         duration = len(intensity) / rate_hz
@@ -224,19 +224,17 @@ class SimulatedMuscle:
         self.estimates.append(estimate_messages.estimate_of(message))
 
 
-@contextmanager
-def private_domain() -> Iterator[int]:
-    """Reserve a DDS domain that no other test uses meanwhile, in this process or in another."""
-    from rpms_ros.nodes.common.subscriptions import (
-        reserved_domain,
+def private_domain() -> int:
+    """Return a DDS domain that nobody uses on this machine."""
+    from rpms_ros.nodes.common.runner import (
+        free_domain,
         stay_on_this_machine,
         use_fast_discovery,
     )
 
     use_fast_discovery()
     stay_on_this_machine()
-    with reserved_domain() as number:
-        yield number
+    return free_domain()
 
 
 @contextmanager
@@ -266,10 +264,9 @@ def running_graph(context: 'Context') -> Iterator[Graph]:
 
 
 @pytest.fixture
-def ros_domain() -> Iterator[int]:
+def ros_domain() -> int:
     """Number of a DDS domain that is this test's alone."""
-    with private_domain() as number:
-        yield number
+    return private_domain()
 
 
 @pytest.fixture

@@ -148,12 +148,11 @@ def any_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def domain() -> Iterator[int]:
-    """A DDS domain that no other test uses meanwhile, in this process or in another."""
+def domain() -> int:
+    """A DDS domain that nobody uses on this machine."""
     from rpms_ros.testing import private_domain
 
-    with private_domain() as number:
-        yield number
+    return private_domain()
 
 
 @pytest.fixture

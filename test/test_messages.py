@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import MessageError
 from rpms_ros.identification.model.estimate import Estimate
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
 from rpms_ros.recording.rosbag.definitions import direction_of, force_along
 

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 
 from rpms_msgs.msg import Schedule as ScheduleMessage, ScheduleSegment
 from rpms_ros.errors import StimulationError
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.schedule_messages import KINDS, schedule_message, schedule_of
 from rpms_ros.stimulation import Schedule, schedule_from_text, schedule_to_text
 from rpms_ros.stimulation.schedule.description import SEGMENT_KINDS

@@ -90,7 +90,7 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 def run(arguments: argparse.Namespace) -> int:
     """Run the simulation, then report; return the exit code."""
     from rpms_ros.muscle.scenario import load_scenario
-    from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+    from rpms_ros.nodes.identifier import IdentifierParameters
     from rpms_ros.nodes.plant_simulator import PlantParameters, subject_of
     from rpms_ros.nodes.simulation_launcher import SimulationLauncher
 

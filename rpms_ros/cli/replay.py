@@ -65,11 +65,10 @@ def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the recording; return 1 if estimates differ or are missing."""
-    from rpms_ros.nodes.replay import ReplaySettings, replay
+    from rpms_ros.nodes.replay import replay
     from rpms_ros.recording.rosbag.reading import held_bytes
     from rpms_ros.report.recorded import compare, recorded_messages
 
-    settings = ReplaySettings(arguments.factor)
     parameters = identifier_parameters(arguments)
     # what the file says goes before the option, as for the estimator
     arguments.quantity = parameters['quantity']
@@ -79,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     ).estimates
     total = len(recording.pulses) + len(recording.forces)
     with progress('replaying', total, 'messages', arguments.quiet) as advance:
-        done = replay(recording, parameters, settings, advance)
+        done = replay(recording, parameters, arguments.factor, advance)
     off_line = compare(done.expected, done.estimates)
     again = compare(recorded, done.estimates) if recorded else None
     document = as_document(done, off_line, again)
@@ -121,7 +120,7 @@ def identifier_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
 def _of_an_identifier(content: object, path: Path) -> dict[str, Any]:
     """Return the parameters for an identifier, of a file that may be one for several nodes."""
     from rpms_ros.nodes.common.parameters import blocks_of, descriptions
-    from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+    from rpms_ros.nodes.identifier import IdentifierParameters
 
     blocks = dict(blocks_of(content))
     own = set(descriptions(IdentifierParameters))

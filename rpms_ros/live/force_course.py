@@ -5,26 +5,35 @@
 A bin lasts for about a pixel, so nothing that a sample shows is lost on the way to the screen, and
 the amount that is sent does not grow with the rate of the sensor.  Bins are kept in a ring.
 
-The force that the newest estimate gives for the pulses that were delivered.
+Beside it the force that the newest estimate gives for the pulses that were delivered: the response
+to one pulse at full intensity, times the recruitment of each pulse relative to full intensity,
+Eq. (30), summed over the pulses, plus the newest level of the baseline if the estimate has one.
 
-The response to one pulse at full intensity, times the recruitment of each pulse relative to full
-intensity, Eq. (30), summed over the pulses, plus the newest level of the baseline if the estimate
-has one.  It is what the page draws beside the measured force; it is not the prediction that an
-estimator makes before it learns from a sample.
+Samples are read from the bytes of their messages, many at once.  A serialised
+geometry_msgs/WrenchStamped is four bytes that tell the order of the others, the stamp as two
+integers of four, the frame as its length and its text, and then, at a multiple of eight bytes
+behind the first four, three numbers of the force and three of the torque.
 """
 
 import math
+import struct
 from collections import deque
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from itertools import groupby
 
 import numpy as np
+import numpy.typing as npt
 
+from rpms_ros.axis import FORCE, Axis
+from rpms_ros.errors import MessageError
 from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.muscle.recruitment import (
     PARAMETER_NAMES,
     RecruitmentParameters,
     identified_recruitment,
 )
-from rpms_ros.pulses import FloatArray, IntArray
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray
 
 BIN_NS = 5_000_000
 KEPT = 6000
@@ -226,3 +235,67 @@ def _relative_recruitment(estimate: Estimate, intensity: FloatArray) -> FloatArr
     else:
         return np.full(len(intensity), np.nan)
     return rho[:-1] / rho[-1] if rho[-1] else np.full(len(intensity), np.nan)
+
+
+_ORDER, _FRAME = slice(1, 2), slice(12, 16)
+_SHORTEST = 16
+_VECTOR_BYTES = 24
+
+
+def alike(messages: Sequence[bytes]) -> Iterator[list[bytes]]:
+    """Yield messages, in their order, in runs of one length, byte order and frame length."""
+    for _, run in groupby(messages, key=_layout):
+        yield list(run)
+
+
+def forces_of(
+    messages: Sequence[bytes], axis: Axis, quantity: str = FORCE
+) -> tuple[IntArray, FloatArray]:
+    """Return stamps [ns] and forces along `axis` [N], each (n,), of messages that are `alike`.
+
+    Of a sensor of `TORQUE` it is the torque about the axis [N m].  Each is what
+    `rpms_ros.messages.force_of` makes of the message, in every bit.
+
+    Raises
+    ------
+    MessageError
+        If the bytes are too few for this message.
+    """
+    read = np.frombuffer(b''.join(messages), _type_of(_layout(messages[0]), quantity))
+    stamp_ns = read['seconds'].astype(np.int64) * NANOSECONDS_PER_SECOND + read['rest']
+    shares = [(share, part) for share, part in zip(axis, 'xyz', strict=True) if share]
+    # numbers of anybody may be infinite or too large for a sum
+    with np.errstate(all='ignore'):
+        total = shares[0][0] * read[shares[0][1]]
+        for share, part in shares[1:]:
+            total = total + share * read[part]
+    return stamp_ns, total.astype(np.float64, copy=False)
+
+
+def _layout(message: bytes) -> tuple[int, bytes, bytes]:
+    return len(message), message[_ORDER], message[_FRAME]
+
+
+@lru_cache(maxsize=16)
+def _type_of(layout: tuple[int, bytes, bytes], quantity: str) -> npt.DTypeLike:
+    length, order_byte, frame = layout
+    if length < _SHORTEST:
+        raise MessageError(
+            f'expected a serialised WrenchStamped of at least {_SHORTEST} bytes, got {length}'
+        )
+    order = '<' if order_byte[0] & 1 else '>'
+    (frame_length,) = struct.unpack(f'{order}I', frame)
+    start = 4 + -(-(12 + frame_length) // 8) * 8 + (0 if quantity == FORCE else _VECTOR_BYTES)
+    if start + _VECTOR_BYTES > length:
+        raise MessageError(
+            f'expected a serialised WrenchStamped of at least {start + _VECTOR_BYTES} bytes, '
+            f'got {length}'
+        )
+    return np.dtype(
+        {
+            'names': ['seconds', 'rest', 'x', 'y', 'z'],
+            'formats': [f'{order}i4', f'{order}u4', *[f'{order}f8'] * 3],
+            'offsets': [4, 8, start, start + 8, start + 16],
+            'itemsize': length,
+        }
+    )

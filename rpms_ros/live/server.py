@@ -4,8 +4,7 @@
 
 Tornado on an event loop that also hears the topics: ten times a second it takes what has come,
 and sends a frame to every browser that has taken its last one.  Nothing is queued for a browser,
-so a slow one costs nothing; more of them than `MOST_BROWSERS` are turned away.  While no browser
-asks for a frame it looks five times a second, so that nothing of the course is missing.
+so a slow one costs nothing; more of them than `MOST_BROWSERS` are turned away.
 
 Who may look at the page, and who may press its stop.
 
@@ -156,9 +155,6 @@ def token_of(path: Path) -> str:
 RATE = 10.0
 """Frames a second at most; between them the browser moves the course on by itself."""
 
-IDLE_PERIOD = 0.2
-"""Looks at the topics are so far apart while no browser asks for a frame [s]."""
-
 MOST_BROWSERS = 32
 MOST_CONNECTIONS = 128
 # A browser answers each frame with one letter.
@@ -239,7 +235,6 @@ class LiveServer:
         self._listen = listen
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing = threading.Event()
-        self.asked = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name='live_page', daemon=True)
 
     @property
@@ -289,7 +284,6 @@ class LiveServer:
                 self._tick()
                 due += 1.0 / RATE
                 await asyncio.sleep(max(due - time.monotonic(), 0.0))
-                await self._until_asked()
                 # a step that was missed is not made up for
                 due = max(due, time.monotonic())
         finally:
@@ -297,15 +291,6 @@ class LiveServer:
             for browser in list(self.browsers):
                 browser.close(1001, 'the page has ended')
             await asyncio.wait_for(server.close_all_connections(), _PATIENCE)
-
-    async def _until_asked(self) -> None:
-        """Wait until a browser asks for a frame, not longer than `IDLE_PERIOD`."""
-        self.asked.clear()
-        if any(browser.ready for browser in self.browsers):
-            return
-        alarm = asyncio.get_running_loop().call_later(IDLE_PERIOD, self.asked.set)
-        await self.asked.wait()
-        alarm.cancel()
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -447,20 +432,16 @@ class _Stream(WebSocketHandler, _Guarded):
 
     def open(self) -> None:
         self.server.browsers.add(self)
-        self._ask()
+        self.ready = True
 
     def on_message(self, _message: str | bytes) -> None:
-        self._ask()
+        self.ready = True
         self._messages += 1
         if self._messages > _MOST_MESSAGES:
             self.close(1008, 'expected one message a frame')
 
     def on_close(self) -> None:
         self.server.browsers.discard(self)
-
-    def _ask(self) -> None:
-        self.ready = True
-        self.server.asked.set()
 
     def send(self, cursor: Cursor, text: str) -> None:
         """Send a frame, after which the browser has what `cursor` says."""

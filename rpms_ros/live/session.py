@@ -4,17 +4,6 @@
 
 A browser that has taken one frame asks for the next; what it has is its cursor.  So a slow browser
 gets larger frames and fewer of them, and nothing is kept for it.
-
-What the page shows of a stimulator driver.
-
-The course of the force that the stimulation does not cause, as the estimates tell it.
-
-Each estimate that is read tells its newest value, a few times a second: the effort of a patient, a
-spasm, a drift of the sensor.
-
-What the page shows of an estimate.
-
-What the page calls the quantities of an estimate, and in which unit it shows them.
 """
 
 import math
@@ -31,8 +20,18 @@ from rpms_ros.identification.model.estimate import Estimate
 from rpms_ros.identification.stream.doubts import meaning_of_doubt
 from rpms_ros.identification.stream.faults import MEANING
 from rpms_ros.live.force_course import BIN_NS, ForceBins, ModelledForce
-from rpms_ros.live.heard import NEVER, OK, SILENT, Topic
-from rpms_ros.live.numbers import MOST_NAMES, number, numbers, text, texts, thinned
+from rpms_ros.live.heard import (
+    MOST_NAMES,
+    NEVER,
+    OK,
+    SILENT,
+    Topic,
+    number,
+    numbers,
+    text,
+    texts,
+    thinned,
+)
 from rpms_ros.printable import counted
 from rpms_ros.pulses import FloatArray, IntArray, Pulse
 from rpms_ros.report.text import RATE_WORDS, interval_of, label

@@ -17,9 +17,9 @@ Any node of the graph may call a service: paths are limited to the folder in the
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -34,47 +34,188 @@ from std_srvs.srv import Trigger
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_msgs.srv import StateFile
 from rpms_ros import estimate_messages, messages
-from rpms_ros.axis import UNITS, Axis
-from rpms_ros.errors import NodeError, RpmsError
-from rpms_ros.identification import Estimate, IdentificationStream
+from rpms_ros.axis import FORCE, UNITS, Axis
+from rpms_ros.errors import IdentificationError, MessageError, NodeError, RpmsError
+from rpms_ros.identification import (
+    DEFAULT_RATE,
+    PRESET_NAMES,
+    Estimate,
+    Estimator,
+    IdentificationStream,
+    StreamSettings,
+)
+from rpms_ros.identification.catalogue import estimator_by_name, on_line_names
+from rpms_ros.identification.estimation.prior import warm_start
+from rpms_ros.identification.model.estimate import HIGHEST_RATE, LOWEST_RATE
+from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset
+from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.stream import faults
 from rpms_ros.identification.stream.checkpoint import load, save
 from rpms_ros.identification.stream.doubts import stated_doubt
 from rpms_ros.identification.stream.recorded_order import add_in_order
+from rpms_ros.identification.stream.sensor_checks import monitors_by_name
 from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.common.logger import logger_of, plain_text
-from rpms_ros.nodes.common.parameters import declare_parameters, follow_parameters
-from rpms_ros.nodes.common.qos import second_node, subscribe, taken_from, warn_of_unused
-from rpms_ros.nodes.common.runner import complete_or_gone, run
-from rpms_ros.nodes.common.subscriptions import Taken, drained
-from rpms_ros.nodes.identifier_parameters import (
-    IdentifierParameters,
-    build_stream,
-    stream_settings,
+from rpms_ros.nodes.common.diagnostics import (
+    PERIOD_S,
+    DiagnosticsPublisher,
+    Health,
+    logger_of,
+    plain_text,
 )
+from rpms_ros.nodes.common.parameters import (
+    NodeParameters,
+    declare_parameters,
+    follow_parameters,
+    parameter,
+)
+from rpms_ros.nodes.common.qos import (
+    Taken,
+    drained,
+    second_node,
+    subscribe,
+    taken_from,
+    warn_of_unused,
+)
+from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import ForceTrace, IntArray, PulseTrain
+
+_STREAM = StreamSettings()
+
+
+@dataclass(frozen=True)
+class IdentifierParameters(NodeParameters):
+    """Parameters of the identifier."""
+
+    estimator: str = parameter(
+        'recursive',
+        'Algorithm: recursive (one pass) or tracking (a muscle that changes).',
+        choices=on_line_names(),
+    )
+    preset: str = parameter(
+        PEOPLE_PRESET,
+        'people fits every muscle; the others reproduce tables of the paper and are not for '
+        'people.',
+        choices=PRESET_NAMES,
+    )
+    repetition_rate: float = parameter(
+        DEFAULT_RATE,
+        'Rate for which the recruitment curve is stated.',
+        unit='Hz',
+        minimum=LOWEST_RATE,
+        maximum=HIGHEST_RATE,
+    )
+    axis: str = parameter(
+        'z',
+        'Axis of the wrench along which the muscle pulls: x, y, z, -x, -y, -z or 0.6,0,0.8.',
+        true_is='y',
+    )
+    quantity: str = parameter(
+        FORCE,
+        'What the sensor measures: a force, or a torque as an isometric dynamometer does.',
+        choices=tuple(UNITS),
+    )
+    best_effort_force: bool = parameter(
+        False,
+        'Hear a force sensor that publishes best effort from the start; without it, from a second '
+        'after it was found. Samples may be lost.',
+    )
+    reorder_delay: float = parameter(
+        _STREAM.reorder_delay,
+        'How long a sample waits for pulses; one may be late by this less '
+        f'{_STREAM.pulse_look_ahead:g} s.',
+        unit='s',
+        minimum=_STREAM.pulse_look_ahead,
+        maximum=10.0,
+    )
+    estimate_period: float = parameter(
+        _STREAM.estimate_period,
+        'Stamps between two estimates; may be changed while the node runs.',
+        unit='s',
+        minimum=0.001,
+        maximum=3600.0,
+        dynamic=True,
+    )
+    largest_force: float = parameter(
+        _STREAM.largest_force,
+        'Larger forces of either sign are no muscle and are dropped.',
+        unit='N',
+        minimum=0.001,
+        maximum=1e6,
+    )
+    monitors: tuple[str, ...] = parameter(
+        _STREAM.monitors, 'Monitors of the stream, of this package or registered by others.'
+    )
+    state_folder: str = parameter(
+        '', 'Folder in which save_state and load_state keep their files; empty refuses both.'
+    )
+    frame_id: str = parameter('muscle', 'Frame of the estimate.')
+    temporal_summation: str = parameter(
+        '',
+        'JSON of rpms analyze, or of the numbers of its history law: weighs a pulse by those '
+        'before it; empty: by the interval alone. For tracking; '
+        'in rpms identify also for batch.',
+    )
+    start_from: str = parameter(
+        '',
+        'Saved state or JSON of rpms identify of an earlier session of the patient; what it says '
+        'gives way where it is wrong, and comes back with a reset. For tracking.',
+    )
+
+    def __post_init__(self) -> None:
+        if self.estimator == 'batch':
+            raise NodeError(
+                'parameter estimator: expected an estimator that works on line, got batch, which '
+                'fits everything anew for each estimate: use tracking here, and rpms identify '
+                'for the recording'
+            )
+        try:
+            check_preset(self.preset)
+        except IdentificationError as error:
+            raise NodeError(f'parameter preset: {error}') from error
+        super().__post_init__()
+        try:
+            monitors_by_name(stream_settings(self).monitors)
+            messages.axis_of(self.axis)
+            if self.temporal_summation or self.start_from:
+                build_estimator(self)
+        except (IdentificationError, MessageError) as error:
+            raise NodeError(str(error)) from error
+
+
+def stream_settings(settings: IdentifierParameters) -> StreamSettings:
+    """Return how samples and pulses are brought together."""
+    return StreamSettings(
+        reorder_delay=settings.reorder_delay,
+        estimate_period=settings.estimate_period,
+        largest_force=settings.largest_force,
+        monitors=settings.monitors,
+    )
+
+
+def build_estimator(settings: IdentifierParameters) -> Estimator:
+    """Return a new estimator."""
+    path = settings.temporal_summation
+    estimator = estimator_by_name(
+        settings.estimator,
+        settings.preset,
+        0,
+        settings.repetition_rate,
+        TemporalSummation.of_file(Path(path).expanduser()) if path else None,
+    )
+    if settings.start_from:
+        warm_start(estimator, Path(settings.start_from).expanduser())
+    return estimator
+
+
+def build_stream(settings: IdentifierParameters) -> IdentificationStream:
+    """Return a stream with a new estimator."""
+    return IdentificationStream(build_estimator(settings), stream_settings(settings))
+
 
 SUFFIX = '_hearing'
 """What the name of the second node adds to the identifier's."""
-
-
-class Heard(NamedTuple):
-    """What has come since the last look, in the order of its arrival.
-
-    Attributes
-    ----------
-    pulses, forces : PulseTrain, ForceTrace
-        Of all publishers.
-    before : ndarray of int64 (pulses,)
-        How many of the samples came before each pulse.
-    """
-
-    pulses: PulseTrain
-    forces: ForceTrace
-    before: IntArray
 
 
 class Hearing:
@@ -120,8 +261,8 @@ class Hearing:
         for subscription in (self._force, self._pulses, self._best_effort):
             drained(subscription)
 
-    def heard(self, best_effort_alone: bool) -> Heard:
-        """Return what has come since the last look.
+    def heard(self, best_effort_alone: bool) -> tuple[PulseTrain, ForceTrace, IntArray]:
+        """Return what has come since the last look, and how many samples came before each pulse.
 
         A reliable force comes twice where best effort is subscribed to as well; it is taken from
         there only if all of its publishers are best effort.
@@ -131,7 +272,7 @@ class Hearing:
         besides = drained(self._best_effort)
         forces += besides if best_effort_alone else []
         pulses = drained(self._pulses)
-        return Heard(
+        return (
             PulseTrain.of(
                 [messages.pulse_of(deserialize_message(one.data, PulseMessage)) for one in pulses]
             ),
@@ -180,7 +321,7 @@ class Publishers:
         self._node = node
         self.best_effort_alone = False
         self.fault_counts: dict[str, int] = {}
-        self._publishers: dict[str, int] = {}
+        self._counts: dict[str, int] = {}
         self._recent: deque[tuple[str, ...]] = deque(maxlen=_SECONDS)
 
     def look(self) -> bool:
@@ -195,11 +336,14 @@ class Publishers:
             (faults.PULSE_PUBLISHERS, topics.PULSES),
         ):
             found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-            before = max(self._publishers.get(name, 1), 1)
-            self._publishers[name] = len(found)
-            if len(found) > 1:
+            before, count = (
+                self._counts.get(name, 1),
+                len({tuple(one.endpoint_gid) for one in found}),
+            )
+            self._counts[name] = max(count, 1)
+            if count > 1:
                 crowded.append(name)
-                further = max(len(found) - before, 0)
+                further = max(count - before, 0)
                 self.fault_counts[name] = self.fault_counts.get(name, 0) + further
             if topic == topics.FORCE:
                 self.best_effort_alone = bool(found) and all(
@@ -436,11 +580,11 @@ class Identifier(Node):
 
     def _take(self) -> None:
         """Pass what has come to the stream."""
-        heard = self._hearing.heard(self._senders.best_effort_alone)
-        if len(heard.forces):
+        pulses, forces, before = self._hearing.heard(self._senders.best_effort_alone)
+        if len(forces):
             self._heard = time.monotonic()
         # In the order of arrival, as a recorder writes them and a replay reads them.
-        add_in_order(self.stream, heard.pulses, heard.forces, heard.before)
+        add_in_order(self.stream, pulses, forces, before)
 
     def _process(self) -> None:
         self._take()

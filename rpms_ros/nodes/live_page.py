@@ -2,32 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that serves the live page: one muscle in a browser, while it is stimulated.
 
-The thread of the server hears the topics and draws; the executor serves the rest.
+The thread of the server hears the topics and draws; the executor serves the rest.  A second node,
+that is in no executor, is read ten times a second: a message costs a few microseconds so, where
+rclpy would wake up a thousand times a second.  The subscriptions ask for nothing but best effort,
+so they hear every publisher, and no publisher ever waits for them.
 
-Subscriptions of the live page, read without the executor.
-
-A second node, that is in no executor, is read ten times a second, and less often while nobody
-looks: a message costs a few microseconds so, where rclpy would wake up a thousand times a second.
-The subscriptions ask for nothing but best effort, so they hear every publisher, and no publisher
-ever waits for them.
-
-How a live page is: what it hears, what it cannot show, and how many look.
-
-The stop of the live page: an additional one, which does not replace a stop button.
-
-A button that says its state all the time would count as the one that a driver asks for, and its
-silence would stop.  This one is not on the graph until it is pressed.  Then it calls the driver's
-service, again and again until the driver says that it is stopped, and says "pressed" on the topic
-of the buttons, which a driver hears even while its executor is blocked.  Let go of, it says
-"released" and leaves; the driver stays stopped until somebody resets it.
-
-Namespaces of the graph that have something to show.
+The stop of the page is an additional one, which does not replace a stop button.  A button that
+says its state all the time would count as the one that a driver asks for, and its silence would
+stop.  This one is not on the graph until it is pressed.  Then it calls the driver's service, again
+and again until the driver says that it is stopped, and says "pressed" on the topic of the
+buttons, which a driver hears even while its executor is blocked.  Let go of, it says "released"
+and leaves; the driver stays stopped until somebody resets it.
 """
 
 import math
 import os
 import platform
-import struct
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -52,20 +42,16 @@ from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS, Axis
 from rpms_ros.errors import MessageError, NodeError
 from rpms_ros.live import session as shown
-from rpms_ros.live.force_course import warm_up
+from rpms_ros.live.force_course import alike, forces_of, warm_up
 from rpms_ros.live.heard import NEVER, SILENT, Endpoint, Topic
-from rpms_ros.live.serialized import alike, forces_of, pulse_in
 from rpms_ros.live.server import Access, LiveServer, token_of
 from rpms_ros.live.session import LiveSession
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
-from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, logger_of
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import second_node, subscribe, warn_of_unused
-from rpms_ros.nodes.common.runner import complete_or_gone, run
-from rpms_ros.nodes.common.subscriptions import drained, use_fast_discovery
-from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+from rpms_ros.nodes.common.qos import drained, second_node, subscribe, warn_of_unused
+from rpms_ros.nodes.common.runner import complete_or_gone, run, use_fast_discovery
 
 _Data = TypeVar('_Data', bytes, list[bytes])
 
@@ -81,6 +67,8 @@ TYPES: dict[str, tuple[str, type, float]] = {
 }
 """Topic, type and longest silence [s] of what is shown."""
 
+# Bytes of a message up to the end of its stamp, with which each of them begins.
+_SHORTEST = 12
 # Texts are written twice a second: of the estimates every third look reads the newest.
 _ESTIMATE_PERIOD = 0.25
 
@@ -158,7 +146,9 @@ class LiveListener:
 
     def _heard(self, key: str, now: float) -> list[bytes]:
         found = [taken.data for taken in drained(self._subscriptions[key])]
-        self._session.topics[key].heard(len(found), now, _stamp_of(found[-1]) if found else 0)
+        stamped = bool(found) and len(found[-1]) >= _SHORTEST
+        stamp_ns = messages.stamp_of_bytes(found[-1]) if stamped else 0
+        self._session.topics[key].heard(len(found), now, stamp_ns)
         return found
 
     def _read(self, key: str, read: Callable[[_Data], None], data: _Data) -> None:
@@ -172,7 +162,7 @@ class LiveListener:
         self._session.force(*forces_of(samples, self._axis, self._quantity))
 
     def _pulse(self, data: bytes) -> None:
-        self._session.pulse(pulse_in(data))
+        self._session.pulse(messages.pulse_of(_message(data, Pulse)))
 
     def _estimate(self, data: bytes) -> None:
         message = _message(data, MuscleEstimate)
@@ -203,16 +193,6 @@ class LiveListener:
             for publishes, one in found
             if publishes or one.node_name != own
         ]
-
-
-def _stamp_of(data: bytes) -> int:
-    """Return the stamp of a serialised message [ns], with which each of them begins; 0 if none."""
-    order = '<' if data[1:2] and data[1] & 1 else '>'
-    head = data[4:12]
-    if len(head) < 8:
-        return 0
-    seconds, rest = struct.unpack(f'{order}iI', head)
-    return int(seconds * NANOSECONDS_PER_SECOND + rest)
 
 
 def _message(data: bytes, kind: Any) -> Any:

@@ -24,14 +24,13 @@ from std_srvs.srv import Trigger
 from rpms_msgs.msg import DriverStatus
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import Health
-from rpms_ros.nodes.common.keyboard import Keyboard
-from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.diagnostics import Health, logger_of
 from rpms_ros.nodes.common.operator import (
     ButtonPublisher,
-    DiagnosticsTimer,
+    Keyboard,
     OperatorClient,
     button_health,
+    tell_health,
 )
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import complete_or_gone, run
@@ -39,6 +38,10 @@ from rpms_ros.stimulation import load_schedule
 from rpms_ros.stimulation.driver.stop_buttons import HeldKey, JoystickButton
 
 ASK, ENABLE, RELEASE = 'a', 'e', 'r'
+KEY_DELAY_S = 0.8
+"""Longest time from a key that is held to its first repetition."""
+JOY_TIMEOUT_S = 0.2
+"""Longest silence of the joystick that is the enable."""
 _LOOK_S = 0.01
 
 
@@ -49,16 +52,6 @@ class ConsoleParameters(NodeParameters):
     operator: str = parameter('', 'Name of the operator.')
     schedule_file: str = parameter('', 'YAML file of the schedule that is run; empty arms only.')
     driver: str = parameter('stimulator_driver', 'Name of the driver node.')
-    rate: float = parameter(
-        50.0, 'Heartbeats and button states a second.', unit='Hz', minimum=10.0, maximum=500.0
-    )
-    key_delay: float = parameter(
-        0.8,
-        'Longest time from a key that is held to its first repetition.',
-        unit='s',
-        minimum=0.05,
-        maximum=2.0,
-    )
     key_repeat: float = parameter(
         0.2,
         'Longest time between two repetitions of a held key: so long after its release it counts.',
@@ -71,9 +64,6 @@ class ConsoleParameters(NodeParameters):
         'Button of the joystick that is the enable, from 0; -1 for none.',
         minimum=-1,
         maximum=63,
-    )
-    joy_timeout: float = parameter(
-        0.2, 'Longest silence of the joystick.', unit='s', minimum=0.05, maximum=10.0
     )
 
     def __post_init__(self) -> None:
@@ -112,13 +102,13 @@ class OperatorConsole(Node):
         self._parts.callback(self._keyboard.close)
         if not self._keyboard.there:
             raise NodeError('expected a terminal to read keys from, got none')
-        self._held = HeldKey(self.settings.key_delay, self.settings.key_repeat)
-        self._joystick = JoystickButton(self.settings.joy_enable, self.settings.joy_timeout)
+        self._held = HeldKey(KEY_DELAY_S, self.settings.key_repeat)
+        self._joystick = JoystickButton(self.settings.joy_enable, JOY_TIMEOUT_S)
         if self._joystick.used:
             self.create_subscription(Joy, topics.JOY, self._on_joy, qos.JOYSTICK)
-        self.client = OperatorClient(self, self.settings.operator, self.settings.rate)
+        self.client = OperatorClient(self, self.settings.operator)
         self._parts.callback(self.client.destroy)
-        self.button = ButtonPublisher(self, rate=self.settings.rate)
+        self.button = ButtonPublisher(self)
         self._configure = self.create_client(ChangeState, f'{self.settings.driver}/change_state')
         self._reset = self.create_client(Trigger, topics.RESET_EMERGENCY_STOP)
         self._status: DriverStatus | None = None
@@ -129,7 +119,7 @@ class OperatorConsole(Node):
             DriverStatus, topics.DRIVER_STATUS, self._on_status, qos.STATUS_LATEST
         )
         self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        DiagnosticsTimer(self, 'operator', 'terminal', self._health)
+        tell_health(self, 'operator', 'terminal', self._health)
         logger_of(self).info(
             f'{ASK} asks for a token, hold {ENABLE} to arm and run, {RELEASE} resets, '
             'any other key stops'

@@ -5,10 +5,6 @@
 Samples are stamped by the clock of the node, or by a simulated clock that it publishes on /clock.
 At each tick of a steady timer every sample that is due is published with its own stamp, so a late
 tick delays samples but does not lose them or change their stamps.
-
-Tell a clock that jumps from a process that was held up.
-
-Parameters of the plant simulator, and the plant that they describe.
 """
 
 import dataclasses
@@ -27,16 +23,21 @@ from rpms_msgs.msg import MuscleTruth, Pulse as PulseMessage
 from rpms_ros import estimate_messages, messages
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import LARGEST_SEED, MuscleError, NodeError
-from rpms_ros.muscle import SUBJECTS, Disturbances, Subject, random_subject, subject_by_name
+from rpms_ros.muscle import SUBJECTS, Subject, random_subject, subject_by_name
 from rpms_ros.muscle.scenario import Scenario, load_scenario
 from rpms_ros.muscle.simulation import SampledPlant, Surroundings
 from rpms_ros.muscle.time_varying import muscle_of
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, RecentChange
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.diagnostics import (
+    PERIOD_S,
+    DiagnosticsPublisher,
+    Health,
+    RecentChange,
+    logger_of,
+)
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import complete_or_gone, run
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, Pulse, nanoseconds
 
 # Largest difference of two steps that is no jump.
@@ -60,8 +61,6 @@ class JumpDetector:
 
 RANDOM = 'random'
 _LARGEST_FORCE = 1e6
-_EITHER_SIGN = {'minimum': -_LARGEST_FORCE, 'maximum': _LARGEST_FORCE}
-_KEEP = 'negative keeps the preset'
 # Noise of an ordinary sensor, as a share of the maximum force.
 _NOISE_SHARE = 0.005
 
@@ -79,22 +78,10 @@ class PlantParameters(NodeParameters):
     )
     maximum_force: float = parameter(
         -1.0,
-        f'Steady mean force at full intensity and 20 Hz; {_KEEP}.',
+        'Steady mean force at full intensity and 20 Hz; negative keeps the preset.',
         unit='N',
         minimum=-1.0,
         maximum=_LARGEST_FORCE,
-    )
-    time_constant: float = parameter(
-        -1.0, f'Time constant of the twitch; {_KEEP}.', unit='s', minimum=-1.0, maximum=10.0
-    )
-    latency: float = parameter(
-        -1.0, f'From pulse to onset of force; {_KEEP}.', unit='s', minimum=-1.0, maximum=1.0
-    )
-    threshold: float = parameter(
-        -1.0, f'Threshold of recruitment; {_KEEP}.', minimum=-1.0, maximum=1.0
-    )
-    saturation: float = parameter(
-        -1.0, f'Saturation of recruitment; {_KEEP}.', minimum=-1.0, maximum=2.0
     )
     noise: float = parameter(
         -1.0,
@@ -103,17 +90,6 @@ class PlantParameters(NodeParameters):
         unit='N',
         minimum=-1.0,
         maximum=_LARGEST_FORCE,
-    )
-    offset: float = parameter(0.0, 'Constant baseline.', unit='N', **_EITHER_SIGN)
-    drift: float = parameter(
-        0.0, 'Amplitude of a slow sinusoidal baseline.', unit='N', **_EITHER_SIGN
-    )
-    drift_period: float = parameter(120.0, 'Its period.', unit='s', minimum=0.1, maximum=86400.0)
-    artifact: float = parameter(
-        0.0, 'Peak of the stimulation artifact at full intensity.', unit='N', **_EITHER_SIGN
-    )
-    artifact_decay: float = parameter(
-        0.0005, 'Time constant of the artifact.', unit='s', minimum=1e-6, maximum=0.005
     )
     largest_force: float = parameter(
         _LARGEST_FORCE,
@@ -130,7 +106,6 @@ class PlantParameters(NodeParameters):
         'What the sensor measures; with torque every N here is N m.',
         choices=tuple(UNITS),
     )
-    frame_id: str = parameter('force_sensor', 'Frame of the wrench.')
     publication_delay: float = parameter(
         0.01,
         'Samples are published this much after their stamp, so that pulses arrive before them.',
@@ -141,14 +116,7 @@ class PlantParameters(NodeParameters):
     scenario: str = parameter(
         '',
         'Name or YAML file of a scenario; empty for a muscle that does not change. '
-        'Disturbances given by parameters replace those of the scenario.',
-    )
-    truth_rate: float = parameter(
-        10.0,
-        'Messages a second with the true state of the muscle; 0 for none.',
-        unit='Hz',
-        minimum=0.0,
-        maximum=100.0,
+        'Noise and largest_force given as parameters replace those of the scenario.',
     )
     minimum_subscribers: int = parameter(
         0, 'Subscribers of the force to wait for before the first sample.', minimum=0, maximum=100
@@ -172,28 +140,25 @@ class PlantParameters(NodeParameters):
 
 
 def subject_of(settings: PlantParameters) -> Subject:
-    """Return the preset with the changes by the parameters."""
+    """Return the preset, with the maximum force of the parameters."""
     if settings.subject == RANDOM:
         preset = random_subject(np.random.default_rng(settings.seed))
     else:
         preset = subject_by_name(settings.subject)
-    curve = preset.recruitment
-    if changes := _given(settings, ('threshold', 'saturation')):
-        curve = dataclasses.replace(curve, **changes).normalised()
-    changes = _given(settings, ('maximum_force', 'time_constant', 'latency'))
-    return dataclasses.replace(preset, recruitment=curve, **changes)
+    if settings.maximum_force < 0.0:
+        return preset
+    return dataclasses.replace(preset, maximum_force=settings.maximum_force)
 
 
 def scenario_of(settings: PlantParameters) -> Scenario:
-    """Return the scenario, with disturbances given by parameters in place of its own."""
+    """Return the scenario; noise and largest force of the parameters replace its own."""
     scenario = load_scenario(settings.scenario) if settings.scenario else Scenario()
-    given = {'saturation': settings.largest_force}
-    for name in ('noise', 'offset', 'drift', 'drift_period', 'artifact', 'artifact_decay'):
-        given[name] = getattr(settings, name)
-    if settings.scenario:
-        default = {**dataclasses.asdict(Disturbances(saturation=_LARGEST_FORCE)), 'noise': -1.0}
-        given = {name: value for name, value in given.items() if value != default[name]}
-    elif settings.noise < 0.0:
+    given: dict[str, float] = {}
+    if settings.largest_force != _LARGEST_FORCE or not settings.scenario:
+        given['saturation'] = settings.largest_force
+    if settings.noise >= 0.0:
+        given['noise'] = settings.noise
+    elif not settings.scenario:
         # without any a resting force would be that of a sensor that is stuck
         given['noise'] = _NOISE_SHARE * subject_of(settings).maximum_force
     disturbances = dataclasses.replace(scenario.disturbances, **given)
@@ -210,11 +175,8 @@ def build_plant(settings: PlantParameters) -> SampledPlant:
     )
 
 
-def _given(settings: PlantParameters, names: tuple[str, ...]) -> dict[str, Any]:
-    values = {name: getattr(settings, name) for name in names}
-    return {name: value for name, value in values.items() if value >= 0}
-
-
+_FRAME = 'force_sensor'
+_TRUTH_PERIOD_NS = NANOSECONDS_PER_SECOND // 10
 _FASTEST_TICK = 1000.0
 # Samples per tick, so that pulses are received while the node catches up.
 _LARGEST_BURST = 500
@@ -304,20 +266,17 @@ class PlantSimulator(Node):
 
     def _publish_due(self, until_ns: int) -> None:
         trace = self.plant.sample(min(self.plant.due(until_ns), _LARGEST_BURST))
-        frame_id = self.settings.frame_id
         for stamp_ns, force in zip(trace.stamp_ns.tolist(), trace.force.tolist(), strict=True):
             self._force.publish(
                 messages.force_message(
-                    stamp_ns, force, self._axis, MESSAGE_TYPES, frame_id, self.settings.quantity
+                    stamp_ns, force, self._axis, MESSAGE_TYPES, _FRAME, self.settings.quantity
                 )
             )
         newest_ns = self.plant.newest_ns
-        if self.settings.truth_rate > 0 and newest_ns >= self._next_truth_ns:
-            self._next_truth_ns = newest_ns + round(
-                NANOSECONDS_PER_SECOND / self.settings.truth_rate
-            )
+        if newest_ns >= self._next_truth_ns:
+            self._next_truth_ns = newest_ns + _TRUTH_PERIOD_NS
             self._truth.publish(
-                estimate_messages.truth_message(self.plant.truth(), MESSAGE_TYPES, frame_id)
+                estimate_messages.truth_message(self.plant.truth(), MESSAGE_TYPES, _FRAME)
             )
 
     def _report(self) -> None:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that records topics: messages as raw bytes.
 
-Messages are written to the operating system every `flush_period`: after a recorder was killed,
+Messages are written to the operating system every `FLUSH_PERIOD_S`: after a recorder was killed,
 all older messages are readable.  It subscribes to the topics of this package at the start, and to
 others as soon as a publisher shows their type.
 
@@ -13,14 +13,15 @@ recorder empties them.
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
-from functools import cache, partial
+from functools import cache
 from importlib import import_module
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -43,12 +44,17 @@ from rpms_msgs.msg import AcceptedSchedule, DriverStatus, MuscleEstimate, Muscle
 from rpms_ros import messages
 from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
-from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health, logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
-from rpms_ros.nodes.common.qos import second_node, subscribe, taken_from, warn_of_unused
+from rpms_ros.nodes.common.qos import (
+    Taken,
+    drained,
+    second_node,
+    subscribe,
+    taken_from,
+    warn_of_unused,
+)
 from rpms_ros.nodes.common.runner import complete_or_gone, run
-from rpms_ros.nodes.common.subscriptions import drained
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
 from rpms_ros.recording import RecordingWriter
 from rpms_ros.recording.rosbag.definitions import described_type, known_types, written_definition
@@ -57,145 +63,6 @@ from rpms_ros.recording.rosbag.verifying import LOST_KEY, PUBLISHERS_KEY
 
 SUFFIX = '_hearing'
 """Suffix of the name of the second node."""
-
-
-class HeardMessage(NamedTuple):
-    """A received message.
-
-    Attributes
-    ----------
-    topic : str
-        Name of the topic in the parameters.
-    received_ns : int
-        Time of reception [ns].
-    data : bytes
-        The message, serialised.
-    """
-
-    topic: str
-    received_ns: int
-    data: bytes
-
-
-class _Topic:
-    """Subscriptions to one topic.
-
-    Attributes
-    ----------
-    alone : bool
-        Whether the topic is published best effort only, received by the second subscription.
-    publishers : int
-        Most publishers so far.
-    lost : int
-        Messages that were lost, by the numbers that their publisher gave them; once there were
-        several publishers nothing more is counted.
-    """
-
-    def __init__(
-        self, name: str, subscription: Subscription, count_publishers: Callable[[str], int]
-    ) -> None:
-        self.name = name
-        self.alone = subscription.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-        self.subscriptions = [None, subscription] if self.alone else [subscription, None]
-        self.publishers = 0
-        self.lost = 0
-        self._count_publishers = count_publishers
-        self._newest: int | None = None
-
-    def look(self) -> None:
-        """Look how many publishers there are."""
-        self.publishers = max(self.publishers, self._count_publishers(self.name))
-
-    def taken(self) -> Iterator[HeardMessage]:
-        reliable, best_effort = (drained(subscription) for subscription in self.subscriptions)
-        # Both subscriptions receive from reliable publishers.
-        for taken in [*reliable, *best_effort] if self.alone else reliable:
-            self._count_lost(taken.sequence)
-            yield HeardMessage(self.name, taken.received_ns or time.time_ns(), taken.data)
-
-    def _count_lost(self, sequence: int | None) -> None:
-        newest, self._newest = self._newest, sequence
-        # a publisher that was started anew counts from the beginning
-        if newest is not None and sequence is not None and sequence > newest + 1:
-            self.look()
-            self.lost += sequence - newest - 1 if self.publishers < 2 else 0
-
-
-class RecorderHearing:
-    """Subscriptions of a recorder.
-
-    Parameters
-    ----------
-    node : Node
-        The recorder.
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._named = node
-        self._node = second_node(node, SUFFIX)
-        self._topics: dict[str, _Topic] = {}
-        self._kinds: dict[str, Any] = {}
-        self._closed = False
-
-    @property
-    def lost(self) -> dict[str, int]:
-        """Lost messages by topic; topics without loss are not included."""
-        return {name: topic.lost for name, topic in self._topics.items() if topic.lost}
-
-    @property
-    def publishers(self) -> dict[str, int]:
-        """Most publishers of each topic so far, for those that had one."""
-        return {name: one.publishers for name, one in self._topics.items() if one.publishers}
-
-    def count_publishers(self) -> None:
-        """Look how many publishers each topic has."""
-        for topic in self._topics.values():
-            topic.look()
-
-    def hear(self, name: str, kind: Any, profile: QoSProfile) -> None:
-        """Subscribe to a topic; parameters of the recorder may override the quality of service.
-
-        Raises
-        ------
-        NodeError
-            If such a parameter is no quality of service.
-        """
-        subscription = subscribe(self._named, self._node, kind, name, profile)
-        self._topics[name] = _Topic(name, subscription, self._named.count_publishers)
-        self._kinds[name] = kind
-
-    def set_alone(self, name: str, alone: bool, profile: Callable[[], QoSProfile]) -> bool:
-        """Set whether a topic is published best effort only; return whether that is new."""
-        topic = self._topics[name]
-        if topic.subscriptions[0] is None:
-            return False
-        topic.alone = alone
-        if not alone or topic.subscriptions[1] is not None:
-            return False
-        resolved = self._named.resolve_topic_name(name)
-        second = taken_from(self._node, self._kinds[name], resolved, profile())
-        topic.subscriptions[1] = second
-        return True
-
-    def heard(self) -> list[HeardMessage]:
-        """Return the messages since the last call, in the order of arrival."""
-        found: list[tuple[int, HeardMessage]] = []
-        for topic in self._topics.values():
-            arrived = 0
-            for message in topic.taken():
-                # A clock that is set back must not change the order within a topic.
-                arrived = max(arrived, message.received_ns)
-                found.append((arrived, message))
-        return [message for _, message in sorted(found, key=lambda one: one[0])]
-
-    def close(self) -> None:
-        """Destroy the second node; once is enough."""
-        if self._closed:
-            return
-        self._closed = True
-        self._topics.clear()
-        self._node.destroy_node()
-
 
 LEAST_ROOM = 1_000_000_000
 """Free bytes below which a session of an hour may not fit on the disk."""
@@ -295,11 +162,6 @@ def subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
     )
 
 
-def offered_qos(publishers: Sequence[TopicEndpointInfo]) -> list[Qos]:
-    """Return the quality of service that each publisher offers, as recordings store it."""
-    return [_recorded(publisher.qos_profile) for publisher in publishers]
-
-
 def _recorded(profile: QoSProfile) -> Qos:
     return Qos(
         QosHistory[profile.history.name],
@@ -333,6 +195,8 @@ _LISTENING_PERIOD = 0.01
 # Period with which the types of other topics are looked up [s].
 _LOOK_PERIOD = 0.2
 _MOST_NAMES = 100
+FLUSH_PERIOD_S = 0.5
+"""Time between two writes to the file."""
 
 
 @dataclass(frozen=True)
@@ -344,7 +208,6 @@ class RecorderParameters(NodeParameters):
         'Folder of the recording, which must not exist yet; empty: named by time and namespace.',
     )
     storage: str = parameter('mcap', 'Format of the file.', choices=('mcap', 'sqlite3'))
-    compression: str = parameter('', 'Compression of mcap.', choices=('', 'lz4', 'zstd'))
     topics: tuple[str, ...] = parameter(
         tuple(_TOPICS), 'Topics to record, of any type; those without publisher stay empty.'
     )
@@ -355,9 +218,6 @@ class RecorderParameters(NodeParameters):
     )
     key_file: str = parameter(
         '', 'File with the key that signs the recording; empty leaves it unsigned.'
-    )
-    flush_period: float = parameter(
-        0.5, 'Time between two writes to the file.', unit='s', minimum=0.01, maximum=60.0
     )
 
 
@@ -392,6 +252,28 @@ class TopicCount:
         return round(span * rate) + 1 - self.messages
 
 
+@dataclass
+class _Topic:
+    """One topic that is heard; of several publishers it is not known what was lost."""
+
+    name: str
+    kind: Any
+    reliable: Subscription | None
+    best_effort: Subscription | None
+    alone: bool
+    """Whether it is published best effort only."""
+    number: int | None = None
+    """In the recording, once a message has come."""
+    most_publishers: int = 0
+    lost: int = 0
+    newest: int | None = None
+
+    def taken(self) -> list[Taken]:
+        """Return what has come; both subscriptions receive from reliable publishers."""
+        reliable, best_effort = drained(self.reliable), drained(self.best_effort)
+        return [*reliable, *best_effort] if self.alone else reliable
+
+
 class Recorder(Node):
     """Recorder of a session; keyword arguments go to `rclpy.node.Node`."""
 
@@ -405,18 +287,17 @@ class Recorder(Node):
     def _build(self) -> None:
         """Make the parts of the node, each after those that it depends on."""
         self.settings = declare_parameters(self, RecorderParameters)
-        self._hearing = RecorderHearing(self)
-        self._parts.callback(self._hearing.close)
+        self._node = second_node(self, SUFFIX)
+        self._parts.callback(self._node.destroy_node)
         try:
             self._writer = self._opened()
         except RecordingError as error:
             raise NodeError(str(error)) from error
         self._closed = False
         self.counts = {name: TopicCount() for name in self._named_once()}
+        self._topics: dict[str, _Topic] = {}
         self._unknown: list[str] = []
         self._refused: list[str] = []
-        self._kinds: dict[str, Any] = {}
-        self._numbers: dict[str, int] = {}
         self._lost: dict[str, int] = {}
         # an open recording is ended properly, whatever fails from here on
         self._parts.callback(self.close)
@@ -426,7 +307,7 @@ class Recorder(Node):
         self._subscribe_to_known()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LISTENING_PERIOD, self._take, clock=steady)
-        self.create_timer(self.settings.flush_period, self._flush, clock=steady)
+        self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
         self.create_timer(PERIOD_S, self._report, clock=steady)
         if self._unknown:
             self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
@@ -461,7 +342,6 @@ class Recorder(Node):
         settings = self.settings
         key = read_key(Path(settings.key_file).expanduser()) if settings.key_file else None
         options: dict[str, Any] = {'storage': settings.storage, 'key': key}
-        options['compression'] = settings.compression
         if settings.path:
             return RecordingWriter(Path(settings.path).expanduser(), **options)
         now = datetime.now().astimezone().strftime('rpms_%Y%m%d_%H%M%S')
@@ -497,66 +377,90 @@ class Recorder(Node):
     def _subscribe(self, name: str, kind: Any, profile: QoSProfile) -> None:
         if name == topics.FORCE and self.settings.best_effort_force:
             profile = qos.FORCE_BEST_EFFORT
-        self._hearing.hear(name, kind, profile)
-        self._kinds[name] = kind
+        heard = subscribe(self, self._node, kind, name, profile)
+        alone = heard.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+        reliable, best_effort = (None, heard) if alone else (heard, None)
+        self._topics[name] = _Topic(name, kind, reliable, best_effort, alone)
 
     def _take(self) -> None:
         """Write the new messages in the order of their arrival."""
         if self._closed:
             return
-        for message in self._hearing.heard():
-            kind = self._kinds[message.topic]
-            if message.topic not in self._numbers:
-                # Its publisher is known only now, with its quality of service.
-                self._numbers[message.topic] = self._add_topic(kind, message.topic)
-            stamped = 'header' in list(kind.get_fields_and_field_types())[:1]
-            count = self.counts[message.topic]
-            stamp_ns = messages.stamp_of_bytes(message.data) if stamped else message.received_ns
-            count.take(stamp_ns)
-            self._writer.append(self._numbers[message.topic], message.received_ns, message.data)
+        found: list[tuple[int, int, _Topic, bytes]] = []
+        for topic in self._topics.values():
+            arrived_ns = 0
+            for taken in topic.taken():
+                self._count_lost(topic, taken.sequence)
+                received_ns = taken.received_ns or time.time_ns()
+                # A clock that is set back must not change the order within a topic.
+                arrived_ns = max(arrived_ns, received_ns)
+                found.append((arrived_ns, received_ns, topic, taken.data))
+        for _, received_ns, topic, data in sorted(found, key=itemgetter(0)):
+            self._write(topic, received_ns, data)
+
+    def _write(self, topic: _Topic, received_ns: int, data: bytes) -> None:
+        if topic.number is None:
+            # Its publisher is known only now, with its quality of service.
+            topic.number = self._add_topic(topic)
+        stamped = 'header' in list(topic.kind.get_fields_and_field_types())[:1]
+        stamp_ns = messages.stamp_of_bytes(data) if stamped else received_ns
+        self.counts[topic.name].take(stamp_ns)
+        self._writer.append(topic.number, received_ns, data)
+
+    def _add_topic(self, topic: _Topic) -> int:
+        type_name = type_name_of(topic.kind)
+        profiles = [
+            _recorded(one.qos_profile) for one in self.get_publishers_info_by_topic(topic.name)
+        ]
+        name = self.resolve_topic_name(topic.name)
+        return self._writer.add_topic(name, type_name, profiles, definition_of(type_name))
+
+    def _count_publishers(self, topic: _Topic) -> None:
+        topic.most_publishers = max(topic.most_publishers, self.count_publishers(topic.name))
+
+    def _count_lost(self, topic: _Topic, sequence: int | None) -> None:
+        """Count what is missing in the numbers of a publisher; one that is new begins anew."""
+        newest, topic.newest = topic.newest, sequence
+        if newest is not None and sequence is not None and sequence > newest + 1:
+            self._count_publishers(topic)
+            topic.lost += sequence - newest - 1 if topic.most_publishers < 2 else 0
 
     def _hear_best_effort(self) -> None:
         """Subscribe best effort to topics that a reliable subscription does not receive."""
-        for name in self._kinds:
-            infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
-            alone = bool(infos) and all(
+        for topic in self._topics.values():
+            name = self.resolve_topic_name(topic.name)
+            infos = self.get_publishers_info_by_topic(name)
+            if topic.reliable is None:
+                continue
+            topic.alone = bool(infos) and all(
                 one.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for one in infos
             )
-            if self._hearing.set_alone(name, alone, partial(subscription_qos, infos)):
+            if topic.alone and topic.best_effort is None:
+                profile = subscription_qos(infos)
+                topic.best_effort = taken_from(self._node, topic.kind, name, profile)
                 logger_of(self).warning(
-                    f'{self.resolve_topic_name(name)} is published best effort: it is recorded, '
-                    'and messages may be lost'
+                    f'{name} is published best effort: it is recorded, and messages may be lost'
                 )
-
-    def _warn_of_lost(self) -> None:
-        """Warn of lost messages: a queue was full, or the network lost them."""
-        lost = self._hearing.lost
-        for name, count in lost.items():
-            if count != self._lost.get(name):
-                topic = self.resolve_topic_name(name)
-                logger_of(self).warning(f'{count} messages of {topic} were lost so far')
-        self._lost = lost
 
     def _report(self) -> None:
         """Check the publishers and publish the health of the recorder."""
         if self._closed:
             return
         self._hear_best_effort()
-        self._warn_of_lost()
+        lost = {topic.name: topic.lost for topic in self._topics.values() if topic.lost}
+        for name, count in lost.items():
+            if count != self._lost.get(name):
+                resolved = self.resolve_topic_name(name)
+                logger_of(self).warning(f'{count} messages of {resolved} were lost so far')
+        self._lost = lost
         counts = {topic: count.messages for topic, count in self.counts.items()}
         self._diagnostics.publish(recorder_health(self.path, counts, self._refused, self._lost))
-
-    def _add_topic(self, kind: Any, name: str) -> int:
-        type_name = type_name_of(kind)
-        profiles = offered_qos(self.get_publishers_info_by_topic(name))
-        return self._writer.add_topic(
-            self.resolve_topic_name(name), type_name, profiles, definition_of(type_name)
-        )
 
     def _flush(self) -> None:
         if self._closed:
             return
-        self._hearing.count_publishers()
+        for topic in self._topics.values():
+            self._count_publishers(topic)
         try:
             self._writer.flush()
         except RecordingError as error:
@@ -570,14 +474,14 @@ class Recorder(Node):
         with suppress(RecordingError):
             self._take()
         self._closed = True
-        self._hearing.count_publishers()
-        for key, counts in (
-            (PUBLISHERS_KEY, self._hearing.publishers),
-            (LOST_KEY, self._hearing.lost),
-        ):
-            named = {self.resolve_topic_name(name): count for name, count in counts.items()}
-            self._writer.custom[key] = json.dumps(named)
-        self._hearing.close()
+        lost, publishers = {}, {}
+        for topic in self._topics.values():
+            self._count_publishers(topic)
+            name = self.resolve_topic_name(topic.name)
+            lost[name], publishers[name] = topic.lost, topic.most_publishers
+        for key, counts in ((PUBLISHERS_KEY, publishers), (LOST_KEY, lost)):
+            known = {name: count for name, count in counts.items() if count}
+            self._writer.custom[key] = json.dumps(known)
         try:
             self._writer.close()
         except RecordingError as error:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a recording through the real identifier: both nodes in one process, over real DDS.
 
-Node that plays a recording: publishes `pulses` and `force`, at a factor or as fast as possible.
-
 As fast as possible means: ahead of the newest estimate by no more messages than the queues of the
 identifier hold, so that nothing is lost.  Messages are sent in the order in which they were
 received, in the same bytes as a driver and a sensor send.
@@ -32,9 +30,8 @@ from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
 from rpms_ros.identification.stream.recorded_order import feed
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
-from rpms_ros.nodes.identifier import Identifier
-from rpms_ros.nodes.identifier_parameters import IdentifierParameters, build_stream
+from rpms_ros.nodes.common.runner import free_domain, use_fast_discovery
+from rpms_ros.nodes.identifier import Identifier, IdentifierParameters, build_stream
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, IntArray
 from rpms_ros.recording import Recording
 from rpms_ros.recording.rosbag.writing import encode_forces, encode_pulses
@@ -47,33 +44,6 @@ _AXIS = np.array(messages.AXES['z'])
 _COIL = 'coil'
 
 
-@dataclass(frozen=True)
-class ReplaySettings:
-    """How a recording is played.
-
-    Attributes
-    ----------
-    factor : float
-        Seconds of the recording in one second; 0 for as fast as possible.
-    window : int
-        Messages that may be ahead of the newest estimate.
-
-    Raises
-    ------
-    NodeError
-        If a value is not possible.
-    """
-
-    factor: float = 0.0
-    window: int = WINDOW
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.factor) and self.factor >= 0.0):
-            raise NodeError(f'expected a factor of 0 or above, got {self.factor}')
-        if not 1 <= self.window <= WINDOW:
-            raise NodeError(f'expected a window of 1 to {WINDOW} messages, got {self.window}')
-
-
 class Replayer(Node):
     """Plays a recording and keeps the estimates that come back.
 
@@ -81,17 +51,15 @@ class Replayer(Node):
     ----------
     recording : Recording
         The recording; its force or torque is published along the z axis.
-    settings : ReplaySettings, optional
-        Speed.
+    factor : float
+        Seconds of the recording in one second; 0 for as fast as possible.
     **options
         Passed to `rclpy.node.Node`.
     """
 
-    def __init__(
-        self, recording: Recording, settings: ReplaySettings | None = None, **options: Any
-    ) -> None:
+    def __init__(self, recording: Recording, factor: float = 0.0, **options: Any) -> None:
         super().__init__('replayer', **options)
-        self.settings = settings or ReplaySettings()
+        self._factor = factor
         self.estimates: list[Estimate] = []
         self.sent = 0
         pulses, forces = recording.pulses, recording.forces
@@ -130,7 +98,11 @@ class Replayer(Node):
         """Send the messages allowed now, at most `most`; return how many were sent."""
         until = min(self._allowed(), self.sent + most)
         for place in range(self.sent, until):
-            self._send(place)
+            index = int(self._index[place])
+            if self._is_pulse[place]:
+                self._pulses.publish(self._pulse_bytes.message(index))
+            else:
+                self._force.publish(self._force_bytes.message(index))
         went = until - self.sent
         if went:
             self._heard = time.monotonic()
@@ -138,26 +110,15 @@ class Replayer(Node):
         return went
 
     def _allowed(self) -> int:
-        if self.settings.factor > 0.0:
-            return self._due()
+        """Return how many messages may be sent by now."""
+        if self._factor > 0.0:
+            now = time.monotonic()
+            self._started = now if self._started is None else self._started
+            elapsed = (now - self._started) * self._factor * NANOSECONDS_PER_SECOND
+            return int(np.searchsorted(self._due_ns, elapsed, side='right'))
         if self.silence > PATIENCE:
             self._used = self.sent
-        return min(len(self), self._used + self.settings.window)
-
-    def _due(self) -> int:
-        """Return how many messages are due by the clock."""
-        now = time.monotonic()
-        if self._started is None:
-            self._started = now
-        elapsed = (now - self._started) * self.settings.factor * NANOSECONDS_PER_SECOND
-        return int(np.searchsorted(self._due_ns, elapsed, side='right'))
-
-    def _send(self, place: int) -> None:
-        index = int(self._index[place])
-        if self._is_pulse[place]:
-            self._pulses.publish(self._pulse_bytes.message(index))
-        else:
-            self._force.publish(self._force_bytes.message(index))
+        return min(len(self), self._used + WINDOW)
 
     def _on_estimate(self, message: MuscleEstimate) -> None:
         estimate = estimate_messages.estimate_of(message)
@@ -220,7 +181,7 @@ class Replay:
 def replay(
     recording: Recording,
     parameters: dict[str, Any] | None = None,
-    settings: ReplaySettings | None = None,
+    factor: float = 0.0,
     progress: Callable[[int], object] = lambda _: None,
 ) -> Replay:
     """Play a recording through an identifier.
@@ -231,39 +192,44 @@ def replay(
         The recording.
     parameters : dict, optional
         Parameters of the identifier by name; axis and quantity are ignored.
-    settings : ReplaySettings, optional
-        Speed.
+    factor : float
+        Seconds of the recording in one second; 0 for as fast as possible.
     progress : callable
         Called with the number of messages sent since the last call.
 
     Raises
     ------
     NodeError
-        If a parameter is not valid or the nodes do not find each other.
+        If a parameter or the factor is not valid or the nodes do not find each other.
     """
+    if not (np.isfinite(factor) and factor >= 0.0):
+        raise NodeError(f'expected a factor of 0 or above, got {factor}')
     chosen = {**(parameters or {}), 'axis': 'z', 'quantity': recording.quantity}
-    expected = _expected(recording, _parameters(chosen))
+    try:
+        expected = _expected(recording, IdentifierParameters(**chosen))
+    except TypeError as error:
+        raise NodeError(f'expected parameters of the identifier, got {error}') from error
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     use_fast_discovery()
     context = Context()
-    with reserved_domain() as domain:
-        rclpy.init(
-            args=[],
-            context=context,
-            domain_id=domain,
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        try:
-            return _play(context, recording, chosen, settings, expected, progress)
-        finally:
-            context.try_shutdown()
+    domain = free_domain()
+    rclpy.init(
+        args=[],
+        context=context,
+        domain_id=domain,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    try:
+        return _play(context, recording, chosen, factor, expected, progress)
+    finally:
+        context.try_shutdown()
 
 
 def _play(
     context: Context,
     recording: Recording,
     parameters: dict[str, Any],
-    settings: ReplaySettings | None,
+    factor: float,
     expected: list[Estimate],
     progress: Callable[[int], object],
 ) -> Replay:
@@ -275,7 +241,7 @@ def _play(
     set_logger_level('identifier', LoggingSeverity.WARN)
     try:
         nodes.append(Identifier(parameter_overrides=overrides, **options))
-        replayer = Replayer(recording, settings, **options)
+        replayer = Replayer(recording, factor, **options)
         nodes.append(replayer)
         for node in nodes:
             executor.add_node(node)
@@ -303,13 +269,6 @@ def _wait_until_ready(replayer: Replayer, executor: Executor) -> None:
         if time.monotonic() > end:
             raise NodeError(f'expected the nodes to find each other within {_READY_LIMIT:g} s')
         executor.spin_once(timeout_sec=0.05)
-
-
-def _parameters(values: dict[str, Any]) -> IdentifierParameters:
-    try:
-        return IdentifierParameters(**values)
-    except TypeError as error:
-        raise NodeError(f'expected parameters of the identifier, got {error}') from error
 
 
 def _expected(recording: Recording, parameters: IdentifierParameters) -> list[Estimate]:

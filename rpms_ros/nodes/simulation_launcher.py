@@ -33,8 +33,12 @@ from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
 from rpms_ros.muscle.simulation import Truth
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.runner import PARENT_VARIABLE, StopRequest
-from rpms_ros.nodes.common.subscriptions import reserved_domain, use_fast_discovery
+from rpms_ros.nodes.common.runner import (
+    PARENT_VARIABLE,
+    StopRequest,
+    free_domain,
+    use_fast_discovery,
+)
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.stimulation import Schedule, paper_random, schedule_to_text
 
@@ -164,7 +168,7 @@ class SimulationLauncher:
         with contextlib.ExitStack() as stack:
             self._stop_request = StopRequest()
             stack.callback(self._stop_request.restore)
-            domain = stack.enter_context(reserved_domain())
+            domain = free_domain()
             stack.callback(self._stop_all)
             for name in self._settings.names:
                 self._start(name, domain)

@@ -15,10 +15,13 @@ from sensor_msgs.msg import Joy
 
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import Health
-from rpms_ros.nodes.common.keyboard import Keyboard
-from rpms_ros.nodes.common.logger import logger_of
-from rpms_ros.nodes.common.operator import ButtonPublisher, DiagnosticsTimer, button_health
+from rpms_ros.nodes.common.diagnostics import Health, logger_of
+from rpms_ros.nodes.common.operator import (
+    ButtonPublisher,
+    Keyboard,
+    button_health,
+    tell_health,
+)
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, parameter
 from rpms_ros.nodes.common.runner import complete_or_gone, run
 from rpms_ros.stimulation.driver.stop_buttons import JoystickButton
@@ -31,9 +34,6 @@ _LOOK_S = 0.01
 class StopButtonParameters(NodeParameters):
     """Parameters of a stop button."""
 
-    rate: float = parameter(
-        50.0, 'Rate at which the state is published.', unit='Hz', minimum=10.0, maximum=500.0
-    )
     keyboard: bool = parameter(True, 'Whether keys of the terminal press it.')
     joy_button: int = parameter(
         -1, 'Button of the joystick that presses it, from 0; -1 for none.', minimum=-1, maximum=63
@@ -76,11 +76,11 @@ class StopButton(Node):
         if self._joystick.used:
             self.create_subscription(Joy, topics.JOY, self._on_joy, qos.JOYSTICK)
         self._key_pressed = self._keyboard is not None and not self._keyboard.there
-        self.button = ButtonPublisher(self, self._wanted(), self.settings.rate)
+        self.button = ButtonPublisher(self, self._wanted())
         self.create_timer(_LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         inputs = ['terminal'] if self._keyboard is not None else []
         inputs += ['joystick'] if self._joystick.used else []
-        DiagnosticsTimer(self, 'stop button', ' and '.join(inputs), self._health)
+        tell_health(self, 'stop button', ' and '.join(inputs), self._health)
         logger_of(self).info(f'any key presses, {RELEASE} releases: {self._word()}')
 
     def destroy_node(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import rpms_ros
-from rpms_ros.nodes.identifier_parameters import IdentifierParameters, build_estimator
+from rpms_ros.nodes.identifier import IdentifierParameters, build_estimator
 
 # Of `rpms simulate`: steady force at full intensity, and peak of the response to one pulse [N].
 FULL, PEAK = 10.0, 3.52

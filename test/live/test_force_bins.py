@@ -33,15 +33,6 @@ def test_a_hole_in_the_force_is_a_hole_in_the_line(start_ns):
     assert np.isnan(low).tolist() == [False, False, *[True] * 8, False]
 
 
-def test_only_the_newest_bins_are_kept(start_ns):
-    bins = ForceBins()
-    for index in range(KEPT + 100):
-        bins.add(start_ns + index * BIN_NS, float(index))
-    assert bins.newest - bins.oldest == KEPT - 1
-    low = bins.since(bins.oldest, bins.newest)[0]
-    assert (low[0], low[-1]) == (99.0, KEPT + 98.0)
-
-
 def test_what_is_not_finite_is_counted_and_not_drawn(start_ns):
     bins = ForceBins()
     for index, value in enumerate((1.0, float('nan'), float('inf'), 2.0)):
@@ -123,17 +114,6 @@ forces = st.floats(-10.0, 10.0) | st.sampled_from([float('nan'), float('inf')])
 def test_bins_do_not_depend_on_how_the_samples_come(moves, sizes):
     stamps = np.cumsum([10**18, *(step for step, _ in moves)], dtype=np.int64)[1:]
     samples = list(zip(stamps.tolist(), [force for _, force in moves], strict=True))
-    bins = ForceBins()
-    for stamp_ns, force in samples:
-        bins.add(stamp_ns, force)
-    assert content(in_blocks(samples, sizes)) == content(bins)
-
-
-@given(st.integers(0, 30), st.lists(st.integers(0, 300), max_size=6))
-def test_bins_of_a_steady_sensor_do_not_depend_on_how_the_samples_come(seed, sizes):
-    generator = np.random.default_rng(seed)
-    stamps = 10**18 + np.cumsum(generator.integers(0, 2 * MILLISECOND, 1000))
-    samples = list(zip(stamps.tolist(), generator.normal(size=1000).tolist(), strict=True))
     bins = ForceBins()
     for stamp_ns, force in samples:
         bins.add(stamp_ns, force)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from rpms_ros.live.numbers import number, numbers
+from rpms_ros.live.heard import number, numbers
 
 LARGEST = 1.7976931348623157e308
 

@@ -11,7 +11,6 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -206,23 +205,6 @@ def test_at_most_ten_frames_a_second(server):
     assert time.monotonic() - begun > 0.95
 
 
-def test_who_does_not_ask_for_a_frame_costs_few_looks_and_misses_nothing(server, feed, wait_for):
-    slow = handshake(server)
-    wait_for(lambda: len(server.browsers) == 1)
-    (stalled,) = server.browsers
-    # it has its first frame
-    wait_for(lambda: stalled.cursor != Cursor() and not stalled.ready)
-    begun, before = time.monotonic(), feed.looks
-    wait_for(lambda: feed.looks >= before + 4)
-    # four looks end three periods at least, however slow the machine is
-    assert time.monotonic() - begun > 3 * module.IDLE_PERIOD
-    slow.close()
-    wait_for(lambda: not server.browsers)
-    # the look that finds a new browser is not waited for
-    found = asyncio.run(frames(server, 2))
-    assert len(found[0]['force']['low']) > 50
-
-
 def test_another_page_gets_no_stream(server):
     async def connect(**headers):
         request = HTTPRequest(stream_address(server), headers=headers)
@@ -355,11 +337,3 @@ def test_closing_ends_the_thread_and_frees_the_port(session, feed):
     assert 'live_page' not in {one.name for one in threading.enumerate()}
     again = LiveServer(session, feed.listen, Access(), port=running.port)
     again.close()
-
-
-def test_uplot_is_the_one_of_the_report():
-    from rpms_ros import report
-
-    folder = Path(report.__file__).parent / 'templates' / 'uplot'
-    assert FILES['/uPlot.js'][0].read_bytes() == (folder / 'uPlot.iife.min.js').read_bytes()
-    assert (folder / 'LICENSE').is_file()

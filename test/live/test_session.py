@@ -12,8 +12,7 @@ from rpms_ros.identification.estimation.tracking import RATE_NAMES
 from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.stream.doubts import meaning_of_doubt
 from rpms_ros.live.force_course import BIN_NS, ModelledForce
-from rpms_ros.live.heard import Endpoint
-from rpms_ros.live.numbers import LONGEST_TEXT, MOST_NAMES
+from rpms_ros.live.heard import LONGEST_TEXT, MOST_NAMES, Endpoint
 from rpms_ros.live.session import PARAMETERS, RATES, Cursor, LiveSession
 from rpms_ros.muscle.recruitment import (
     PARAMETER_NAMES,
@@ -21,7 +20,6 @@ from rpms_ros.muscle.recruitment import (
     identified_recruitment,
 )
 from rpms_ros.pulses import Pulse
-from rpms_ros.report.text import interval_of
 
 MILLISECOND = 1_000_000
 
@@ -128,22 +126,6 @@ def test_parameters_have_their_band_and_what_the_data_lack_is_not_printed(sessio
     assert rows[0][:4] == ['threshold u_thr', 0.3, pytest.approx(0.2804), pytest.approx(0.3196)]
     assert [row[4] for row in rows] == ['settled', 'still moving', 'not in the data', '']
     assert rows[2][1:4] == [None, None, None]
-
-
-def test_the_band_of_a_sharpness_is_that_of_the_report(session, make_estimate):
-    shown = make_estimate(
-        nonlinear_covariance=np.diag([0.0, 0.0, 1.0, -1.0]),
-        nonlinear_identifiability=np.full(4, 2),
-        confidence=0.95,
-    )
-    session.estimate(shown)
-    rows = valid(session.frame(Cursor())[1])['estimate']['parameters']
-    name, value = shown.nonlinear_names[2], shown.nonlinear[2]
-    ends = interval_of(name, value, 1.0, 0.95)
-    # symmetric in the logarithm, so never below zero
-    assert ends[0] * ends[1] == pytest.approx(value**2)
-    assert rows[2][2:4] == pytest.approx(ends, rel=1e-4)
-    assert rows[3][2:4] == [None, None]
 
 
 def test_a_confidence_that_rounds_to_one_has_no_band(session, make_estimate):

@@ -16,7 +16,7 @@ from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import AcceptedSchedule
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.pulses import PulseTrain

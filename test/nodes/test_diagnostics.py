@@ -15,7 +15,7 @@ from rpms_ros import messages
 from rpms_ros.nodes import recorder as health_module
 from rpms_ros.nodes.common import qos
 from rpms_ros.nodes.common.diagnostics import RecentChange
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.plant_simulator import PlantSimulator

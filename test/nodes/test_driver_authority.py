@@ -10,18 +10,14 @@ import time
 
 import pytest
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import DriverStatus, Pulse
-from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.operator import ButtonPublisher, OperatorClient
+from rpms_msgs.msg import DriverStatus
+from rpms_ros.nodes.common.operator import OperatorClient
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.driver.interlocks import Refused
 
 CODES = RunSchedule.Result
 LONG = constant(0.5, 60.0, 50.0)
@@ -30,7 +26,7 @@ CLIENT = """
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rpms_ros.nodes.common.subscriptions import use_fast_discovery
+from rpms_ros.nodes.common.runner import use_fast_discovery
 from rpms_ros.nodes.common.operator import OperatorClient
 from rpms_ros.stimulation import constant
 use_fast_discovery()
@@ -55,81 +51,22 @@ until(lambda: False)
 """
 
 
-class Clinic:
-    """A driver that asks for operator and button, and a node that has both."""
-
-    def __init__(self, graph, **parameters):
-        self.graph = graph
-        # a machine under load may stall for longer than the default allows
-        patient = {
-            'executor_timeout': 5.0,
-            'watch_timeout': 5.0,
-            'stop_button_timeout': 5.0,
-            'heartbeat_timeout': 5.0,
-            'lateness_limit': 0.1,
-        }
-        self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
-        self.controller = self.driver.controller
-        self.other = graph.add(lambda **options: Node('other', **options))
-        self.pulses, self.statuses = [], []
-        self.other.create_subscription(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
-        self.other.create_subscription(
-            DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS
-        )
-        self.button = ButtonPublisher(self.other)
-        self.ada = OperatorClient(self.other, 'ada')
-        self.changes = self.other.create_client(ChangeState, 'stimulator_driver/change_state')
-        graph.wait_for(lambda: self.ada.ready and self.changes.service_is_ready())
-        graph.wait_for(lambda: bool(self.statuses))
-        assert self.change(Transition.TRANSITION_CONFIGURE)
-
-    def ask(self, future):
-        self.graph.wait_for(future.done)
-        return future.result()
-
-    def change(self, transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return self.ask(self.changes.call_async(request)).success
-
-    def arm(self, client=None):
-        client = client or self.ada
-        client.enable = True
-        assert self.ask(client.request()).success
-        self.graph.wait_for(lambda: bool(client.token))
-        self.graph.wait_for(lambda: self.ask(client.confirm()).success)
-
-    def result(self, client=None, schedule=LONG):
-        handle = self.ask((client or self.ada).start(schedule))
-        return self.ask(handle.get_result_async()).result
-
-    def run(self):
-        self.arm()
-        self.handle = self.ask(self.ada.start(LONG))
-        self.graph.wait_for(lambda: bool(self.pulses))
-
-    def wait_for_state(self, state):
-        self.graph.wait_for(lambda: self.statuses[-1].state == state)
-        return self.statuses[-1].reason
-
-
 @pytest.fixture
-def clinic(graph):
-    made = []
+def clinic(driver_bench):
+    """Make a driver that asks for operator and button, has both, and is configured."""
 
     def make(**parameters):
-        made.append(Clinic(graph, **parameters))
-        return made[-1]
+        wanted = {'button': True, 'operator': 'ada', 'require_stop_button': True}
+        bench = driver_bench(**wanted, **parameters)
+        assert bench.change(Transition.TRANSITION_CONFIGURE)
+        return bench
 
-    yield make
-    for each in made:
-        each.ada.destroy()
+    return make
 
 
-@pytest.mark.parametrize('name', ['ada\0', 'ada\n', ''])
-def test_a_client_of_no_name_is_refused(graph, name):
-    node = graph.add(lambda **options: Node('nameless', **options))
-    with pytest.raises(Refused, match='expected a name of 1 to 64 printable characters, got'):
-        OperatorClient(node, name)
+def outcome(lab, client, schedule):
+    """How a goal of somebody ends."""
+    return lab.result(lab.ask(client.start(schedule))).result
 
 
 def test_two_steps_arm_and_a_goal_of_the_operator_runs(clinic):
@@ -171,7 +108,7 @@ def test_a_goal_of_anybody_else_is_refused_before_its_schedule_is_looked_at(clin
     eve = OperatorClient(lab.other, 'eve')
     for token in ('', 'x', lab.ada.token):
         eve.token = token
-        refused = lab.result(eve, constant(0.5, 60.0, 90.0))
+        refused = outcome(lab, eve, constant(0.5, 60.0, 90.0))
         assert refused.error_code == CODES.NO_AUTHORITY
         assert refused.reason.startswith('expected operator and token: that of ada')
     eve.timer.cancel()
@@ -196,11 +133,11 @@ def test_letting_go_of_the_enable_disarms_and_ends_the_token(clinic):
 
 def test_silence_of_the_operator_stops(clinic):
     lab = clinic(heartbeat_timeout=3.0)
-    lab.run()
+    handle = lab.run()
     lab.ada.timer.cancel()
     reason = lab.wait_for_state(DriverStatus.STOPPED)
     assert reason.startswith('expected a heartbeat of ada within 3 s, got none for')
-    result = lab.ask(lab.handle.get_result_async()).result
+    result = lab.ask(handle.get_result_async()).result
     assert result.error_code == CODES.INTERLOCK
     assert result.reason.startswith('expected a heartbeat of ada within 3 s, got none for')
 
@@ -231,7 +168,8 @@ def test_the_end_of_the_operators_process_stops_before_its_heartbeat_is_missed(c
 
 
 def test_the_process_of_the_operator_who_has_armed_is_watched(clinic, domain):
-    lab = clinic(heartbeat_timeout=10.0, arming_timeout=1.0)
+    lab = clinic(heartbeat_timeout=10.0)
+    lab.driver.authority.valid_s = 1.0
     # ada asks for a token, is heard, and does not go on; her process stays
     lab.ada.enable = True
     assert lab.ask(lab.ada.request()).success
@@ -297,13 +235,13 @@ def test_the_bound_on_the_intensity_is_lowered_and_never_raised_while_armed(clin
 
     assert bound(0.6) is True
     assert bound(0.7) is True
-    lab.run()
+    handle = lab.run()
     assert bound(0.75) == 'maximum_intensity: expected a share in [0, 0.7], got 0.75'
     assert lab.controller.limits.maximum_intensity == 0.7
     assert lab.driver.get_parameter('maximum_intensity').value == 0.7
     # the train is at 0.5
     assert bound(0.4) is True
-    result = lab.ask(lab.handle.get_result_async()).result
+    result = lab.ask(handle.get_result_async()).result
     assert result.error_code == CODES.OVER_LIMIT
     assert 'maximum_intensity' in result.reason
     lab.graph.wait_for(lambda: lab.statuses[-1].maximum_intensity == 0.4)
@@ -334,7 +272,7 @@ def test_who_did_what_is_written_down(clinic, tmp_path):
 
     path = tmp_path / 'audit.jsonl'
     lab = clinic(audit_log=str(path))
-    lab.result()
+    lab.refusal()
     lab.run()
     lab.button.set(True)
     lab.wait_for_state(DriverStatus.STOPPED)

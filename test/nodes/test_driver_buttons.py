@@ -7,23 +7,17 @@ import time
 
 import pytest
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import DriverStatus, Pulse
+from rpms_msgs.msg import DriverStatus
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
 from rpms_ros.nodes.common.operator import ButtonPublisher
 from rpms_ros.nodes.driver.parameters import DriverParameters
 from rpms_ros.nodes.driver.watch import says_released
-from rpms_ros.nodes.stimulator_driver import StimulatorDriver
-from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import constant
 
 LONG = constant(0.5, 60.0, 50.0)
@@ -32,103 +26,37 @@ PATIENCE = 60.0
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Ward:
-    """A driver that asks for a stop button, and a node beside it."""
+@pytest.fixture
+def new_ward(driver_bench):
+    """Make a driver that asks for a stop button, and is configured."""
 
-    def __init__(self, graph, **parameters):
-        self.graph = graph
-        # a machine under load may stall for longer than the default allows
-        patient = {
-            'require_operator': False,
-            'executor_timeout': 5.0,
-            'watch_timeout': 5.0,
-            'stop_button_timeout': 5.0,
-            'lateness_limit': 0.1,
-        }
-        self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
-        self.controller = self.driver.controller
-        self.other = graph.add(lambda **options: Node('other', **options))
-        self.pulses, self.statuses = [], []
-        listen = self.other.create_subscription
-        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
-        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
-        self.goals = ActionClient(self.other, RunSchedule, topics.RUN_SCHEDULE)
-        self.changes = self.other.create_client(ChangeState, 'stimulator_driver/change_state')
-        self.reset = self.other.create_client(Trigger, topics.RESET_EMERGENCY_STOP)
-        for ready in (self.changes, self.reset):
-            graph.wait_for(ready.service_is_ready, PATIENCE)
-        graph.wait_for(lambda: self.goals.server_is_ready() and bool(self.statuses), PATIENCE)
-        assert self.change(Transition.TRANSITION_CONFIGURE)
+    def make(**parameters):
+        bench = driver_bench(**{'require_stop_button': True, **parameters})
+        assert bench.change(Transition.TRANSITION_CONFIGURE)
+        return bench
 
-    def ask(self, future):
-        self.graph.wait_for(future.done, PATIENCE)
-        return future.result()
-
-    def change(self, transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return self.ask(self.changes.call_async(request)).success
-
-    def arms(self):
-        return self.change(Transition.TRANSITION_ACTIVATE)
-
-    def run(self):
-        self.pulses.clear()
-        self.graph.wait_for(self.arms, PATIENCE)
-        handle = self.ask(
-            self.goals.send_goal_async(
-                RunSchedule.Goal(typed_schedule=schedule_message(LONG, MESSAGE_TYPES))
-            )
-        )
-        ended = handle.get_result_async()
-        self.graph.wait_for(lambda: bool(self.pulses) or ended.done(), PATIENCE)
-        assert self.pulses, ended.result()
-
-    def knows(self, *names):
-        """Wait until the driver has heard these buttons say that they are released."""
-
-        def heard():
-            status = self.statuses[-1]
-            released = all(state == DriverStatus.BUTTON_RELEASED for state in status.button_states)
-            return released and sorted(status.button_names) == sorted(names)
-
-        self.graph.wait_for(heard, PATIENCE)
-
-    def resets(self):
-        return self.ask(self.reset.call_async(Trigger.Request()))
-
-    def wait_for(self, reason):
-        self.graph.wait_for(lambda: reason in self.statuses[-1].reason, PATIENCE)
-
-    def stopped(self):
-        self.graph.wait_for(lambda: self.statuses[-1].state == DriverStatus.STOPPED, PATIENCE)
-        assert not self.controller.device.armed
-        return self.statuses[-1].reason
-
-    def legacy_button(self, profile, rate=50.0):
-        """A publisher that is not ours: what it says, as often as it says it."""
-        said = [False]
-        publisher = self.other.create_publisher(Bool, topics.EMERGENCY_STOP, profile)
-        timer = self.other.create_timer(1.0 / rate, lambda: publisher.publish(Bool(data=said[0])))
-        return said, timer
+    return make
 
 
-def test_without_a_button_nothing_is_armed(graph):
-    ward = Ward(graph)
+def test_without_a_button_nothing_is_armed(new_ward):
+    ward = new_ward()
     assert not ward.arms()
-    ward.wait_for('expected a stop button that says its state at a rate, got none')
+    ward.wait_for_reason('expected a stop button that says its state at a rate, got none')
 
 
 @pytest.mark.parametrize('profile', [BEST_EFFORT, qos.STOP, qos.STOP_STATE])
-def test_a_button_of_any_kind_is_heard(graph, profile):
-    ward = Ward(graph)
-    said, _ = ward.legacy_button(profile)
+def test_a_button_of_any_kind_is_heard(new_ward, profile):
+    ward = new_ward()
+    said = [False]
+    button = ward.other.create_publisher(Bool, topics.EMERGENCY_STOP, profile)
+    ward.other.create_timer(0.02, lambda: button.publish(Bool(data=said[0])))
     ward.run()
     said[0] = True
     assert ward.stopped().startswith('emergency stop is pressed (/other)')
 
 
-def test_a_press_that_is_released_before_the_driver_looks_stops(graph):
-    ward = Ward(graph)
+def test_a_press_that_is_released_before_the_driver_looks_stops(new_ward, graph):
+    ward = new_ward()
     ButtonPublisher(ward.other)
     publisher = ward.other.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
     say = ward.other.create_timer(0.02, lambda: publisher.publish(Bool(data=False)))
@@ -145,27 +73,27 @@ def test_a_press_that_is_released_before_the_driver_looks_stops(graph):
     assert ward.arms()
 
 
-def test_one_that_was_pressed_before_the_driver_was_there_is_seen(graph):
+def test_one_that_was_pressed_before_the_driver_was_there_is_seen(new_ward, graph):
     early = graph.add(lambda **options: Node('early', **options))
     early.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE).publish(Bool(data=True))
-    ward = Ward(graph, require_stop_button=False)
+    ward = new_ward(require_stop_button=False)
     assert ward.stopped().startswith('emergency stop is pressed (/early)')
     assert not ward.arms()
     assert not ward.resets().success
 
 
-def test_a_button_that_says_nothing_forbids_arming(graph):
-    ward = Ward(graph, require_stop_button=False)
+def test_a_button_that_says_nothing_forbids_arming(new_ward, graph):
+    ward = new_ward(require_stop_button=False)
     ward.other.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP)
     # an arming that was quicker than the graph is undone by it
     graph.wait_for(lambda: not ward.arms())
-    ward.wait_for('expected every stop button to speak, got 1 still unknown')
+    ward.wait_for_reason('expected every stop button to speak, got 1 still unknown')
     states = ward.statuses[-1]
     assert list(states.button_states) == [DriverStatus.BUTTON_UNKNOWN]
 
 
-def test_a_button_that_falls_silent_stops(graph):
-    ward = Ward(graph, stop_button_timeout=3.0)
+def test_a_button_that_falls_silent_stops(new_ward, graph):
+    ward = new_ward(stop_button_timeout=3.0)
     button = ButtonPublisher(ward.other)
     ward.run()
     button.timer.cancel()
@@ -175,8 +103,8 @@ def test_a_button_that_falls_silent_stops(graph):
     graph.wait_for(lambda: ward.resets().success)
 
 
-def test_of_two_buttons_one_pressed_is_enough_and_keeps_the_stop(graph):
-    ward = Ward(graph)
+def test_of_two_buttons_one_pressed_is_enough_and_keeps_the_stop(new_ward, graph):
+    ward = new_ward()
     first, second = ButtonPublisher(ward.other), ButtonPublisher(ward.other)
     # one that is seen before it is heard stops too
     ward.knows('/other', '/other')
@@ -194,8 +122,8 @@ def test_of_two_buttons_one_pressed_is_enough_and_keeps_the_stop(graph):
     assert ward.arms()
 
 
-def test_a_button_that_went_away_is_let_go_of_by_a_reset(graph):
-    ward = Ward(graph, stop_button_timeout=3.0)
+def test_a_button_that_went_away_is_let_go_of_by_a_reset(new_ward, graph):
+    ward = new_ward(stop_button_timeout=3.0)
     # in no executor: it can be destroyed at any moment
     leaving = Node('leaving', context=graph.context, use_global_arguments=False)
     publisher = leaving.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
@@ -221,12 +149,14 @@ def test_a_button_that_went_away_is_let_go_of_by_a_reset(graph):
     ward.run()
 
 
-def test_a_button_that_must_be_present_keeps_the_stop_when_it_went_away(graph):
-    ward = Ward(graph, stop_buttons=['/left/foot_switch', 'other'], stop_button_timeout=3.0)
+def test_a_button_that_must_be_present_keeps_the_stop_when_it_went_away(new_ward, graph):
+    ward = new_ward(stop_buttons=['/left/foot_switch', 'other'], stop_button_timeout=3.0)
     ButtonPublisher(ward.other)
     ward.knows('/other')
     assert not ward.arms()
-    ward.wait_for('expected stop button /left/foot_switch on the graph, speaking and released')
+    ward.wait_for_reason(
+        'expected stop button /left/foot_switch on the graph, speaking and released'
+    )
 
     def foot_switch():
         """One that speaks, from a namespace of its own; what ends it is returned."""
@@ -257,9 +187,9 @@ def test_a_button_that_must_be_present_keeps_the_stop_when_it_went_away(graph):
     ward.stopped()
     # its silence is over once a reset has forgotten it: the others do not stand in for it
     refused = 'expected stop button /left/foot_switch on the graph'
-    graph.wait_for(lambda: refused in ward.resets().message, PATIENCE)
+    graph.wait_for(lambda: refused in ward.resets().message)
     leave = foot_switch()
-    graph.wait_for(lambda: ward.resets().success, PATIENCE)
+    graph.wait_for(lambda: ward.resets().success)
     ward.run()
     leave()
 
@@ -270,8 +200,8 @@ def test_a_button_that_must_be_present_has_the_name_of_a_node(name):
         DriverParameters(stop_buttons=(name,))
 
 
-def test_a_publisher_that_runs_wild_does_not_hide_a_press(graph):
-    ward = Ward(graph)
+def test_a_publisher_that_runs_wild_does_not_hide_a_press(new_ward, graph):
+    ward = new_ward()
     button = ButtonPublisher(ward.other)
     wild = ward.other.create_publisher(Bool, topics.EMERGENCY_STOP, BEST_EFFORT)
     ward.other.create_timer(0.02, lambda: wild.publish(Bool(data=False)))
@@ -297,8 +227,8 @@ def test_a_publisher_that_runs_wild_does_not_hide_a_press(graph):
     graph.wait_for(lambda: not ward.resets().success)
 
 
-def test_states_that_may_have_been_pushed_out_of_the_queue_stop(graph):
-    ward = Ward(graph)
+def test_states_that_may_have_been_pushed_out_of_the_queue_stop(new_ward):
+    ward = new_ward()
     button = ButtonPublisher(ward.other)
     ward.knows('/other')
     ward.run()
@@ -310,8 +240,8 @@ def test_states_that_may_have_been_pushed_out_of_the_queue_stop(graph):
     assert 'expected at most 2000 messages in a look' in reason
 
 
-def test_a_press_is_heard_while_the_executor_is_blocked(graph, wait_for):
-    ward = Ward(graph)
+def test_a_press_is_heard_while_the_executor_is_blocked(new_ward, graph, wait_for):
+    ward = new_ward()
     other = Node('hand', context=graph.context, use_global_arguments=False)
     publisher = other.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
     publisher.publish(Bool(data=False))
@@ -340,10 +270,10 @@ def test_a_press_is_heard_while_the_executor_is_blocked(graph, wait_for):
     other.destroy_node()
 
 
-def test_the_stop_service_is_heard_while_the_executor_is_blocked(graph, wait_for):
-    ward = Ward(graph, require_stop_button=False)
+def test_the_stop_service_is_heard_while_the_executor_is_blocked(new_ward, graph, wait_for):
+    ward = new_ward(require_stop_button=False)
     calling = ward.other.create_client(Trigger, topics.EMERGENCY_STOP)
-    graph.wait_for(calling.service_is_ready, PATIENCE)
+    graph.wait_for(calling.service_is_ready)
     ward.run()
     # nobody spins the executor of driver and client from here on
     answer = calling.call_async(Trigger.Request())

@@ -1,19 +1,16 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnostics of a driver: its level goes up and comes down again, its name is its own."""
+"""Diagnostics of a driver: its level goes up and comes down again."""
 
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from rpms_ros.nodes.driver.reports import DriverDiagnostics
+from rpms_ros.nodes.driver.reports import driver_health
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.driver.controller import StimulationController
 from rpms_ros.stimulation.driver.states import DriverSettings
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
-
-SECOND = 1_000_000_000
 
 
 @pytest.fixture
@@ -26,26 +23,13 @@ def controller():
     )
 
 
-def level(diagnostics, note='', now_ns=0):
-    return diagnostics.message(Time(), note, now_ns).status[0].level
-
-
 def test_a_warning_clears(controller):
-    diagnostics = DriverDiagnostics(controller, '/ward/driver', 'simulated')
-    assert level(diagnostics) == DiagnosticStatus.OK
-    controller.dropped = 1
-    assert level(diagnostics, now_ns=SECOND) == DiagnosticStatus.WARN
-    assert level(diagnostics, now_ns=10 * SECOND) == DiagnosticStatus.WARN
-    assert level(diagnostics, now_ns=11 * SECOND) == DiagnosticStatus.OK
-    assert level(diagnostics, note='refused', now_ns=11 * SECOND) == DiagnosticStatus.WARN
+    def level(lately=False, note=''):
+        return driver_health(controller, lately, note).level
+
+    assert level() == DiagnosticStatus.OK
+    assert level(lately=True) == DiagnosticStatus.WARN
+    assert level(note='refused') == DiagnosticStatus.WARN
     controller.interlocks.latch('stop', 'a stop')
-    assert level(diagnostics, now_ns=11 * SECOND) == DiagnosticStatus.WARN
-
-
-def test_the_name_is_that_of_the_node_and_text_can_be_sent(controller):
-    status = DriverDiagnostics(controller, '/ward/driver', 'simulated').message(
-        Time(), 'refused: \ud800\n', 0
-    )
-    (only,) = status.status
-    assert only.name == '/ward/driver: stimulator'
-    assert only.message.endswith('; refused: ? ')
+    assert level() == DiagnosticStatus.WARN
+    assert driver_health(controller, False, 'refused: x').message.endswith('; refused: x')

@@ -7,7 +7,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes.driver.services import GuardedLifecycleNode
+from rpms_ros.nodes.stimulator_driver import GuardedLifecycleNode
 
 
 class Refusing(GuardedLifecycleNode):

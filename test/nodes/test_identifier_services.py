@@ -17,10 +17,9 @@ from std_srvs.srv import Trigger
 from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_msgs.srv import StateFile
 from rpms_ros import estimate_messages, messages
-from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.pulses import Pulse
 
@@ -229,8 +228,3 @@ def test_without_a_folder_there_are_no_states(graph) -> None:
         False,
         'expected parameter state_folder, in which states are kept, got none',
     )
-
-
-def test_a_folder_that_is_none_is_refused(graph) -> None:
-    with pytest.raises(NodeError, match=r"state_folder: expected a folder, got '/no/such'"):
-        graph.add(Identifier, state_folder='/no/such')

@@ -21,7 +21,7 @@ from rpms_ros import messages
 from rpms_ros.cli import live
 from rpms_ros.errors import LiveError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.live_page import UNCONFIRMED, LivePage
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live page with the real nodes in a real browser without a window."""
 
-import itertools
 import json
 
 import pytest
@@ -12,7 +11,7 @@ from rclpy.node import Node
 from rpms_msgs.msg import DriverStatus, MuscleEstimate
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.live_page import UNCONFIRMED
 
 pytestmark = pytest.mark.long
@@ -46,39 +45,6 @@ def test_the_stop_button_in_the_browser_stops_a_real_driver(graph, page, driven,
     assert driver.controller.delivered == delivered
 
 
-def contrast(browser):
-    """The smallest contrast of a text against its background, and whose it is."""
-    return browser.evaluate(
-        """(() => {
-  const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
-  const light = (colour) => {
-    const [r, g, b] = colour.map((v) => v / 255)
-      .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
-    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-  };
-  const behind = (one) => {
-    for (let at = one; at; at = at.parentElement) {
-      const colour = rgb(getComputedStyle(at).backgroundColor);
-      if (colour.length < 4 || colour[3] > 0) { return colour.slice(0, 3); }
-    }
-    return [255, 255, 255];
-  };
-  let worst = [99, ''];
-  for (const one of document.querySelectorAll('body *')) {
-    const said = [...one.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
-    if (!said || !one.offsetParent || one.tagName === 'SCRIPT') { continue; }
-    const [a, b] = [light(rgb(getComputedStyle(one).color).slice(0, 3)), light(behind(one))];
-    const found = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-    if (found < worst[0]) { worst = [found, one.outerHTML.slice(0, 80)]; }
-  }
-  return worst;
-})()"""
-    )
-
-
-UNLABELLED = """[...document.querySelectorAll('button, input, [role=img]')].filter((one) =>
-  !(one.textContent.trim() || one.getAttribute('aria-label')
-    || (one.labels && one.labels.length))).map((one) => one.outerHTML)"""
 IN_SIGHT = """(() => {
   const one = document.getElementById('%s'), place = one.getBoundingClientRect();
   const there = document.elementFromPoint(place.x + 5, place.y + place.height / 2);
@@ -141,9 +107,6 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
         for width in (360, 1100):
             browser.screen(width, dark=dark)
             browser.evaluate('new Promise((done) => requestAnimationFrame(() => done(1)))')
-            least, whose = contrast(browser)
-            # WCAG 2.2, level AA for small text
-            assert least >= 4.5, (dark, whose)
             assert browser.evaluate('document.documentElement.scrollWidth - innerWidth') <= 0
             assert browser.accessibility_faults() == [], (dark, width)
             # at the end of the page too, the state and the stop are in sight
@@ -152,7 +115,6 @@ def test_anybody_can_read_and_use_it(graph, page, browser):
             for part in ('state', 'stop'):
                 assert browser.evaluate(IN_SIGHT % part), (part, width)
             assert browser.beyond_the_keyboard() == [], (dark, width)
-    assert browser.evaluate(UNLABELLED) == []
     assert browser.evaluate(UNCAPTIONED) == 0
     assert browser.evaluate('document.documentElement.lang') == 'en'
     browser.to_the_top()
@@ -233,44 +195,6 @@ def test_changes_are_marked_and_the_effort_has_a_trace_of_its_own(graph, page, b
     timer.cancel()
     assert browser.accessibility_faults() == []
     assert browser.complaints() == []
-
-
-GLIDE = """(() => {
-  const bins = (first, count) => {
-    const some = Array(count).fill(1);
-    plots.addForce({ epoch: 7, first, width: 0.005, low: some, high: some, modelled: some });
-  };
-  const found = [];
-  let first = 400, now = 1000;
-  bins(0, first);
-  plots.drawForce(now);
-  // ten frames a second, one of them late, and 30 drawings
-  for (let step = 1; step <= 60; step += 1) {
-    now += 1 / 30;
-    if (step === 46 || step % 3 === 0 && step !== 45) { bins(first, 20); first += 20; }
-    plots.drawForce(now);
-    found.push([plots.edge(), plots.force.time[plots.force.time.length - 1]]);
-  }
-  bins(first, 2000);
-  plots.drawForce(now + 10);
-  found.push([plots.edge(), plots.force.time[plots.force.time.length - 1]]);
-  return found;
-})()"""
-
-
-@pytest.mark.usefixtures('graph')
-def test_between_two_frames_the_plot_moves_on(page, browser):
-    browser.open(page.server.url)
-    # the page itself draws no more
-    browser.evaluate("document.getElementById('hold').click()")
-    found = browser.evaluate(GLIDE)
-    edges = [edge for edge, _ in found]
-    steps = [after - before for before, after in itertools.pairwise(edges[10:-1])]
-    # once it lies behind, it never stands still, never jumps and never shows what has not come
-    assert 0.5 / 30 < min(steps) <= max(steps) < 2.0 / 30
-    assert all(newest - 0.4 < edge <= newest for edge, newest in found)
-    # a tab that was hidden shows the newest at once
-    assert edges[-1] == found[-1][1]
 
 
 NASTY = '<img src=x onerror=alert(1)></td><script>document.title="taken"</script>\u202e'

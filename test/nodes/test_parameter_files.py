@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rpms_ros.errors import NodeError, StimulationError
 from rpms_ros.muscle.scenario import load_scenario
 from rpms_ros.nodes.common.parameters import NodeParameters, declare_parameters, descriptions
-from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+from rpms_ros.nodes.identifier import IdentifierParameters
 from rpms_ros.nodes.live_page import LivePageParameters
 from rpms_ros.nodes.plant_simulator import PlantParameters
 from rpms_ros.nodes.recorder import RecorderParameters

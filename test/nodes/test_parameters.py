@@ -20,7 +20,7 @@ from rpms_ros.nodes.common.parameters import (
     type_of,
 )
 from rpms_ros.nodes.driver.parameters import DriverParameters
-from rpms_ros.nodes.identifier_parameters import IdentifierParameters
+from rpms_ros.nodes.identifier import IdentifierParameters
 from rpms_ros.nodes.live_page import LivePageParameters
 from rpms_ros.nodes.operator_console import ConsoleParameters
 from rpms_ros.nodes.plant_simulator import PlantParameters

@@ -14,7 +14,7 @@ from rpms_msgs.msg import DriverStatus
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.identifier import Identifier
 from rpms_ros.nodes.live_page import LivePage
 from rpms_ros.nodes.recorder import Recorder

@@ -4,10 +4,7 @@
 
 import json
 import os
-import signal
-import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +19,7 @@ from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError, RecordingError
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.recorder import (
     Recorder,
     TopicCount,
@@ -31,7 +28,7 @@ from rpms_ros.nodes.recorder import (
     message_class,
 )
 from rpms_ros.pulses import Pulse
-from rpms_ros.recording import Recording, read_facts, read_recording
+from rpms_ros.recording import read_facts, read_recording
 from rpms_ros.recording.rosbag.definitions import described_type
 from rpms_ros.recording.rosbag.verifying import verify
 
@@ -89,41 +86,6 @@ def test_what_was_published_is_in_the_recording(graph, tmp_path: Path, storage: 
     check(path, SAMPLES)
 
 
-def test_a_killed_recorder_leaves_what_was_flushed(
-    graph,
-    domain: int,
-    tmp_path: Path,
-    wait_for: Callable[..., None],
-    written_so_far: Callable[[Path], Recording | None],
-) -> None:
-    source = Source(graph)
-    path = tmp_path / 'session'
-    arguments = ['--ros-args', '-p', f'path:={path}', '-p', 'flush_period:=0.01']
-    code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
-    with subprocess.Popen(
-        [sys.executable, '-c', code, *arguments],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-    ) as process:
-
-        def everything_flushed() -> bool:
-            files = list(path.glob('*.mcap'))
-            # 100 bytes a sample at least
-            if not files or files[0].stat().st_size <= 100 * SAMPLES:
-                return False
-            return written_so_far(path) is not None
-
-        try:
-            source.wait_for_listeners()
-            source.send(SAMPLES)
-            wait_for(everything_flushed, 60.0)
-        finally:
-            process.send_signal(signal.SIGKILL)
-    assert not (path / 'metadata.yaml').exists()
-    recording = read_recording(path)
-    assert len(recording.forces) > SAMPLES // 2
-    assert recording.forces.force[-1] == 0.1 * (len(recording.forces) - 1)
-
-
 def test_a_folder_that_exists_is_not_overwritten(graph, tmp_path: Path) -> None:
     with pytest.raises(NodeError, match='expected a new folder for the recording, got'):
         graph.add(Recorder, path=str(tmp_path))
@@ -153,7 +115,7 @@ def test_any_topic_is_recorded_as_rosbag2_does(graph, tmp_path: Path) -> None:
     graph.wait_for(lambda: pulses[0].get_subscription_count() == 1)
     pulses[0].publish(messages.pulse_message(Pulse(10**18, 0.5), MESSAGE_TYPES))
     graph.wait_for(lambda: recorder.counts['pulses'].messages == 1)
-    graph.wait_for(lambda: recorder._hearing.publishers.get('pulses') == 2)
+    graph.wait_for(lambda: recorder._topics['pulses'].most_publishers == 2)
     recorder.close()
     with Reader(path) as reader:
         found = {each.topic: each for each in reader.connections}

@@ -19,13 +19,12 @@ from rclpy.node import Node
 from rpms_msgs.msg import Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.pulses import Pulse
 from rpms_ros.recording import Recording, read_recording
 
 RATE = 5000
 SAMPLES_PER_PULSE = 250
-FLUSH_PERIOD = 0.05
 
 
 class Source(Node):
@@ -63,7 +62,7 @@ class Source(Node):
 @contextmanager
 def recorder(path: Path, domain: int) -> Iterator[subprocess.Popen[bytes]]:
     code = 'import sys; from rpms_ros.nodes.recorder import main; sys.exit(main())'
-    arguments = ['--ros-args', '-p', f'path:={path}', '-p', f'flush_period:={FLUSH_PERIOD}']
+    arguments = ['--ros-args', '-p', f'path:={path}']
     with subprocess.Popen(
         [sys.executable, '-c', code, *arguments],
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},

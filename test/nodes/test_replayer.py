@@ -13,9 +13,10 @@ from rpms_msgs.msg import MuscleEstimate, Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import NodeError
 from rpms_ros.muscle import Contraction, simulation_subject
+from rpms_ros.nodes import replay as module
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.replay import Replayer, ReplaySettings, replay
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
+from rpms_ros.nodes.replay import Replayer, replay
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import Recording, read_recording, write_recording
 from rpms_ros.report.recorded import compare
@@ -57,7 +58,7 @@ def test_a_factor_paces_a_replay(recording: Recording) -> None:
         forces=forces,
         force_received_ns=recording.force_received_ns[second],
     )
-    done = replay(short, settings=ReplaySettings(factor=2.0))
+    done = replay(short, factor=2.0)
     assert compare(done.expected, done.estimates).exact
     # the last message is not due earlier; a busy machine may take longer
     assert done.elapsed_s >= 0.999 / 2.0
@@ -83,7 +84,10 @@ def test_faults_of_a_recording_are_those_of_its_replay(recording: Recording) -> 
     assert faults['pulse_lost'] == 1
 
 
-def test_no_more_is_under_way_than_the_window_allows(graph, recording: Recording) -> None:
+def test_no_more_is_under_way_than_the_window_allows(
+    graph, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, 'WINDOW', 100)
     heard = {'pulses': 0, 'force': 0}
     ear = graph.add(lambda **options: Node('ear', **options))
 
@@ -93,8 +97,7 @@ def test_no_more_is_under_way_than_the_window_allows(graph, recording: Recording
     ear.create_subscription(PulseMessage, 'pulses', lambda _: count('pulses'), qos.PULSES)
     ear.create_subscription(WrenchStamped, 'force', lambda _: count('force'), qos.FORCE)
     answer = ear.create_publisher(MuscleEstimate, 'estimate', qos.ESTIMATE)
-    settings = ReplaySettings(window=100)
-    player = graph.add(lambda **options: Replayer(recording, settings, **options))
+    player = graph.add(lambda **options: Replayer(recording, **options))
     graph.wait_for(lambda: player.ready)
     while player.step():
         pass
@@ -112,28 +115,21 @@ def test_no_more_is_under_way_than_the_window_allows(graph, recording: Recording
     assert player.sent == 100 + 51
 
 
-def test_what_nobody_answers_is_sent_after_a_while(graph, recording: Recording) -> None:
-    player = graph.add(
-        lambda **options: Replayer(recording, ReplaySettings(window=100), **options)
-    )
+def test_what_nobody_answers_is_sent_after_a_while(
+    graph, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, 'WINDOW', 100)
+    player = graph.add(lambda **options: Replayer(recording, **options))
     while player.step():
         pass
     graph.wait_for(lambda: player.step() > 0)
     assert 100 < player.sent <= 200
 
 
-@pytest.mark.parametrize(
-    ('keywords', 'expected'),
-    [
-        ({'factor': -1.0}, 'factor of 0 or above, got -1'),
-        ({'factor': float('nan')}, 'factor of 0 or above, got nan'),
-        ({'window': 0}, 'window of 1 to 2000 messages, got 0'),
-        ({'window': 5000}, 'window of 1 to 2000 messages, got 5000'),
-    ],
-)
-def test_settings_that_cannot_work_are_refused(keywords: dict[str, float], expected: str) -> None:
-    with pytest.raises(NodeError, match=expected):
-        ReplaySettings(**keywords)  # type: ignore[arg-type]
+@pytest.mark.parametrize('factor', [-1.0, float('nan')])
+def test_a_factor_that_cannot_be_is_refused(recording: Recording, factor: float) -> None:
+    with pytest.raises(NodeError, match=f'factor of 0 or above, got {factor}'):
+        replay(recording, factor=factor)
 
 
 def test_a_parameter_that_does_not_exist_is_refused(recording: Recording) -> None:

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 import rpms_ros
+from rpms_ros.errors import NodeError
 from rpms_ros.nodes import executables
 from rpms_ros.nodes.common.parameters import descriptions, is_for, nodes_of, without_effect
 from rpms_ros.nodes.common.runner import run
@@ -330,7 +330,7 @@ def test_a_node_without_ros_says_so_in_a_line(name: str) -> None:
 
 
 def test_a_user_s_discovery_profile_is_kept() -> None:
-    from rpms_ros.nodes.common.subscriptions import PROFILE, use_fast_discovery
+    from rpms_ros.nodes.common.runner import PROFILE, use_fast_discovery
 
     theirs = {'FASTDDS_DEFAULT_PROFILES_FILE': '/their.xml'}
     use_fast_discovery(theirs)
@@ -341,55 +341,17 @@ def test_a_user_s_discovery_profile_is_kept() -> None:
     assert PROFILE.is_file()
 
 
-def test_reserved_domains_differ() -> None:
-    from rpms_ros.nodes.common.subscriptions import reserved_domain
-
-    with reserved_domain() as first, reserved_domain() as second:
-        assert first != second
-
-
-def test_a_domain_that_was_just_left_is_the_last_to_be_reserved_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_domain_in_which_somebody_is_is_not_chosen(
+    domain: int, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rpms_ros.nodes.common.subscriptions import reserved_domain
+    from rpms_ros.nodes.common import runner
 
-    # as if no other process had reserved any
-    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
-    order = []
-    for _ in range(2 * 91):
-        with reserved_domain() as domain:
-            order.append(domain)
-    assert sorted(order[:91]) == list(range(10, 101))
-    assert order[91:] == order[:91]
-
-
-RESERVING = """
-import os, signal, sys, tempfile
-from rpms_ros.nodes.common.subscriptions import reserved_domain
-tempfile.tempdir = sys.argv[1]
-with reserved_domain() as domain:
-    print(domain, flush=True)
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_a_domain_whose_process_was_killed_is_not_the_next_to_be_reserved(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from rpms_ros.nodes.common.subscriptions import reserved_domain
-
-    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
-    for _ in range(91):
-        with reserved_domain():
-            pass
-    # what it had started there may still be found
-    done = subprocess.run(
-        [sys.executable, '-c', RESERVING, str(tmp_path)],
-        stdout=subprocess.PIPE,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert done.returncode == -signal.SIGKILL
-    with reserved_domain() as domain:
-        assert domain != int(done.stdout)
+    monkeypatch.setattr(runner, '_DOMAINS', range(domain, domain + 1))
+    # this test has chosen it
+    with pytest.raises(NodeError, match='expected a free DDS domain'):
+        runner.free_domain()
+    node = Node('here', context=context, use_global_arguments=False)
+    os.close(runner._held.pop())
+    with pytest.raises(NodeError, match='expected a free DDS domain'):
+        runner.free_domain()
+    node.destroy_node()

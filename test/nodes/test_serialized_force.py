@@ -8,7 +8,7 @@ from rclpy.serialization import serialize_message
 
 from rpms_ros import messages
 from rpms_ros.errors import MessageError
-from rpms_ros.live.serialized import alike, forces_of
+from rpms_ros.live.force_course import forces_of
 
 AXIS = messages.axis_of('0.6,0,0.8')
 
@@ -31,15 +31,6 @@ def test_the_forces_of_many_messages_are_those_of_each(frame_id, quantity):
     stamps, forces = forces_of([serialize_message(one) for one in sent], AXIS, quantity)
     expected = [messages.force_of(one, AXIS, quantity) for one in sent]
     assert list(zip(stamps.tolist(), forces.tolist(), strict=True)) == expected
-
-
-def test_messages_of_several_sensors_come_in_runs_and_in_their_order():
-    frames = ['', '', 'sensor', '', 'a', 'b']
-    sent = [serialize_message(wrench(frame, index)) for index, frame in enumerate(frames)]
-    runs = list(alike(sent))
-    # an empty text and one of a letter have the same number of bytes before what follows
-    assert [len(run) for run in runs] == [2, 1, 1, 2]
-    assert [data for run in runs for data in run] == sent
 
 
 def test_too_few_bytes_are_refused():

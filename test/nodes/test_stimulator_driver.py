@@ -16,8 +16,6 @@ from types import SimpleNamespace
 import pytest
 from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState
-from rclpy.action import ActionClient
 from rclpy.node import Node
 
 import rpms_ros
@@ -25,12 +23,12 @@ from rpms_msgs.action import RunSchedule
 from rpms_msgs.msg import AcceptedSchedule, DriverStatus, Pulse, Schedule as ScheduleMessage
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.nodes.driver.goals import GoalRefused, _schedule_of
-from rpms_ros.nodes.driver.pulses import ask_for_realtime
+from rpms_ros.nodes.driver.reports import ask_for_realtime
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.schedule_messages import schedule_message
-from rpms_ros.stimulation import Schedule, constant
+from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.records.audit_log import verify_log
 
 SPECIFICATIONS = (
@@ -40,77 +38,8 @@ SHORT = constant(0.5, 0.2, 50.0)
 LONG = constant(0.5, 60.0, 50.0)
 
 
-class Laboratory:
-    """A driver and a node that talks to it."""
-
-    def __init__(self, graph, **parameters):
-        self.graph = graph
-        # a machine under load may stall for longer than the default allows
-        patient = {
-            'require_operator': False,
-            'require_stop_button': False,
-            'executor_timeout': 5.0,
-            'watch_timeout': 5.0,
-            'lateness_limit': 0.1,
-        }
-        self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
-        self.other = graph.add(lambda **options: Node('other', **options))
-        self.pulses, self.commanded, self.statuses, self.feedback = [], [], [], []
-        listen = self.other.create_subscription
-        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
-        listen(Pulse, topics.PULSES_COMMANDED, self.commanded.append, qos.PULSES)
-        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
-        self.client = ActionClient(self.other, RunSchedule, topics.RUN_SCHEDULE)
-        self.changes = self.other.create_client(ChangeState, 'stimulator_driver/change_state')
-        graph.wait_for(self.client.server_is_ready)
-        graph.wait_for(self.changes.service_is_ready)
-        graph.wait_for(lambda: bool(self.statuses))
-
-    def done(self, future):
-        self.graph.wait_for(future.done)
-        return future.result()
-
-    def change(self, transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return self.done(self.changes.call_async(request)).success
-
-    def activate(self):
-        assert self.change(Transition.TRANSITION_CONFIGURE)
-        self.arm()
-
-    def arm(self):
-        # a driver of another test may still be on the graph
-        self.graph.wait_for(lambda: self.change(Transition.TRANSITION_ACTIVATE))
-
-    def send(self, schedule, **who):
-        if isinstance(schedule, Schedule):
-            schedule = schedule_message(schedule, MESSAGE_TYPES)
-        goal = RunSchedule.Goal(typed_schedule=schedule, **who)
-        take = self.feedback.append
-        return self.done(
-            self.client.send_goal_async(goal, feedback_callback=lambda m: take(m.feedback))
-        )
-
-    def result(self, handle):
-        return self.done(handle.get_result_async())
-
-    def refusal(self, schedule, **who):
-        """Error code and reason of a goal that is not run."""
-        answer = self.result(self.send(schedule, **who))
-        assert answer.status == GoalStatus.STATUS_ABORTED
-        assert not answer.result.completed
-        return answer.result.error_code, answer.result.reason
-
-    def wait_for_state(self, state):
-        self.graph.wait_for(lambda: self.statuses[-1].state == state)
-
-    @property
-    def reason(self):
-        return self.statuses[-1].reason
-
-
-def test_silent_until_told_to_run(graph):
-    lab = Laboratory(graph)
+def test_silent_until_told_to_run(driver_bench):
+    lab = driver_bench()
     assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
     code, reason = lab.refusal(SHORT)
     assert code == RunSchedule.Result.WRONG_STATE
@@ -121,8 +50,8 @@ def test_silent_until_told_to_run(graph):
     assert lab.pulses == []
 
 
-def test_goal_delivers_every_pulse_and_says_so(graph):
-    lab = Laboratory(graph)
+def test_goal_delivers_every_pulse_and_says_so(driver_bench, graph):
+    lab = driver_bench()
     lab.activate()
     handle = lab.send(SHORT)
     assert handle.accepted
@@ -140,8 +69,8 @@ def test_goal_delivers_every_pulse_and_says_so(graph):
     assert lab.statuses[-1].pulses_delivered == 10
 
 
-def test_a_goal_may_expire_while_the_driver_is_taken_down(graph):
-    lab = Laboratory(graph)
+def test_a_goal_may_expire_while_the_driver_is_taken_down(driver_bench):
+    lab = driver_bench()
     lab.activate()
     assert lab.result(lab.send(SHORT)).result.completed
     server = lab.driver._action._server
@@ -155,8 +84,8 @@ def test_a_goal_may_expire_while_the_driver_is_taken_down(graph):
     assert not server._goal_handles
 
 
-def test_second_goal_is_refused_and_cancel_stops_the_first(graph):
-    lab = Laboratory(graph)
+def test_second_goal_is_refused_and_cancel_stops_the_first(driver_bench, graph):
+    lab = driver_bench()
     lab.activate()
     handle = lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses) and bool(lab.feedback))
@@ -165,7 +94,7 @@ def test_second_goal_is_refused_and_cancel_stops_the_first(graph):
         RunSchedule.Result.WRONG_STATE,
         'expected no schedule running, got a second goal',
     )
-    lab.done(handle.cancel_goal_async())
+    lab.ask(handle.cancel_goal_async())
     answer = lab.result(handle)
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert answer.result.reason == 'cancelled by the client'
@@ -177,8 +106,8 @@ def test_second_goal_is_refused_and_cancel_stops_the_first(graph):
     assert lab.result(lab.send(SHORT)).status == GoalStatus.STATUS_SUCCEEDED
 
 
-def test_deactivation_ends_the_goal(graph):
-    lab = Laboratory(graph)
+def test_deactivation_ends_the_goal(driver_bench, graph):
+    lab = driver_bench()
     lab.activate()
     handle = lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses))
@@ -200,8 +129,8 @@ def test_deactivation_ends_the_goal(graph):
         ({'high': 0.1}, 'segments[0].high: expected nothing here'),
     ],
 )
-def test_bad_goals_are_refused_with_one_reason(graph, changes, reason):
-    lab = Laboratory(graph)
+def test_bad_goals_are_refused_with_one_reason(driver_bench, graph, changes, reason):
+    lab = driver_bench()
     lab.activate()
     schedule = ScheduleMessage()
     if changes is not None:
@@ -224,28 +153,16 @@ def test_a_text_in_a_goal_is_refused_whatever_else_it_holds():
         _schedule_of(goal)
 
 
-def test_impossible_transition_does_not_end_the_node(graph):
-    lab = Laboratory(graph)
+def test_impossible_transition_does_not_end_the_node(driver_bench, graph):
+    lab = driver_bench()
     assert not lab.change(Transition.TRANSITION_ACTIVATE)
     assert not lab.change(99)
     graph.wait_for(lambda: 'expected a transition of configure' in lab.reason)
     lab.activate()
 
 
-def test_lost_executor_stops_the_pulses(graph, wait_for):
-    lab = Laboratory(graph, executor_timeout=3.0)
-    lab.activate()
-    lab.send(LONG)
-    graph.wait_for(lambda: bool(lab.pulses))
-    # nobody spins from here on
-    wait_for(lambda: lab.driver.controller.interlocks.latched)
-    assert 'executor' in lab.driver.controller.reason
-    assert lab.driver.controller.due_ns() is None
-    lab.wait_for_state(DriverStatus.STOPPED)
-
-
-def test_shutdown_of_the_context_stops_the_pulses(graph):
-    lab = Laboratory(graph)
+def test_shutdown_of_the_context_stops_the_pulses(driver_bench, graph):
+    lab = driver_bench()
     lab.activate()
     lab.send(LONG)
     graph.wait_for(lambda: bool(lab.pulses))
@@ -274,15 +191,16 @@ def test_autostart_waits_for_its_listeners(graph, schedule_file):
     graph.wait_for(lambda: driver.controller.reason == 'completed')
 
 
-def test_an_automatic_start_that_is_refused_is_announced_nowhere(graph, schedule_file, tmp_path):
+def test_an_automatic_start_that_is_refused_is_announced_nowhere(
+    driver_bench, graph, schedule_file, tmp_path
+):
     log = tmp_path / 'audit'
     heard = []
     other = graph.add(lambda **options: Node('other', **options))
     other.create_subscription(
         AcceptedSchedule, topics.ACCEPTED_SCHEDULE, heard.append, qos.ACCEPTED_SCHEDULE
     )
-    lab = Laboratory(
-        graph,
+    lab = driver_bench(
         autostart=True,
         schedule_file=schedule_file(constant(0.5, 0.2, 90.0)),
         audit_log=str(log),
@@ -335,14 +253,16 @@ def test_the_status_comes_at_its_rate_however_the_ticks_jitter(graph):
     reports._status = SimpleNamespace(publish=sent.append)
     stamp = driver.get_clock().now().to_msg()
     for tick in range(400):
-        reports.publish(stamp, 10**18 + tick * 50_000_000 + chance.randrange(2_000_000), 10.0)
+        reports.publish(stamp, 10**18 + tick * 50_000_000 + chance.randrange(2_000_000))
     assert 198 <= len(sent) <= 203
 
 
 @pytest.mark.parametrize('reached', ['configured', 'armed'])
-def test_autostart_goes_on_where_somebody_has_begun_by_hand(graph, reached, schedule_file):
+def test_autostart_goes_on_where_somebody_has_begun_by_hand(
+    driver_bench, graph, reached, schedule_file
+):
     train = schedule_file(constant(0.5, 0.2, 50.0))
-    lab = Laboratory(graph, autostart=True, schedule_file=train, minimum_subscribers=2)
+    lab = driver_bench(autostart=True, schedule_file=train, minimum_subscribers=2)
     if reached == 'configured':
         assert lab.change(Transition.TRANSITION_CONFIGURE)
     else:
@@ -412,15 +332,8 @@ def test_bad_parameters_are_refused(graph, parameters, reason):
         graph.add(StimulatorDriver, **parameters)
 
 
-def test_life_cycle_is_seen_from_outside(graph):
-    lab = Laboratory(graph)
-    assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
-    lab.activate()
-    assert lab.driver._state_machine.current_state[0] == State.PRIMARY_STATE_ACTIVE
-
-
-def test_error_in_a_transition_ends_in_the_safe_state(graph):
-    lab = Laboratory(graph)
+def test_error_in_a_transition_ends_in_the_safe_state(driver_bench, graph):
+    lab = driver_bench()
     lab.driver.controller.configure = lambda: 1 / 0
     assert not lab.change(Transition.TRANSITION_CONFIGURE)
     graph.wait_for(lambda: 'expected a transition without an error, got Zero' in lab.reason)
@@ -439,10 +352,11 @@ def test_error_in_a_transition_ends_in_the_safe_state(graph):
     assert not lab.driver.controller.device.armed
 
 
-def test_device_that_is_not_there_is_refused(graph, tmp_path, patient_file, specification_file):
+def test_device_that_is_not_there_is_refused(
+    driver_bench, graph, tmp_path, patient_file, specification_file
+):
     port = str(tmp_path / 'ttyUSB9')
-    lab = Laboratory(
-        graph,
+    lab = driver_bench(
         device='serial',
         port=port,
         device_specification=str(specification_file),
@@ -457,7 +371,7 @@ def test_device_that_is_not_there_is_refused(graph, tmp_path, patient_file, spec
     assert lab.statuses[-1].state == DriverStatus.UNCONFIGURED
 
 
-def test_realtime_priority_is_asked_for_every_thread(monkeypatch):
+def test_realtime_priority_is_asked_for_every_thread_or_its_refusal_said(monkeypatch):
     asked = []
     monkeypatch.setattr('os.sched_setscheduler', lambda *call: asked.append(call))
     assert ask_for_realtime(20) == ''
@@ -465,8 +379,6 @@ def test_realtime_priority_is_asked_for_every_thread(monkeypatch):
     assert {policy for _, policy, _ in asked} == {os.SCHED_FIFO}
     assert {parameters.sched_priority for *_, parameters in asked} == {20}
 
-
-def test_realtime_priority_that_is_not_granted_is_said(monkeypatch):
     def refuse(*call):
         raise PermissionError(f'not for {call[0]}')
 
@@ -475,12 +387,12 @@ def test_realtime_priority_that_is_not_granted_is_said(monkeypatch):
 
 
 @pytest.mark.long
-def test_what_it_does_is_said_in_the_log(graph, capfd, tmp_path):
+def test_what_it_does_is_said_in_the_log(driver_bench, capfd, tmp_path):
     specification = tmp_path / 'idle.yaml'
     text = (SPECIFICATIONS / 'simulated.yaml').read_text()
     hurried = text.replace('limits:\n', 'limits:\n  idle_disarm_s: 3.0\n')
     specification.write_text(hurried.replace('sources:\n', 'sources:\n  idle_disarm_s: chosen\n'))
-    lab = Laboratory(graph, device_specification=str(specification))
+    lab = driver_bench(device_specification=str(specification))
     lab.activate()
     lab.refusal(ScheduleMessage())
     assert lab.result(lab.send(SHORT)).result.completed

@@ -5,123 +5,21 @@
 import time
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Vector3, WrenchStamped
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from rclpy.action import ActionClient
-from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from rpms_msgs.action import RunSchedule
-from rpms_msgs.msg import DriverStatus, Pulse
+from rpms_msgs.msg import DriverStatus
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.common.operator import ButtonPublisher
-from rpms_ros.nodes.stimulator_driver import StimulatorDriver
-from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import constant, paper_random
 from rpms_ros.stimulation.devices import SimulatedFaults
 
 LONG = constant(0.5, 60.0, 50.0)
 
 
-class Bench:
-    """A driver, somebody who watches it, and the means to stop it."""
-
-    def __init__(self, graph, **parameters):
-        self.graph = graph
-        # a machine under load may stall for longer than the default allows
-        patient = {
-            'require_operator': False,
-            'require_stop_button': False,
-            'executor_timeout': 5.0,
-            'watch_timeout': 5.0,
-            'stop_button_timeout': 5.0,
-            'force_timeout': 5.0,
-            'lateness_limit': 0.1,
-        }
-        self.driver = graph.add(StimulatorDriver, **{**patient, **parameters})
-        self.controller = self.driver.controller
-        self.other = graph.add(lambda **options: Node('other', **options))
-        self.pulses, self.statuses, self.diagnostics = [], [], []
-        listen, talk = self.other.create_subscription, self.other.create_publisher
-        listen(Pulse, topics.PULSES, self.pulses.append, qos.PULSES)
-        listen(DriverStatus, topics.DRIVER_STATUS, self.statuses.append, qos.STATUS)
-        listen(DiagnosticArray, topics.DIAGNOSTICS, self.diagnostics.append, qos.STOP)
-        self.button = ButtonPublisher(self.other)
-        self.sensor = talk(WrenchStamped, topics.FORCE, qos.FORCE)
-        self.client = ActionClient(self.other, RunSchedule, topics.RUN_SCHEDULE)
-        ask = self.other.create_client
-        self.changes = ask(ChangeState, 'stimulator_driver/change_state')
-        self.stop = ask(Trigger, topics.EMERGENCY_STOP)
-        self.reset = ask(Trigger, topics.RESET_EMERGENCY_STOP)
-        for ready in (self.changes, self.stop, self.reset):
-            graph.wait_for(ready.service_is_ready)
-        graph.wait_for(self.client.server_is_ready)
-        graph.wait_for(lambda: self.button.listeners == 2 and bool(self.statuses))
-
-    def call(self, client, request=None):
-        future = client.call_async(request or Trigger.Request())
-        self.graph.wait_for(future.done)
-        return future.result()
-
-    def change(self, transition):
-        return self.call(
-            self.changes, ChangeState.Request(transition=Transition(id=transition))
-        ).success
-
-    def arm(self):
-        assert self.change(Transition.TRANSITION_CONFIGURE)
-        # a driver of another test may still be on the graph, the button not heard yet
-        self.graph.wait_for(lambda: self.change(Transition.TRANSITION_ACTIVATE))
-
-    def run(self, schedule=LONG):
-        self.arm()
-        self.send(schedule)
-        self.graph.wait_for(lambda: bool(self.pulses))
-
-    def send(self, schedule=LONG):
-        future = self.client.send_goal_async(
-            RunSchedule.Goal(typed_schedule=schedule_message(schedule, MESSAGE_TYPES))
-        )
-        self.graph.wait_for(future.done)
-        return future.result()
-
-    def refusal(self, schedule=LONG):
-        future = self.send(schedule).get_result_async()
-        self.graph.wait_for(future.done)
-        return future.result().result.error_code, future.result().result.reason
-
-    def wait_for_state(self, state):
-        self.graph.wait_for(lambda: self.statuses[-1].state == state)
-
-    def wait_for_reason(self, reason):
-        self.graph.wait_for(lambda: reason in self.statuses[-1].reason)
-
-
-def test_button_stops_and_latches_until_reset_with_the_cause_gone(graph):
-    bench = Bench(graph)
-    bench.run()
-    bench.button.set(True)
-    bench.wait_for_state(DriverStatus.STOPPED)
-    assert bench.controller.due_ns() is None
-    assert not bench.controller.device.armed
-    assert not bench.change(Transition.TRANSITION_ACTIVATE)
-    bench.wait_for_reason('expected the latched stop to be reset, got: emergency stop')
-    answer = bench.call(bench.reset)
-    assert not answer.success
-    assert answer.message == (
-        'reset: expected the cause emergency_stop gone, got emergency stop is pressed (/other)'
-    )
-    bench.button.set(False)
-    bench.graph.wait_for(lambda: bench.call(bench.reset).success)
-    bench.wait_for_state(DriverStatus.DISARMED)
-    assert bench.change(Transition.TRANSITION_ACTIVATE)
-
-
-def test_service_stops_in_every_state(graph):
-    bench = Bench(graph)
+def test_service_stops_in_every_state(driver_bench):
+    bench = driver_bench(button=True)
     assert bench.call(bench.stop).success
     bench.wait_for_state(DriverStatus.STOPPED)
     assert bench.change(Transition.TRANSITION_CONFIGURE)
@@ -153,8 +51,8 @@ def wrench(force, frame='force_sensor', stamp_ns=None):
     ('force', 'quantity', 'unit'),
     [(200.0, 'force', 'N'), (float('nan'), 'force', 'N'), (200.0, 'torque', 'N m')],
 )
-def test_force_over_the_limit_stops(graph, force, quantity, unit):
-    bench = Bench(graph, force_limit=100.0, quantity=quantity)
+def test_force_over_the_limit_stops(driver_bench, graph, force, quantity, unit):
+    bench = driver_bench(button=True, force_limit=100.0, quantity=quantity)
     graph.wait_for(lambda: bench.sensor.get_subscription_count() == 1)
     felt = [10.0]
 
@@ -177,8 +75,8 @@ def test_force_over_the_limit_stops(graph, force, quantity, unit):
     graph.wait_for(lambda: bench.call(bench.reset).success)
 
 
-def test_force_sensor_that_falls_silent_stops(graph):
-    bench = Bench(graph, force_limit=100.0, force_timeout=2.0)
+def test_force_sensor_that_falls_silent_stops(driver_bench, graph):
+    bench = driver_bench(button=True, force_limit=100.0, force_timeout=2.0)
     graph.wait_for(lambda: bench.sensor.get_subscription_count() == 1)
     timer = bench.other.create_timer(0.02, lambda: bench.sensor.publish(wrench(10.0)))
     assert bench.change(Transition.TRANSITION_CONFIGURE)
@@ -197,22 +95,24 @@ def test_force_sensor_that_falls_silent_stops(graph):
     ],
     ids=['same stamp', 'foreign frame', 'a recording of yesterday'],
 )
-def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(graph, dead):
-    bench = Bench(graph, force_limit=100.0, force_timeout=3.0)
+def test_force_that_is_frozen_foreign_or_of_yesterday_is_no_sign_of_life(
+    driver_bench, graph, dead
+):
+    bench = driver_bench(button=True, force_limit=100.0, force_timeout=3.0)
     # a sensor that repeats nothing is heard as well
     sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
     graph.wait_for(lambda: sensor.get_subscription_count() == 1)
     how = [dict]
     bench.other.create_timer(0.02, lambda: sensor.publish(wrench(10.0, **how[0]())))
-    bench.arm()
+    bench.activate()
     how[0] = dead
     bench.wait_for_state(DriverStatus.STOPPED)
     assert 'force: expected a sign of life within 3 s' in bench.statuses[-1].reason
     assert bench.controller.fault_counts()['force_refused'] > 0
 
 
-def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(graph):
-    bench = Bench(graph)
+def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(driver_bench):
+    bench = driver_bench(button=True)
     bench.run()
     device = bench.controller.device
     assert device.armed
@@ -221,8 +121,8 @@ def test_shutdown_of_the_life_cycle_disarms_and_closes_the_device(graph):
     assert (device.opened, device.armed, device.intensity) == (False, False, 0.0)
 
 
-def test_an_error_in_the_steady_work_of_the_node_is_a_fault(graph, monkeypatch):
-    bench = Bench(graph)
+def test_an_error_in_the_steady_work_of_the_node_is_a_fault(driver_bench, graph, monkeypatch):
+    bench = driver_bench(button=True)
     bench.run()
     monkeypatch.setattr(bench.driver._action, 'progress', lambda *_: 1 / 0)
     graph.wait_for(lambda: bench.controller.state.name == 'FAULT')
@@ -230,9 +130,9 @@ def test_an_error_in_the_steady_work_of_the_node_is_a_fault(graph, monkeypatch):
     assert not bench.controller.device.armed
 
 
-def test_an_error_while_a_goal_is_begun_is_a_fault(graph, monkeypatch):
-    bench = Bench(graph)
-    bench.arm()
+def test_an_error_while_a_goal_is_begun_is_a_fault(driver_bench, monkeypatch):
+    bench = driver_bench(button=True)
+    bench.activate()
     assert bench.controller.device.armed
     monkeypatch.setattr(bench.controller, 'start', lambda *_: 1 / 0)
     code, reason = bench.refusal()
@@ -242,14 +142,14 @@ def test_an_error_while_a_goal_is_begun_is_a_fault(graph, monkeypatch):
     assert not bench.controller.device.armed
 
 
-def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(graph):
+def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(driver_bench, graph):
     # nothing else stops within this time
-    bench = Bench(graph, force_limit=100.0, force_timeout=10.0)
+    bench = driver_bench(button=True, force_limit=100.0, force_timeout=10.0)
     sensor = bench.other.create_publisher(WrenchStamped, topics.FORCE, qos.FORCE_BEST_EFFORT)
     graph.wait_for(lambda: sensor.get_subscription_count() == 1)
     felt = [wrench(10.0)]
     bench.other.create_timer(0.02, lambda: sensor.publish(felt[0]))
-    bench.arm()
+    bench.activate()
     felt[0] = wrench(150.0, frame='ankle')
     bench.wait_for_state(DriverStatus.STOPPED)
     assert 'force_limit: expected at most 100 N, got 150 N' in bench.statuses[-1].reason
@@ -265,8 +165,8 @@ def test_a_sample_over_the_limit_stops_also_if_it_is_no_sign_of_life(graph):
         (SimulatedFaults(vanish_after=1), 'expected an answer from the device, got none'),
     ],
 )
-def test_fault_of_the_device_ends_in_the_safe_state(graph, faults, reason):
-    bench = Bench(graph)
+def test_fault_of_the_device_ends_in_the_safe_state(driver_bench, graph, faults, reason):
+    bench = driver_bench(button=True)
     bench.run()
     bench.controller.device.faults = faults
     bench.wait_for_state(DriverStatus.FAULT)
@@ -283,8 +183,8 @@ def test_fault_of_the_device_ends_in_the_safe_state(graph, faults, reason):
     graph.wait_for(lambda: bench.change(Transition.TRANSITION_ACTIVATE))
 
 
-def test_temperature_over_the_limit_stops(graph):
-    bench = Bench(graph)
+def test_temperature_over_the_limit_stops(driver_bench):
+    bench = driver_bench(button=True)
     bench.run()
     bench.controller.device.faults = SimulatedFaults(heating_per_pulse=1.0)
     bench.wait_for_state(DriverStatus.STOPPED)
@@ -292,9 +192,11 @@ def test_temperature_over_the_limit_stops(graph):
     assert not bench.call(bench.reset).success
 
 
-def test_undeliverable_schedule_is_refused_with_an_offer(graph, patient_file):
-    bench = Bench(graph, device_specification='rapid2-240v', patient_file=str(patient_file))
-    bench.arm()
+def test_undeliverable_schedule_is_refused_with_an_offer(driver_bench, patient_file):
+    bench = driver_bench(
+        button=True, device_specification='rapid2-240v', patient_file=str(patient_file)
+    )
+    bench.activate()
     code, reason = bench.refusal(paper_random(seed=0))
     assert code == RunSchedule.Result.OVER_LIMIT
     assert reason.startswith('maximum_intensity: expected an intensity in [0, 0.55]')
@@ -304,9 +206,9 @@ def test_undeliverable_schedule_is_refused_with_an_offer(graph, patient_file):
     assert bench.pulses == []
 
 
-def test_deaf_driver_of_a_blocked_executor_does_not_fire(graph):
+def test_deaf_driver_of_a_blocked_executor_does_not_fire(driver_bench):
     # long enough for a loaded machine to start the schedule in
-    bench = Bench(graph, executor_timeout=3.0)
+    bench = driver_bench(button=True, executor_timeout=3.0)
     bench.run()
     # the executor is busy and keeps the interpreter busy with it
     end = time.monotonic() + 30.0
@@ -318,8 +220,8 @@ def test_deaf_driver_of_a_blocked_executor_does_not_fire(graph):
     assert bench.controller.delivered == stopped
 
 
-def test_diagnostics_are_ok_while_all_is_well(graph):
-    bench = Bench(graph)
+def test_diagnostics_are_ok_while_all_is_well(driver_bench, graph):
+    bench = driver_bench(button=True)
     bench.run()
     graph.wait_for(lambda: bool(bench.diagnostics))
     status = bench.diagnostics[-1].status[0]

@@ -8,7 +8,7 @@ from std_msgs.msg import Bool
 
 from rpms_ros.errors import NodeError
 from rpms_ros.nodes.common import qos
-from rpms_ros.nodes.common.subscriptions import drained
+from rpms_ros.nodes.common.qos import drained
 from rpms_ros.nodes.driver import watch
 from rpms_ros.nodes.driver.watch import Taker, publishers_of
 

@@ -1,17 +1,33 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnostics of any node: one status with a level, and its figures."""
+"""What any node tells: lines in its log, and diagnostics of one status with a level."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from rpms_ros.nodes.common import topics
-from rpms_ros.nodes.common.logger import plain_text
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
+
+
+def logger_of(node: Node) -> RcutilsLogger:
+    """Return the logger of the node: Jazzy's `get_logger` does not say what it returns."""
+    logger: RcutilsLogger = node.get_logger()
+    return logger
+
+
+LONGEST = 2000
+
+
+def plain_text(text: object) -> str:
+    """Return at most `LONGEST` characters, all of them printable and encodable as UTF-8."""
+    said = str(text)[:LONGEST].encode('utf-8', 'replace').decode()
+    return ''.join(sign if sign.isprintable() else ' ' for sign in said)
+
 
 PERIOD_S = 1.0
 """Time between two messages of a node."""

@@ -1,14 +1,14 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The client's side of arming: token, heartbeat, held enable and goals of one operator.
+"""What the nodes of an operator share: keys, heartbeat, token, goals, stop button, health."""
 
-Client of a stop button: publishes its state at a rate, and at once when it changes.
-
-Health of the nodes of the person who stimulates: stop button and console.
-"""
-
+import contextlib
 import os
+import select
+import sys
+import termios
 import time
+import tty
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -25,12 +25,51 @@ from rpms_msgs.srv import ConfirmArming, RequestArming
 from rpms_ros import messages
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import PERIOD_S, DiagnosticsPublisher, Health
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.driver.authority import host_identity, operator_name
 
-HEARTBEAT_RATE = 50.0
+
+class Keyboard:
+    """Reads keys from a terminal; `close` restores its settings.
+
+    Parameters
+    ----------
+    descriptor : int, optional
+        Of the terminal; standard input if not given.
+    """
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
+        self._before: Any = None
+        self.there = os.isatty(self._descriptor)
+        if self.there:
+            self._before = termios.tcgetattr(self._descriptor)
+            tty.setcbreak(self._descriptor)
+
+    def read(self) -> str:
+        """Return the keys since the last call; a terminal that is gone is not `there` any more."""
+        found = b''
+        while self.there and select.select([self._descriptor], [], [], 0.0)[0]:
+            try:
+                read = os.read(self._descriptor, 64)
+            except OSError:
+                read = b''
+            self.there = bool(read)
+            found += read
+        return found.decode('utf-8', 'replace')
+
+    def close(self) -> None:
+        """Restore the settings of the terminal."""
+        if self._before is not None:
+            with contextlib.suppress(termios.error):
+                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+            self._before = None
+
+
+RATE = 50.0
+"""Heartbeats and button states a second [Hz]."""
 
 
 class OperatorClient:
@@ -42,8 +81,6 @@ class OperatorClient:
         Whose executor serves it.
     operator : str
         Who; raises Refused if it is no name.
-    rate : float
-        Heartbeats a second [Hz].
 
     Attributes
     ----------
@@ -53,7 +90,7 @@ class OperatorClient:
         What the driver has given; empty before.
     """
 
-    def __init__(self, node: Node, operator: str, rate: float = HEARTBEAT_RATE) -> None:
+    def __init__(self, node: Node, operator: str) -> None:
         # a message ends at a zero: what is sent would be another name
         self.operator = operator_name(operator)
         self.enable = False
@@ -65,7 +102,7 @@ class OperatorClient:
         self._confirm = node.create_client(ConfirmArming, topics.CONFIRM_ARMING)
         self.goals = ActionClient(node, RunSchedule, topics.RUN_SCHEDULE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.timer = node.create_timer(1.0 / rate, self.beat, clock=steady)
+        self.timer = node.create_timer(1.0 / RATE, self.beat, clock=steady)
 
     @property
     def ready(self) -> bool:
@@ -127,9 +164,6 @@ class OperatorClient:
             self._sequence = 0
 
 
-RATE = 50.0
-
-
 class ButtonPublisher:
     """Publishes the state of one button in the executor of a node.
 
@@ -139,17 +173,15 @@ class ButtonPublisher:
         Whose executor serves it: where that hangs, the button falls silent.
     pressed : bool
         State at the beginning.
-    rate : float
-        How often the state is said [Hz].
     """
 
-    def __init__(self, node: Node, pressed: bool = False, rate: float = RATE) -> None:
+    def __init__(self, node: Node, pressed: bool = False) -> None:
         self._pressed = pressed
         self._left = False
         self._node = node
         self._publisher = node.create_publisher(Bool, topics.EMERGENCY_STOP, qos.STOP_STATE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.timer = node.create_timer(1.0 / rate, self.say, clock=steady)
+        self.timer = node.create_timer(1.0 / RATE, self.say, clock=steady)
 
     @property
     def pressed(self) -> bool:
@@ -205,22 +237,9 @@ def button_health(pressed: bool, lost: Sequence[str], listeners: int) -> Health:
     return Health('released', DiagnosticStatus.OK, figures)
 
 
-class DiagnosticsTimer:
-    """Publishes the health of a node once a second, in its executor.
-
-    Parameters
-    ----------
-    node, task, hardware
-        As of `DiagnosticsPublisher`; the hardware is told from that of others by the node's name.
-    health : callable
-        Returns the health.
-    """
-
-    def __init__(self, node: Node, task: str, hardware: str, health: Callable[[], Health]) -> None:
-        self._health = health
-        name = node.get_fully_qualified_name()
-        self._publisher = DiagnosticsPublisher(node, task, f'{hardware} of {name}')
-        node.create_timer(PERIOD_S, self._say, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _say(self) -> None:
-        self._publisher.publish(self._health())
+def tell_health(node: Node, task: str, hardware: str, health: Callable[[], Health]) -> None:
+    """Publish once a second how a node is; of which node the hardware is, is said too."""
+    named = f'{hardware} of {node.get_fully_qualified_name()}'
+    publisher = DiagnosticsPublisher(node, task, named)
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    node.create_timer(PERIOD_S, lambda: publisher.publish(health()), clock=steady)

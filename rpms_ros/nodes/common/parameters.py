@@ -42,7 +42,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpms_ros.errors import NodeError, RpmsError
-from rpms_ros.nodes.common.logger import logger_of, plain_text
+from rpms_ros.nodes.common.diagnostics import logger_of, plain_text
 
 _LARGEST_INTEGER = 2**63 - 1
 # Share of letters in common: names of parameters of different nodes have less.

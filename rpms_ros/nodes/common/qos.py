@@ -5,15 +5,16 @@
 Data is reliable and volatile: no sample is skipped, and a late subscriber does not get a part of
 earlier samples.  The depths are for a receiver that stalls, not for one that is always too slow.
 
-Subscriptions of a second node, whose quality of service `qos_overrides` may replace.
+Subscriptions of a second node, from which messages are taken without an executor, and whose
+quality of service `qos_overrides` may replace::
 
-qos_overrides:
-  /left_leg/force:
-    subscription: {reliability: best_effort, depth: 100}
+    qos_overrides:
+      /left_leg/force:
+        subscription: {reliability: best_effort, depth: 100}
 """
 
 from copy import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException
@@ -28,7 +29,7 @@ from rclpy.qos_overriding_options import (
 from rclpy.subscription import Subscription
 
 from rpms_ros.errors import NodeError
-from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.nodes.common.diagnostics import logger_of
 
 
 def _profile(
@@ -106,7 +107,7 @@ PREFIX = 'qos_overrides.'
 def second_node(node: Node, suffix: str) -> Node:
     """Return a node of the same context and namespace that no executor and no service knows.
 
-    What its subscriptions get is taken from them (`rpms_ros.nodes.common.subscriptions`).
+    What its subscriptions get is taken from them with `drained`.
 
     Parameters
     ----------
@@ -165,7 +166,7 @@ def subscribe(
 
 
 def taken_from(node: Node, kind: Any, name: str, profile: QoSProfile) -> Subscription:
-    """Create a subscription whose messages are read with a `Taker` instead of a callback."""
+    """Create a subscription whose messages are taken with `drained`."""
     return node.create_subscription(kind, name, _served_by_nobody, profile)
 
 
@@ -185,3 +186,33 @@ def _judged(profile: QoSProfile) -> SetParametersResult:
 
 def _served_by_nobody(_message: Any) -> None:
     """Do nothing: rclpy requires a callback."""
+
+
+# Most messages taken at once: more than a queue holds.
+_MOST = 20_000
+
+
+class Taken(NamedTuple):
+    """One message, serialised; its number, counted by its publisher, if known; reception [ns]."""
+
+    data: bytes
+    sequence: int | None
+    received_ns: int
+
+
+def drained(subscription: Subscription | None) -> list[Taken]:
+    """Return the waiting messages of a subscription that no executor serves; none for None."""
+    found: list[Taken] = []
+    if subscription is None:
+        return found
+    handle = subscription.handle
+    with handle:
+        while len(found) < _MOST:
+            taken = handle.take_message(subscription.msg_type, True)
+            if taken is None:
+                break
+            data, about = taken
+            found.append(
+                Taken(data, about['publication_sequence_number'], about['received_timestamp'])
+            )
+    return found

@@ -1,20 +1,18 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Run one node as a process: init, build, spin, shut down.
-
-Signals that end a process, as a request that is not lost in callbacks.
-
-Nodes that are complete or not on the graph at all.
-"""
+"""Run one node as a process: discovery, init, build, spin, signals, shut down."""
 
 import contextlib
 import os
+import random
 import signal
+import socket
 import sys
 import threading
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -29,10 +27,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from rpms_ros import __version__
-from rpms_ros.errors import RpmsError
-from rpms_ros.nodes.common.logger import logger_of
+from rpms_ros.errors import NodeError, RpmsError
+from rpms_ros.nodes.common.diagnostics import logger_of
 from rpms_ros.nodes.common.parameters import NodeParameters, descriptions, files_of, without_effect
-from rpms_ros.nodes.common.subscriptions import use_fast_discovery
 from rpms_ros.report.text import labelled
 
 SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
@@ -129,6 +126,58 @@ class StopRequest:
         again, self.made = self.made, True
         if again or not self._spinning:
             raise KeyboardInterrupt
+
+
+PROFILE = Path(__file__).with_name('fast_discovery.xml')
+
+# Jazzy's Fast DDS reads the first name, later releases the second.
+_PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+
+# Domains above 100 use ports that Linux hands out to others; people choose the first ten.
+_DOMAINS = range(10, 101)
+
+
+def use_fast_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Make participants of this process find others quickly, unless the user chose a profile."""
+    if not any(name in environment for name in _PROFILE_VARIABLES):
+        for name in _PROFILE_VARIABLES:
+            environment[name] = str(PROFILE)
+
+
+def stay_on_this_machine(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Make participants of this process find those of this machine only, unless told otherwise."""
+    environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+
+_held: list[int] = []
+
+
+def free_domain() -> int:
+    """Return a DDS domain in which nobody is on this machine, chosen at random.
+
+    Until it chooses another one, or ends, this process keeps those from it who choose likewise.
+
+    Raises
+    ------
+    NodeError
+        If somebody is in every domain.
+    """
+    for domain in random.sample(_DOMAINS, len(_DOMAINS)):
+        # by the rule of DDS-RTPS the first participant receives on 10 ports above, nobody on 5
+        base = 7400 + 250 * domain
+        mark = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            mark.bind(('127.0.0.1', base + 5))
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(('', base + 10))
+        except OSError:
+            mark.close()
+            continue
+        for before in _held:
+            os.close(before)
+        _held[:] = [mark.detach()]
+        return domain
+    raise NodeError(f'expected a free DDS domain of {_DOMAINS}, got none')
 
 
 PARENT_VARIABLE = 'RPMS_ROS_PARENT'

@@ -1,6 +1,13 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of topics, relative to the namespace of the node."""
+"""Names of topics, relative to the namespace of the node, and the classes of their messages."""
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
+from std_msgs.msg import Header
+
+from rpms_msgs.msg import MuscleEstimate, MuscleTruth, Pulse, Schedule, ScheduleSegment
+from rpms_ros import messages, schedule_messages
 
 PULSES = 'pulses'
 """rpms_msgs/Pulse: pulses that were delivered."""
@@ -49,3 +56,17 @@ JOY = 'joy'
 
 DIAGNOSTICS = '/diagnostics'
 """diagnostic_msgs/DiagnosticArray: absolute, where ROS tools look for them."""
+
+
+MESSAGE_TYPES: messages.MessageTypes = {
+    messages.TIME: Time,
+    messages.HEADER: Header,
+    messages.VECTOR: Vector3,
+    messages.WRENCH: Wrench,
+    messages.WRENCH_STAMPED: WrenchStamped,
+    messages.PULSE: Pulse,
+    messages.MUSCLE_ESTIMATE: MuscleEstimate,
+    messages.MUSCLE_TRUTH: MuscleTruth,
+    schedule_messages.SCHEDULE: Schedule,
+    schedule_messages.SCHEDULE_SEGMENT: ScheduleSegment,
+}

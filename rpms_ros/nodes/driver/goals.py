@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rpms_msgs.action import RunSchedule
 from rpms_ros.errors import RpmsError, StimulationError
 from rpms_ros.nodes.common import topics
-from rpms_ros.nodes.common.logger import plain_text
+from rpms_ros.nodes.common.diagnostics import plain_text
 from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY

@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter
 
 from rpms_ros.axis import FORCE, UNITS
 from rpms_ros.errors import NodeError, StimulationError
-from rpms_ros.nodes.common.logger import plain_text
+from rpms_ros.nodes.common.diagnostics import plain_text
 from rpms_ros.nodes.common.parameters import NodeParameters, follow_parameters, parameter
 from rpms_ros.stimulation.devices import Device, registry
 from rpms_ros.stimulation.devices.registry import DeviceOptions, require_device
@@ -51,7 +51,6 @@ class DriverParameters(NodeParameters):
     device_specification: str = parameter(
         'simulated', 'Limits of the device: a name, or a YAML file.'
     )
-    frame_id: str = parameter('coil', 'Frame of the pulses.')
     maximum_intensity: float = parameter(
         1.0,
         'Hard bound on the intensity, share of the maximum; never raised while armed.',
@@ -101,9 +100,6 @@ class DriverParameters(NodeParameters):
     heartbeat_timeout: float = parameter(
         0.3, "Longest silence of the operator's heartbeat.", unit='s', minimum=0.01, maximum=10.0
     )
-    arming_timeout: float = parameter(
-        10.0, 'From the first step of arming to the second.', unit='s', minimum=1.0, maximum=60.0
-    )
     force_limit: float = parameter(
         0.0,
         'Stop above this force; 0 does not listen to the force.',
@@ -135,9 +131,6 @@ class DriverParameters(NodeParameters):
     )
     audit_log: str = parameter(
         '', 'File of the audit log; a real device needs one, empty writes none.'
-    )
-    status_rate: float = parameter(
-        10.0, 'Status messages a second.', unit='Hz', minimum=1.0, maximum=20.0
     )
     realtime_priority: int = parameter(
         0,

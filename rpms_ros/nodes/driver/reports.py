@@ -1,12 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a stimulator driver tells: lines in its log, refusals, schedules, status, diagnostics.
-
-Messages that a stimulator driver sends about itself.
-
-Diagnostics of a stimulator driver: one status with a level, and its figures.
-
-The audit log of a driver: what a train depends on is written first, the rest beside it.
+"""What a stimulator driver tells: pulses, log, refusals, schedules, status, diagnostics, audit.
 
 Arming and schedules are on the disk before anything follows from them.  Refusals, stops and
 resets are written by a thread of their own, so that nobody can hold the executor up with goals
@@ -14,153 +8,190 @@ that are refused; of too many at once some are counted only.
 """
 
 import hashlib
+import os
 import queue
 import threading
 import time
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
-from rpms_msgs.msg import AcceptedSchedule, DriverStatus
+from rpms_msgs.msg import AcceptedSchedule, DriverStatus, Pulse as PulseMessage
 from rpms_ros import messages
 from rpms_ros.errors import StimulationError
 from rpms_ros.nodes.common import qos, topics
-from rpms_ros.nodes.common.diagnostics import Health, RecentChange, diagnostics_message
-from rpms_ros.nodes.common.interfaces import MESSAGE_TYPES
-from rpms_ros.nodes.common.logger import logger_of, plain_text
+from rpms_ros.nodes.common.diagnostics import (
+    DiagnosticsPublisher,
+    Health,
+    RecentChange,
+    logger_of,
+    plain_text,
+)
+from rpms_ros.nodes.common.topics import MESSAGE_TYPES
 from rpms_ros.printable import counted
-from rpms_ros.pulses import nanoseconds
+from rpms_ros.pulses import Pulse, PulseHash, nanoseconds
 from rpms_ros.stimulation import Schedule, schedule_to_text
+from rpms_ros.stimulation.devices import Delivery
 from rpms_ros.stimulation.driver.authority import Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
+from rpms_ros.stimulation.driver.pulse_owner import Fired
 from rpms_ros.stimulation.driver.states import State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 from rpms_ros.stimulation.records.audit_log import AuditLog
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
+UNVERIFIED = {
+    'delivery': PulseMessage.UNVERIFIED_DELIVERY,
+    'intensity': PulseMessage.UNVERIFIED_INTENSITY,
+    'coil': PulseMessage.UNVERIFIED_COIL,
+    'ready': PulseMessage.UNVERIFIED_READY,
+    'error': PulseMessage.UNVERIFIED_ERROR,
+}
+"""Bit in a message for each thing that a device may be unable to confirm."""
 
-@dataclass(frozen=True)
-class DriverView:
-    """What a status is made of.
+_FRAME = 'coil'
+_CLOCK_READINGS = 5
+_TIGHT_NS = 50_000
+_LONG_NS = 10**18
+
+
+class PulsePublisher:
+    """Publishes the pulses of one driver; called by the thread that fires them.
+
+    Not a life-cycle publisher: a pulse that was given is reported whatever the state.
+
+    Parameters
+    ----------
+    node : Node
+        The driver's.
 
     Attributes
     ----------
-    controller : StimulationController
-        What decides.
-    buttons : StopButtons
-        The stop buttons.
-    authority : Authority
-        The operator.
-    ledger : MemoryLedger
-        What the patient got.
-    device : str
-        Kind of device, and its port.
+    hash : PulseHash
+        Of what was published as given.
     """
 
-    controller: StimulationController
-    buttons: StopButtons
-    authority: Authority
-    ledger: MemoryLedger
-    device: str
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self.hash = PulseHash()
+        self._given = node.create_publisher(PulseMessage, topics.PULSES, qos.PULSES)
+        self._asked = node.create_publisher(PulseMessage, topics.PULSES_COMMANDED, qos.PULSES)
 
-    def status(self, stamp: Any, now_ns: int, note: str) -> DriverStatus:
-        """Return the status at `stamp`; `now_ns` is the same moment on the monotonic clock."""
-        controller = self.controller
-        state, latched, reason = controller.status()
-        message = DriverStatus()
-        message.header.stamp = stamp
-        message.state = DriverStatus.STOPPED if latched else int(state.value)
-        message.reason = plain_text(f'{reason}; {note}' if note else reason)
-        run = controller.run
-        if run is not None and not run.ended:
-            message.schedule = plain_text(run.schedule.name)
-            message.segment = int(run.segment)
-            message.segments = len(run.schedule.segments)
-            message.time_left = float(run.time_left_s(now_ns))
-        message.pulses_commanded = int(controller.commanded)
-        message.pulses_delivered = int(controller.delivered)
-        message.pulses_dropped = int(controller.dropped)
-        message.coil_energy = float(controller.limiter.session_energy_j)
-        message.coil_temperature = float(controller.coil_temperature)
-        message.lateness_mean = float(controller.lateness.mean_s)
-        message.lateness_max = float(controller.lateness.max_s)
-        message.pulses_unverified = int(controller.unverified)
-        message.maximum_intensity = float(controller.limits.maximum_intensity)
-        faults = controller.fault_counts()
-        message.fault_names = list(faults)
-        message.fault_counts = array('Q', list(faults.values()))
-        self._add_people(message, now_ns)
-        return message
+    @property
+    def listeners(self) -> int:
+        """How many subscribe to the pulses."""
+        return int(self._given.get_subscription_count())
 
-    def _add_people(self, message: DriverStatus, now_ns: int) -> None:
-        """Say who has armed, what every button says, and what the patient got."""
-        totals = self.ledger.totals()
-        message.dose_pulses, message.dose_energy = int(totals.pulses), float(totals.energy_j)
-        message.device = self.device
-        message.operator_id = plain_text(self.authority.operator)
-        message.enabled = bool(self.authority.enabled)
-        states = self.buttons.states(now_ns)
-        message.button_names = [name for name, _ in states]
-        message.button_states = array('B', [int(state) for _, state in states])
+    def for_the_log(self) -> dict[str, object]:
+        """Return number, first stamp and hash of the pulses since the last call, if any."""
+        given = self.hash.taken()
+        if given is None:
+            return {}
+        return {
+            'pulses': given.count,
+            'first_pulse_ns': given.first_ns,
+            'pulses_sha256': given.sha256,
+        }
+
+    def publish(self, fired: Fired) -> None:
+        """Publish one trigger that was sent to the device, answered or not."""
+        if not self._node.context.ok():
+            # the process is about to end, and nobody can be told any more
+            return
+        offset_ns = clock_offset_ns()
+        asked = Pulse(fired.due_ns + offset_ns, fired.intensity, fired.sequence, fired.width_s)
+        self._asked.publish(self._message(asked))
+        if fired.delivery is not None:
+            given = given_pulse(fired, fired.delivery, offset_ns)
+            self._given.publish(self._message(given))
+            self.hash.add(given)
+
+    def _message(self, pulse: Pulse) -> PulseMessage:
+        return messages.pulse_message(pulse, MESSAGE_TYPES, _FRAME)
+
+
+def given_pulse(fired: Fired, delivery: Delivery, offset_ns: int) -> Pulse:
+    """Return a trigger as a pulse, with what the device did not confirm.
+
+    One that was not answered may have been given: it is a pulse of which nothing is confirmed.
+    """
+    return Pulse(
+        delivery.time_ns + offset_ns,
+        delivery.intensity,
+        fired.delivered_sequence,
+        fired.width_s,
+        sum(UNVERIFIED[name] for name in delivery.unverified),
+    )
+
+
+def clock_offset_ns() -> int:
+    """Return the system's clock minus the monotonic clock [ns].
+
+    The thread may be held up between the two readings; the tightest of a few counts.
+    """
+    best_width, best_offset = _LONG_NS, 0
+    for _ in range(_CLOCK_READINGS):
+        before = time.monotonic_ns()
+        now = time.time_ns()
+        width = time.monotonic_ns() - before
+        if width < best_width:
+            best_width, best_offset = width, now - before - width // 2
+        if width < _TIGHT_NS:
+            break
+    return best_offset
+
+
+def ask_for_realtime(priority: int) -> str:
+    """Put every thread of this process under SCHED_FIFO; return why not, empty if it worked.
+
+    All threads and not only the one that keeps the time: that one waits for the interpreter
+    whenever another one holds it, and must not wait for whatever holds up that other one.
+    Processes that are started afterwards inherit it.
+
+    Parameters
+    ----------
+    priority : int
+        1 to 99.
+    """
+    parameters = os.sched_param(priority)
+    try:
+        for task in Path('/proc/self/task').iterdir():
+            os.sched_setscheduler(int(task.name), os.SCHED_FIFO, parameters)
+    except OSError as error:
+        return f'expected the right to real-time priority {priority}, got {error}'
+    return ''
 
 
 SIMULATED = 'simulated'
 
 
-class DriverDiagnostics:
-    """Makes the diagnostics of one driver.
+def driver_health(controller: StimulationController, dropped_lately: bool, note: str) -> Health:
+    """Return how a driver is.
 
-    Parameters
-    ----------
-    controller : StimulationController
-        What decides.
-    name : str
-        Name of the node with its namespace: two drivers of one graph differ in it.
-    hardware : str
-        Kind of device, and its port; a simulated one is known by its node.
+    Error in the fault state, a warning while a stop is latched or `note` says something, and
+    after a pulse was dropped, ok otherwise.
     """
-
-    def __init__(self, controller: StimulationController, name: str, hardware: str) -> None:
-        self._controller = controller
-        self._name = name
-        self._hardware = f'{hardware} {name}' if hardware == SIMULATED else hardware
-        self._dropped = RecentChange()
-
-    def message(self, stamp: Any, note: str, now_ns: int | None = None) -> DiagnosticArray:
-        """Return the diagnostics at `stamp`.
-
-        Error in the fault state, a warning while a stop is latched or `note` says something, and
-        for ten seconds after a pulse was dropped, ok otherwise.
-        """
-        state, latched, reason = self._controller.status()
-        now_ns = time.monotonic_ns() if now_ns is None else now_ns
-        recent = self._dropped.seen(self._controller.dropped, now_ns)
-        level = DiagnosticStatus.WARN if latched or note or recent else DiagnosticStatus.OK
-        if state is State.FAULT:
-            level = DiagnosticStatus.ERROR
-        said = f'{reason}; {note}' if note else reason
-        health = Health(said, level, self._figures())
-        return diagnostics_message(f'{self._name}: stimulator', self._hardware, stamp, health)
-
-    def _figures(self) -> dict[str, object]:
-        controller = self._controller
-        state, latched, _ = controller.status()
-        return {
-            'state': 'STOPPED' if latched else state.name,
-            'device specification': controller.specification.name,
-            'pulses delivered': controller.delivered,
-            'pulses dropped': controller.dropped,
-            'lateness mean [s]': f'{controller.lateness.mean_s:.6f}',
-            'lateness max [s]': f'{controller.lateness.max_s:.6f}',
-            'energy [J]': f'{controller.limiter.session_energy_j:.1f}',
-            'coil temperature [Celsius]': f'{controller.coil_temperature:.1f}',
-            **{f'fault {fault}': count for fault, count in controller.fault_counts().items()},
-        }
+    state, latched, reason = controller.status()
+    warned = latched or note or dropped_lately
+    level = DiagnosticStatus.WARN if warned else DiagnosticStatus.OK
+    if state is State.FAULT:
+        level = DiagnosticStatus.ERROR
+    figures = {
+        'state': 'STOPPED' if latched else state.name,
+        'device specification': controller.specification.name,
+        'pulses delivered': controller.delivered,
+        'pulses dropped': controller.dropped,
+        'lateness mean [s]': f'{controller.lateness.mean_s:.6f}',
+        'lateness max [s]': f'{controller.lateness.max_s:.6f}',
+        'energy [J]': f'{controller.limiter.session_energy_j:.1f}',
+        'coil temperature [Celsius]': f'{controller.coil_temperature:.1f}',
+        **{f'fault {fault}': count for fault, count in controller.fault_counts().items()},
+    }
+    return Health(f'{reason}; {note}' if note else reason, level, figures)
 
 
 _WAITING = 500
@@ -256,6 +287,7 @@ class DriverAudit:
                 self._log.append(kind, **fields)
 
 
+_STATUS_PERIOD_NS = 100_000_000
 _DIAGNOSTICS_PERIOD_S = 1.0
 _REFUSED = 'refused: '
 # how long a refusal is shown in the status
@@ -273,27 +305,34 @@ class DriverReports:
         The driver's.
     audit : DriverAudit
         Refusals are written there.
-    view : DriverView
+    controller, buttons, authority, ledger
         What a status is made of.
     device : str
-        Kind of device, and its port.
-    frame_id : str
-        Frame of the pulses.
+        Kind of device, and its port; in diagnostics a simulated one is known by its node.
     """
 
     def __init__(
-        self, node: Node, audit: DriverAudit, view: DriverView, device: str, frame_id: str
+        self,
+        node: Node,
+        audit: DriverAudit,
+        controller: StimulationController,
+        buttons: StopButtons,
+        authority: Authority,
+        ledger: MemoryLedger,
+        device: str,
     ) -> None:
         self._node = node
-        self._frame_id = frame_id
+        self._controller, self._buttons = controller, buttons
+        self._authority, self._ledger, self._device = authority, ledger, device
         self._accepted = node.create_publisher(
             AcceptedSchedule, topics.ACCEPTED_SCHEDULE, qos.ACCEPTED_SCHEDULE
         )
         self._audit = audit
-        self._view = view
         self._status = node.create_publisher(DriverStatus, topics.DRIVER_STATUS, qos.STATUS)
-        self._diagnostics = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.STOP)
-        self._health = DriverDiagnostics(view.controller, node.get_fully_qualified_name(), device)
+        name = node.get_fully_qualified_name()
+        hardware = f'{device} {name}' if device == SIMULATED else device
+        self._diagnostics = DiagnosticsPublisher(node, 'stimulator', hardware)
+        self._dropped = RecentChange()
         self._note, self._noted_ns = '', 0
         self._next_status_ns = self._next_diagnostics_ns = 0
         self._said: tuple[Any, ...] = ()
@@ -337,7 +376,7 @@ class DriverReports:
             text_sha256=sha256,
         )
         message = AcceptedSchedule(
-            header=messages.header_message(time.time_ns(), self._frame_id, MESSAGE_TYPES),
+            header=messages.header_message(time.time_ns(), _FRAME, MESSAGE_TYPES),
             name=name,
             schedule=text,
             sha256=sha256,
@@ -352,7 +391,7 @@ class DriverReports:
         """Show no refusal any more."""
         self._note = ''
 
-    def publish(self, stamp: Any, now_ns: int, status_rate: float) -> None:
+    def publish(self, stamp: Any, now_ns: int) -> None:
         """Publish status and diagnostics when it is time, and at once when something changed.
 
         Parameters
@@ -361,12 +400,10 @@ class DriverReports:
             Now.
         now_ns : int
             The same moment on the monotonic clock [ns].
-        status_rate : float
-            How often the status is published at least [Hz].
         """
         if self._note and now_ns - self._noted_ns > _SHOWN_NS:
             self._note = ''
-        said = (*self._view.controller.status(), self._note)
+        said = (*self._controller.status(), self._note)
         before, self._said = self._said, said
         changed = said != before
         if said[0] is State.FAULT and before[:1] != said[:1]:
@@ -374,10 +411,50 @@ class DriverReports:
         due = now_ns >= self._next_status_ns
         if due:
             # from when it was due: a tick that comes a little early or late moves none after it
-            following_ns = self._next_status_ns + nanoseconds(1.0 / status_rate)
+            following_ns = self._next_status_ns + _STATUS_PERIOD_NS
             self._next_status_ns = max(following_ns, now_ns)
         if changed or due:
-            self._status.publish(self._view.status(stamp, now_ns, self._note))
+            self._status.publish(self._status_message(stamp, now_ns))
         if changed or now_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = now_ns + nanoseconds(_DIAGNOSTICS_PERIOD_S)
-            self._diagnostics.publish(self._health.message(stamp, self._note))
+            lately = self._dropped.seen(self._controller.dropped, now_ns)
+            self._diagnostics.publish(driver_health(self._controller, lately, self._note))
+
+    def _status_message(self, stamp: Any, now_ns: int) -> DriverStatus:
+        controller, note = self._controller, self._note
+        state, latched, reason = controller.status()
+        message = DriverStatus()
+        message.header.stamp = stamp
+        message.state = DriverStatus.STOPPED if latched else int(state.value)
+        message.reason = plain_text(f'{reason}; {note}' if note else reason)
+        run = controller.run
+        if run is not None and not run.ended:
+            message.schedule = plain_text(run.schedule.name)
+            message.segment = int(run.segment)
+            message.segments = len(run.schedule.segments)
+            message.time_left = float(run.time_left_s(now_ns))
+        message.pulses_commanded = int(controller.commanded)
+        message.pulses_delivered = int(controller.delivered)
+        message.pulses_dropped = int(controller.dropped)
+        message.coil_energy = float(controller.limiter.session_energy_j)
+        message.coil_temperature = float(controller.coil_temperature)
+        message.lateness_mean = float(controller.lateness.mean_s)
+        message.lateness_max = float(controller.lateness.max_s)
+        message.pulses_unverified = int(controller.unverified)
+        message.maximum_intensity = float(controller.limits.maximum_intensity)
+        faults = controller.fault_counts()
+        message.fault_names = list(faults)
+        message.fault_counts = array('Q', list(faults.values()))
+        self._add_people(message, now_ns)
+        return message
+
+    def _add_people(self, message: DriverStatus, now_ns: int) -> None:
+        """Say who has armed, what every button says, and what the patient got."""
+        totals = self._ledger.totals()
+        message.dose_pulses, message.dose_energy = int(totals.pulses), float(totals.energy_j)
+        message.device = self._device
+        message.operator_id = plain_text(self._authority.operator)
+        message.enabled = bool(self._authority.enabled)
+        states = self._buttons.states(now_ns)
+        message.button_names = [name for name, _ in states]
+        message.button_states = array('B', [int(state) for _, state in states])
