@@ -154,7 +154,11 @@ def test_a_pulse(graph, tracing, instrument, monkeypatch, tmp_path):
         return Rehearsed(fake.port, 1.0, timeout_s=5.0, beat_limit_s=20.0)
 
     monkeypatch.setattr('rpms_ros.stimulation.devices.simulated.build', build)
-    tracer = tracing('nodes/driver/goals:_on_accepted', 'stimulation/driver/threads:step')
+    tracer = tracing(
+        'nodes/driver/goals:_on_accepted',
+        'stimulation/driver/controller:_fire',
+        'stimulation/driver/controller:_reserve',
+    )
     graph.add(
         StimulatorDriver,
         require_operator=False,
