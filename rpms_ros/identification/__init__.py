@@ -32,8 +32,7 @@ from rpms_ros.identification.model.settings import (
 from rpms_ros.identification.recursion.paper import ModifiedRecursiveLM
 from rpms_ros.identification.recursion.people import PEOPLE, FixedSizeRecursion, FixedSizeSettings
 from rpms_ros.identification.session import IdentifiedSession, identify
-from rpms_ros.identification.stream.stream import IdentificationStream
-from rpms_ros.identification.stream.stream_input import StreamSettings
+from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
 
 __all__ = [
     'CONVERGED',

@@ -18,8 +18,7 @@ from rpms_ros.identification.model.estimate import Estimate, Estimator
 from rpms_ros.identification.stream.checkpoint import save
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
 from rpms_ros.identification.stream.recorded_order import feed
-from rpms_ros.identification.stream.stream import IdentificationStream
-from rpms_ros.identification.stream.stream_input import StreamSettings
+from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
 from rpms_ros.printable import counted
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,

@@ -275,7 +275,7 @@ def test_a_sensor_that_gives_nan_alone_is_counted_while_it_lasts() -> None:
         stamps = START_NS + MILLISECOND * np.arange(100 * block, 100 * block + 100)
         run.feed(ForceTrace(stamps, np.full(100, math.nan)))
     assert run.stream.fault_counts == {'force_not_finite': 5000}
-    assert len(run.stream._postponed._waiting) == 1
+    assert len(run.stream._counter._postponed) == 1
     assert run.estimates == []
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.ndimage import label, median_filter
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.stream.stream_input import LARGEST_FORCE
+from rpms_ros.identification.stream.stream import LARGEST_FORCE
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
     BoolArray,

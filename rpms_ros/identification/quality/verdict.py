@@ -38,7 +38,7 @@ from rpms_ros.identification.stream.faults import (
     SAMPLES_EXCLUDED,
 )
 from rpms_ros.identification.stream.pulse_checks import no_overlap, outside_shares, range_outside
-from rpms_ros.identification.stream.stream_input import StreamSettings
+from rpms_ros.identification.stream.stream import StreamSettings
 from rpms_ros.printable import percent_explained
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,

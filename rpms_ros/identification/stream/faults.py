@@ -88,8 +88,12 @@ MEANING: Mapping[str, str] = {
 }
 
 
+# Earlier than any stamp [ns].
+_LONG_AGO = -(2**63)
+
+
 class FaultCounter(Restorable):
-    """Counts faults by name.
+    """Counts faults by name, at once or when the samples before them are processed.
 
     Parameters
     ----------
@@ -98,10 +102,12 @@ class FaultCounter(Restorable):
     """
 
     _counts: dict[str, int]
+    _postponed: dict[tuple[int, str], int]
 
     def __init__(self, further: Mapping[str, str] | None = None) -> None:
         self._meaning = {**MEANING, **(further or {})}
         self._counts = {}
+        self._postponed = {}
 
     def _check_restored(self) -> None:
         expect(set(self._counts) <= set(self._meaning), 'FaultCounter', 'known faults')
@@ -113,12 +119,19 @@ class FaultCounter(Restorable):
         if count:
             self._counts[name] = self._counts.get(name, 0) + count
 
-    def copy(self) -> 'FaultCounter':
-        """Return an independent counter with the same counts."""
-        other = FaultCounter(self._meaning)
-        other._counts = dict(self._counts)
-        return other
+    def postpone(self, name: str, after_ns: int | None) -> None:
+        """Keep a fault that was found after a stamp [ns]; None: before the first."""
+        key = (_LONG_AGO if after_ns is None else after_ns, name)
+        self._postponed[key] = self._postponed.get(key, 0) + 1
 
-    def counts(self) -> dict[str, int]:
-        """Return the counts so far, in the order of the names, not of arrival."""
-        return {name: self._counts[name] for name in self._meaning if name in self._counts}
+    def count_until(self, until_ns: int | None) -> None:
+        """Count what was found after stamps up to `until_ns`; None: everything."""
+        for key in [key for key in self._postponed if until_ns is None or key[0] <= until_ns]:
+            self.add(key[1], self._postponed.pop(key))
+
+    def counts(self, postponed: bool = False) -> dict[str, int]:
+        """Return the counts so far, in the order of the names; with `postponed`, those not due."""
+        total = dict(self._counts)
+        for (_, name), count in self._postponed.items() if postponed else ():
+            total[name] = total.get(name, 0) + count
+        return {name: total[name] for name in self._meaning if name in total}

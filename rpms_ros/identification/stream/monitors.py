@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of every monitor of a stream.
+"""Monitors of a stream: their interface, and the pipeline that passes them samples.
 
 Monitors receive the stream in cells: consecutive intervals of a fixed grid of the stamps, 0.1 s
 long or shorter, each once and complete.  For an estimator that learns at the end of a recording
@@ -8,17 +8,19 @@ ten of them at a time are examined, and then processed.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.model.estimate import Estimate
+from rpms_ros.identification.stream import faults
+from rpms_ros.identification.stream.faults import FaultCounter
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
-from rpms_ros.saved_state import Restorable, State, remembered
+from rpms_ros.saved_state import Restorable, State, expect, remembered
 
 
 @dataclass(frozen=True)
@@ -212,3 +214,227 @@ class Monitor(Restorable):
 
     def restart(self) -> None:
         """Forget earlier stamps: the clock has jumped back."""
+
+
+CELL_NS = 100_000_000
+# With a shorter delay there are no samples around one before it is used.
+LEAST_DELAY_NS = 20_000_000
+# Each fault is one bit in the marks of a sample.
+_MOST_FAULTS = 62
+_MONITORS = 'monitors'
+Answer = TypeVar('Answer')
+
+
+class Pipeline(Restorable):
+    """Monitors of one stream.
+
+    Parameters
+    ----------
+    monitors : sequence of Monitor
+        Called in this order.
+    sinks : sequence of Monitor
+        Called after them; not part of the state.
+    delay_ns : int
+        Least time for which samples wait before they are used [ns]; a cell is at most half as
+        long, so that the samples of another cell after it are known.
+    look_ahead_ns : int
+        Up to this time after a sample the pulses are known [ns]; cells are not longer if samples
+        are predicted.
+    counter : FaultCounter
+        Where faults are counted.
+    cells : int
+        So many cells are examined at a time.
+    """
+
+    _names: list[str]
+    _block: int | None
+    _marks: IntArray
+    _before: tuple[IntArray, FloatArray]
+    _parts: list[tuple[IntArray, FloatArray, FloatArray, BoolArray, IntArray, FloatArray]]
+
+    def __init__(
+        self,
+        monitors: Sequence[Monitor],
+        sinks: Sequence[Monitor],
+        delay_ns: int,
+        look_ahead_ns: int,
+        counter: FaultCounter,
+        cells: int = 1,
+    ) -> None:
+        self._named = tuple(monitors)
+        self._monitors = [*monitors, *sinks]
+        self._counter = counter
+        self._examines = delay_ns >= LEAST_DELAY_NS
+        self.cell_ns = min(delay_ns // 2, CELL_NS) if self._examines else CELL_NS
+        self._predicts = self._examines and look_ahead_ns >= LEAST_DELAY_NS // 2
+        if self._predicts:
+            self.cell_ns = min(self.cell_ns, look_ahead_ns)
+        self.block_ns = cells * self.cell_ns
+        self._cells = cells
+        self._look_ahead_ns = look_ahead_ns
+        self._names = []
+        self._block = None
+        self._marks = np.empty(0, dtype=np.int64)
+        self._before = np.empty(0, dtype=np.int64), np.empty(0)
+        self._parts = []
+
+    def state(self) -> State:
+        """Return the state, with that of the monitors that have not failed."""
+        monitors = [one.state() if one in self._monitors else None for one in self._named]
+        return {**super().state(), _MONITORS: monitors}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Restore a saved state; see `Restorable.restore`."""
+        saved = state.get(_MONITORS)
+        fits = isinstance(saved, list) and len(saved) == len(self._named)
+        expect(fits, 'Pipeline', f'{len(self._named)} monitors')
+        for monitor, one in zip(self._named, state[_MONITORS], strict=True):
+            if one is None:
+                self._monitors.remove(monitor)
+            else:
+                monitor.restore(one)
+        super().restore({name: value for name, value in state.items() if name != _MONITORS})
+
+    def _check_restored(self) -> None:
+        fits = len(self._before[0]) == len(self._before[1]) and len(self._names) <= _MOST_FAULTS
+        for part in self._parts:
+            fits = fits and len({len(column) for column in part[:4]}) == 1
+            fits = fits and len(part[0]) > 0 and len(part[4]) == len(part[5])
+        expect(fits, 'Pipeline', 'columns of one length')
+
+    def examine(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        first: int,
+        last: int,
+        predicted: Callable[[IntArray], FloatArray | None],
+    ) -> IntArray:
+        """Return the faults of samples first .. last - 1 of one block of cells, one bit each.
+
+        `stamp_ns` and `force` (samples,) are all waiting samples, ascending; those before `first`
+        have been examined.  `predicted` returns the prediction of the samples of a block.
+        """
+        if not self._examines:
+            return np.zeros(last - first, dtype=np.int64)
+        block = int(stamp_ns[first]) // self.block_ns
+        if block != self._block:
+            self._block = block
+            self._marks = self._marks_of(self._window(stamp_ns, force, first, predicted))
+        before = (
+            np.concatenate((self._before[0], stamp_ns[first:last])),
+            np.concatenate((self._before[1], force[first:last])),
+        )
+        kept = int(np.searchsorted(before[0], (block + 1) * self.block_ns - 2 * self.cell_ns))
+        self._before = before[0][kept:], before[1][kept:]
+        marks, self._marks = self._marks[: last - first], self._marks[last - first :]
+        return marks
+
+    def concerned(self, marks: IntArray) -> dict[str, BoolArray]:
+        """Return which samples (samples,) have each fault."""
+        found = int(np.bitwise_or.reduce(marks)) if len(marks) else 0
+        return {
+            name: (marks & (1 << bit)) != 0
+            for bit, name in enumerate(self._names)
+            if found & (1 << bit)
+        }
+
+    def add(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        prediction: FloatArray,
+        usable: BoolArray,
+        onset_ns: IntArray,
+        intensity: FloatArray,
+    ) -> None:
+        """Keep processed samples until their block is complete; see `ProcessedSamples`."""
+        self._parts.append((stamp_ns, force, prediction, usable, onset_ns, intensity))
+
+    def flush(self) -> int:
+        """Pass the complete block to the monitors; return how many samples it had."""
+        if not self._parts:
+            return 0
+        columns: list[Any] = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
+        self._parts = []
+        stamps, force, prediction, usable, onset_ns, intensity = columns
+        edges = np.searchsorted(stamps, self._grid_ns(int(stamps[0])))
+        edges = np.append(edges[:-1][np.diff(edges) > 0], len(stamps))
+        known_ns = stamps[edges[1:-1] - 1] + self._look_ahead_ns
+        inner = np.searchsorted(onset_ns, known_ns, side='right')
+        pulse_edges = np.concatenate(([0], inner, [len(onset_ns)]))
+        whole = ProcessedSamples(
+            stamps, force, prediction, usable, onset_ns, intensity, edges, pulse_edges
+        )
+        for monitor in list(self._monitors):
+            none: Mapping[str, int] = {}
+            for name, count in self._ask(monitor, monitor.processed_all, whole, none).items():
+                self._counter.add(name, int(count))
+        return len(stamps)
+
+    def estimated(self, estimate: Estimate) -> None:
+        """Pass an estimate to the monitors."""
+        for monitor in list(self._monitors):
+            self._ask(monitor, monitor.estimated, estimate, None)
+
+    def restart(self) -> None:
+        """Forget earlier stamps: the clock has jumped back."""
+        self._block = None
+        self._marks = np.empty(0, dtype=np.int64)
+        self._before = np.empty(0, dtype=np.int64), np.empty(0)
+        for monitor in self._monitors:
+            monitor.restart()
+
+    def _window(
+        self,
+        stamp_ns: IntArray,
+        force: FloatArray,
+        first: int,
+        predicted: Callable[[IntArray], FloatArray | None],
+    ) -> Window:
+        """Return the block that begins with sample `first`, and a cell before and after it."""
+        grid_ns = self._grid_ns(int(stamp_ns[first]))
+        high = int(np.searchsorted(stamp_ns, grid_ns[-1] + self.cell_ns))
+        low = int(np.searchsorted(self._before[0], grid_ns[0] - self.cell_ns))
+        stamps = np.concatenate((self._before[0][low:], stamp_ns[first:high]))
+        edges = np.concatenate(([0], np.searchsorted(stamps, grid_ns), [len(stamps)]))
+        return Window(
+            stamps,
+            np.concatenate((self._before[1][low:], force[first:high])),
+            edges,
+            np.zeros(edges[-2] - edges[1], dtype=np.bool_),
+            predicted(stamps[edges[1] : edges[-2]]) if self._predicts else None,
+        )
+
+    def _grid_ns(self, stamp_ns: int) -> IntArray:
+        """Return where the cells of the block of a stamp begin, and where the last one ends."""
+        begin_ns = stamp_ns // self.block_ns * self.block_ns
+        return begin_ns + self.cell_ns * np.arange(self._cells + 1, dtype=np.int64)
+
+    def _marks_of(self, window: Window) -> IntArray:
+        marks = np.zeros(window.last - window.first, dtype=np.int64)
+        for monitor in list(self._monitors):
+            found: Mapping[str, BoolArray] = self._ask(monitor, monitor.examine_all, window, {})
+            for name, concerned in found.items():
+                marks[concerned] |= 1 << self._bit(name)
+                window.found[concerned] = True
+        return marks
+
+    def _bit(self, name: str) -> int:
+        if name not in self._names:
+            if len(self._names) >= _MOST_FAULTS:
+                raise KeyError(f'expected at most {_MOST_FAULTS} faults of samples, got {name}')
+            self._names.append(name)
+        return self._names.index(name)
+
+    def _ask(
+        self, monitor: Monitor, method: Callable[..., Answer], what: object, otherwise: Answer
+    ) -> Answer:
+        """Return the result of a monitor; remove the monitor if it raises."""
+        try:
+            return method(what)
+        # A monitor that fails must not stop the identification.
+        except Exception:  # noqa: BLE001
+            self._monitors.remove(monitor)
+            self._counter.add(faults.MONITOR_FAILED)
+            return otherwise

@@ -8,8 +8,10 @@ arrival alone, so a replay of a recording gives the same estimates as on line, t
 it is cut into blocks.
 """
 
+import math
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,13 +20,245 @@ from rpms_ros.identification.model.estimate import Estimate, Estimator, Predicti
 from rpms_ros.identification.stream import faults
 from rpms_ros.identification.stream.doubts import RESPONSE_MISFIT, Doubts, ResponseMisfit
 from rpms_ros.identification.stream.faults import FaultCounter
-from rpms_ros.identification.stream.monitors import Monitor
+from rpms_ros.identification.stream.monitors import Monitor, Pipeline
 from rpms_ros.identification.stream.pulse_checks import Alignment
-from rpms_ros.identification.stream.sensor_checks import Pipeline, monitors_by_name
-from rpms_ros.identification.stream.stream_input import StreamInput, StreamSettings
-from rpms_ros.pulses import BoolArray, FloatArray, IntArray, nanoseconds
-from rpms_ros.saved_state import State, described
+from rpms_ros.identification.stream.pulse_queue import FAR_NS, PulseQueue, StrayPulses
+from rpms_ros.identification.stream.sensor_checks import MONITORS, monitors_by_name
+from rpms_ros.pulses import (
+    NANOSECONDS_PER_SECOND,
+    BoolArray,
+    FloatArray,
+    ForceTrace,
+    IntArray,
+    PulseTrain,
+    nanoseconds,
+)
+from rpms_ros.saved_state import Restorable, RestorableWithSettings, State, described, expect
 
+LARGEST_FORCE = 10_000.0
+"""No muscle and no sensor for people reaches it [N]."""
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """Settings of the alignment of samples and pulses.
+
+    Attributes
+    ----------
+    reorder_delay : float
+        How long a sample waits for late pulses, and for the samples after it that show whether it
+        is an outlier [s]; below 20 ms samples are not checked before they are learnt from.
+    pulse_look_ahead : float
+        Up to this time after a sample pulses are checked before it is used [s]; a pulse may be
+        late by the rest of `reorder_delay`.
+    estimate_period : float
+        Time between two estimates, by the stamps [s].
+    longest_gap : float
+        Longest pause of the force that does not count as a gap [s].
+    largest_force : float
+        Samples with a larger force, of either sign, are dropped [N].
+    monitors : tuple of str
+        Names of the monitors, of `rpms_ros.identification.stream.sensor_checks` or of other
+        packages.
+
+    Raises
+    ------
+    IdentificationError
+        If a value is not possible.
+    """
+
+    reorder_delay: float = 0.2
+    pulse_look_ahead: float = 0.1
+    estimate_period: float = 0.1
+    longest_gap: float = 1.0
+    largest_force: float = LARGEST_FORCE
+    monitors: tuple[str, ...] = tuple(MONITORS)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.pulse_look_ahead <= self.reorder_delay < math.inf:
+            raise IdentificationError(
+                'expected 0 <= pulse_look_ahead <= reorder_delay, got '
+                f'{self.pulse_look_ahead} and {self.reorder_delay}'
+            )
+        if not (0 < self.estimate_period < math.inf and 0 < self.longest_gap < math.inf):
+            raise IdentificationError(
+                'expected an estimate period and a longest gap above 0 s, got '
+                f'{self.estimate_period} and {self.longest_gap}'
+            )
+        if not 0 < self.largest_force < math.inf:
+            raise IdentificationError(
+                f'expected a largest force above 0 N, got {self.largest_force}'
+            )
+
+
+# Most samples that may wait: a block of the batch at 100 kHz, and the delays before and after it.
+MOST_WAITING = 200_000
+# So many samples out of order within this time are treated as a fault that lasts [1], [ns].
+_DISORDER = 3
+_DISORDER_NS = NANOSECONDS_PER_SECOND
+
+
+class ForceIntake(Restorable):
+    """Takes samples in the order of arrival and keeps them, with rising stamps, until processed.
+
+    Samples that are not finite, larger than a limit, repeated or stamped wrongly are dropped and
+    counted; a stamp far from its predecessor is accepted when a second one follows it.
+
+    Parameters
+    ----------
+    stream : IdentificationStream
+        Receives faults and gaps.
+    memory_ns : int
+        How long learning is suspended after samples out of order [ns].
+    """
+
+    _waiting: list[tuple[IntArray, FloatArray]]
+    _count: int
+    newest_ns: int | None
+    _newest_force: float
+    _alone: tuple[int, float] | None
+    _out_of_order: deque[int]
+
+    def __init__(self, stream: 'IdentificationStream', memory_ns: int) -> None:
+        self._line = stream
+        self.gap_ns = nanoseconds(stream.settings.longest_gap)
+        self._memory_ns = memory_ns
+        self._largest_force = stream.settings.largest_force
+        self._waiting = []
+        self._count = 0
+        self.newest_ns = None
+        self._newest_force = 0.0
+        self._alone = None
+        self._out_of_order = deque(maxlen=_DISORDER)
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether a sample waits for another one to confirm its stamp."""
+        return self._alone is not None
+
+    def add(self, forces: ForceTrace) -> None:
+        """Add force samples; bad ones are dropped and counted."""
+        if not len(forces):
+            return
+        finite = np.isfinite(forces.force)
+        bad = ~self.believes(forces.force)
+        start = 0
+        for place in (*np.flatnonzero(bad).tolist(), len(bad)):
+            if place > start:
+                self._take(forces.stamp_ns[start:place], forces.force[start:place])
+            if place < len(bad):
+                name = faults.FORCE_OUT_OF_BOUNDS if finite[place] else faults.FORCE_NOT_FINITE
+                self._line.postpone(name)
+            start = place + 1
+
+    def believes(self, force: FloatArray) -> BoolArray:
+        """Return which values (samples,) can be forces."""
+        with np.errstate(invalid='ignore'):
+            believed: BoolArray = np.abs(force) <= self._largest_force
+        return believed
+
+    def take(self, until_ns: int) -> tuple[IntArray, FloatArray, int]:
+        """Return all waiting samples (samples,), and how many have stamps up to `until_ns` [ns].
+
+        The latter are removed.
+        """
+        if not self._waiting:
+            return np.empty(0, dtype=np.int64), np.empty(0), 0
+        stamps = np.concatenate([stamps for stamps, _ in self._waiting])
+        values = np.concatenate([values for _, values in self._waiting])
+        due = int(np.searchsorted(stamps, until_ns, side='right'))
+        self._waiting = [(stamps[due:], values[due:])] if due < len(stamps) else []
+        self._count = len(stamps) - due
+        return stamps, values, due
+
+    def drop_alone(self) -> None:
+        """Drop the sample whose stamp was not confirmed."""
+        if self._alone is not None:
+            self._line.postpone(faults.FORCE_STAMP_ALONE)
+            self._alone = None
+
+    def _check_restored(self) -> None:
+        fits = all(len(stamps) == len(values) for stamps, values in self._waiting)
+        fits = fits and self._count == sum(len(stamps) for stamps, _ in self._waiting)
+        fits = fits and len(self._waiting) <= self._count
+        expect(fits, 'ForceIntake', 'as many stamps as forces')
+
+    def _take(self, stamps: IntArray, values: FloatArray) -> None:
+        """Take samples (samples,) of possible values, with stamps of any kind."""
+        steps = np.diff(stamps)
+        irregular = np.flatnonzero((steps <= 0) | (steps > self.gap_ns)) + 1
+        ends = np.append(irregular, len(stamps))
+        start = 0
+        while start < len(stamps):
+            if not self._goes_on(int(stamps[start]), float(values[start])):
+                start += 1
+                continue
+            end = int(ends[np.searchsorted(ends, start, side='right')])
+            self._keep(stamps[start:end], values[start:end])
+            start = end
+
+    def _goes_on(self, stamp_ns: int, value: float) -> bool:
+        """Return whether a sample continues the time line."""
+        if self.newest_ns is None:
+            return True
+        step = stamp_ns - self.newest_ns
+        if -self.gap_ns <= step <= 0:
+            self._refuse(step, value)
+            return False
+        if abs(step) > self.gap_ns and not self._follow_alone(stamp_ns, value):
+            return False
+        self.drop_alone()
+        return True
+
+    def _keep(self, stamps: IntArray, values: FloatArray) -> None:
+        room = MOST_WAITING - self._count
+        for _ in range(len(stamps) - room):
+            self._line.postpone(faults.FORCE_QUEUE_FULL)
+        if room > 0:
+            self._waiting.append((stamps[:room], values[:room]))
+            self._count += len(stamps[:room])
+        self.newest_ns = int(stamps[-1])
+        self._newest_force = float(values[-1])
+
+    def _refuse(self, step: int, value: float) -> None:
+        """Count a sample that is stamped like or before its predecessor."""
+        assert self.newest_ns is not None
+        if step == 0 and value == self._newest_force:
+            self._line.postpone(faults.FORCE_DUPLICATE)
+            return
+        if step == 0:
+            self._line.postpone(faults.FORCE_CONFLICT)
+            self._line.exclude(self.newest_ns - 1, self.newest_ns)
+        else:
+            self._line.postpone(faults.FORCE_STAMP_NOT_AFTER_LAST)
+        self._out_of_order.append(self.newest_ns)
+        first_ns = self._out_of_order[0]
+        if len(self._out_of_order) == _DISORDER and self.newest_ns - first_ns <= _DISORDER_NS:
+            self._line.exclude(first_ns - 1, self.newest_ns + self._memory_ns)
+
+    def _follow_alone(self, stamp_ns: int, value: float) -> bool:
+        """Accept a stamp far from its predecessor when a second one follows it.
+
+        Otherwise one wrong stamp would count as two jumps of the clock.  Returns whether
+        `stamp_ns` confirms the sample that is waiting alone; if not, it waits in its place.
+        """
+        if self._alone is None or not 0 < stamp_ns - self._alone[0] <= self.gap_ns:
+            self.drop_alone()
+            self._alone = (stamp_ns, value)
+            return False
+        (first_ns, first), self._alone = self._alone, None
+        assert self.newest_ns is not None
+        if first_ns < self.newest_ns:
+            self._line.jump_back(first_ns)
+        else:
+            self._line.meet_gap(first_ns)
+        self._out_of_order.clear()
+        self._keep(np.array([first_ns]), np.array([first]))
+        return True
+
+
+# Earlier than any stamp [ns].
+_BEFORE_ALL = -(2**63)
 # A spike within this time after a pulse is a stimulation artifact [ns].
 _ARTIFACT_NS = 10_000_000
 # Cells of the monitors' grid between two records of the counts of faults.
@@ -33,7 +267,7 @@ _NOTE_CELLS = 10
 _ALIGN_CELLS = 50
 
 
-class IdentificationStream(StreamInput):
+class IdentificationStream(RestorableWithSettings):
     """Aligns pulses and force by their stamps and feeds an estimator.
 
     Parameters
@@ -46,6 +280,13 @@ class IdentificationStream(StreamInput):
         Further monitors, which receive all samples, predictions and estimates.
     """
 
+    _counter: FaultCounter
+    _queue: PulseQueue
+    _strays: StrayPulses
+    _intake: ForceIntake
+    _alignment: Alignment
+    # samples after this stamp are predicted and not learnt from [ns]
+    _held_ns: int | None
     _doubts: Doubts
     _pipeline: Pipeline
     _cell: int | None
@@ -70,8 +311,16 @@ class IdentificationStream(StreamInput):
         for monitor in [*monitors, *sinks]:
             further |= monitor.faults
             shares |= monitor.doubtful
-        super().__init__(settings, estimator.memory, FaultCounter(further))
+        self.settings = settings
         self.estimator = estimator
+        self._counter = FaultCounter(further)
+        self._memory_ns = nanoseconds(estimator.memory)
+        self._reorder_delay_ns = nanoseconds(settings.reorder_delay)
+        self._pulse_look_ahead_ns = nanoseconds(settings.pulse_look_ahead)
+        self._queue = PulseQueue(self._memory_ns, self._pulse_look_ahead_ns, self._counter)
+        self._strays = StrayPulses(2 * self._pulse_look_ahead_ns + self._memory_ns)
+        self._intake = ForceIntake(self, self._memory_ns)
+        self._held_ns = None
         self._alignment = Alignment(lasting=not estimator.on_line)
         self._doubts = Doubts(shares, lasting=not estimator.on_line)
         self._period_ns = nanoseconds(self.settings.estimate_period)
@@ -93,6 +342,93 @@ class IdentificationStream(StreamInput):
         self._acting_ns = np.empty(0, dtype=np.int64)
         self._settled_early = np.empty(0, dtype=np.int64), np.empty(0)
         self._misfit = ResponseMisfit()
+
+    @property
+    def held(self) -> bool:
+        """Whether `hold` was called: samples are predicted only."""
+        return self._held_ns is not None
+
+    @property
+    def fault_counts(self) -> dict[str, int]:
+        """Counts of faults so far by name, those of waiting samples included."""
+        return self._counter.counts(postponed=True)
+
+    def add_pulses(self, pulses: PulseTrain) -> None:
+        """Add pulses, in any order, valid or not."""
+        newest_ns = self._intake.newest_ns
+        if newest_ns is None or not len(pulses):
+            self._queue.add(pulses)
+            return
+        used_ns = newest_ns - self._reorder_delay_ns
+        late = pulses.onset_ns <= used_ns + self._pulse_look_ahead_ns
+        apart = late | (pulses.onset_ns > newest_ns + FAR_NS)
+        self._alignment.arrived_apart(pulses.onset_ns[apart], newest_ns)
+        self._queue.add(pulses[~late], newest_ns)
+        # Far too late for this time line; they belong to the next one if the clock has jumped.
+        stray = pulses.onset_ns < newest_ns - self._intake.gap_ns
+        self._strays.add(pulses[stray], newest_ns)
+        for onset_ns in pulses.onset_ns[late & ~stray].tolist():
+            self._counter.postpone(faults.PULSE_LATE, newest_ns)
+            self.exclude(onset_ns, onset_ns + self._memory_ns)
+
+    def hold(self) -> None:
+        """Predict without learning, from the sample after the newest one on."""
+        if self._held_ns is None:
+            newest_ns = self._intake.newest_ns
+            self._held_ns = _BEFORE_ALL if newest_ns is None else newest_ns
+
+    def resume(self) -> None:
+        """Learn again as soon as the pulses given meanwhile no longer act."""
+        held_ns, newest_ns = self._held_ns, self._intake.newest_ns
+        self._held_ns = None
+        if held_ns is not None and newest_ns is not None:
+            self.exclude(held_ns, newest_ns + self._memory_ns)
+
+    def takes_early(self, pulses: PulseTrain, forces: ForceTrace, before: IntArray) -> bool:
+        """Return whether pulses may be added before samples that arrived before them.
+
+        They may if the forces (samples,) can be forces and have no gap or jump, and no pulse is
+        late or far; `before` (pulses,) is how many of the samples arrived before each pulse.
+        """
+        newest_ns, stamp_ns = self._intake.newest_ns, forces.stamp_ns
+        if not self._intake.believes(forces.force).all():
+            return False
+        if newest_ns is None and len(pulses):
+            # There is room for so many before the first sample.
+            return False
+        line = stamp_ns if newest_ns is None else np.append(newest_ns, stamp_ns)
+        steps = np.diff(line)
+        if self._intake.in_doubt or not ((steps > 0) & (steps <= self._intake.gap_ns)).all():
+            return False
+        if not (pulses.onset_ns <= line[0] + FAR_NS).all():
+            return False
+        used_ns = line[before] - self._reorder_delay_ns
+        return bool((pulses.onset_ns > used_ns + self._pulse_look_ahead_ns).all())
+
+    def add_forces(self, forces: ForceTrace) -> None:
+        """Add force samples; bad ones are dropped and counted."""
+        self._intake.add(forces)
+
+    def postpone(self, name: str) -> None:
+        """Count a fault when the samples up to the newest one are processed."""
+        self._counter.postpone(name, self._intake.newest_ns)
+
+    def exclude(self, start_ns: int, end_ns: int) -> None:
+        """Do not learn from samples after `start_ns` up to `end_ns` that are not yet due.
+
+        Samples are due `reorder_delay` before the newest one.  Due samples that wait all the same
+        are learnt from, so that the result does not depend on when `advance` is called.
+        """
+        if self._intake.newest_ns is not None:
+            start_ns = max(start_ns, self._intake.newest_ns - self._reorder_delay_ns)
+        if start_ns < end_ns:
+            self._queue.exclude(start_ns, end_ns)
+
+    def meet_gap(self, until_ns: int) -> None:
+        """Continue after a gap, during which unknown pulses may have been given."""
+        self.postpone(faults.FORCE_GAP)
+        assert self._intake.newest_ns is not None
+        self.exclude(self._intake.newest_ns, until_ns + self._memory_ns)
 
     def described_settings(self) -> State:
         """Return all settings by name."""
@@ -279,8 +615,8 @@ class IdentificationStream(StreamInput):
             self._counter.add(name, count)
 
     def _count_postponed(self, until_ns: int | None) -> None:
-        self._postponed.count(until_ns)
-        self._postponed.add_now(faults.PULSE_LATE, self._strays.given_up(until_ns))
+        self._counter.count_until(until_ns)
+        self._counter.add(faults.PULSE_LATE, self._strays.given_up(until_ns))
 
 
 def _after(stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
