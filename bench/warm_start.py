@@ -26,7 +26,7 @@ from rpms_ros.identification import (
     estimator_by_name,
 )
 from rpms_ros.identification.estimation.prior import warm_start
-from rpms_ros.identification.stream import checkpoint
+from rpms_ros.identification.stream.stream import save
 from rpms_ros.muscle import Contraction, random_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
@@ -136,7 +136,7 @@ def compared(person, path):
     generator = np.random.default_rng(person)
     subject, other = random_subject(generator), random_subject(generator)
     _, stream = session(subject, LAST_TIME, generator)
-    checkpoint.save(path, stream)
+    save(path, stream)
     today = on_another_day(subject, generator.uniform(-1.0, 1.0, size=4) * LARGEST)
     runs = [
         session(who, TODAY, np.random.default_rng(1000 + person), start)[0]

@@ -1,23 +1,38 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The state of an object as plain values, restored after a check against its annotations.
+"""The state of an object as plain values and in a file, to continue from there bit for bit.
 
 A class that derives from `Restorable` declares its state by annotations in its body: numbers,
 texts, arrays, containers and records of them, or further `Restorable` objects.  Its other
 attributes follow from how it was made.  A file may hold anything, so a value whose type is not
 that of the annotation is refused.
+
+A file has three parts: a line with a name and the SHA-256 of all that follows; a line of JSON,
+in which arrays are replaced by type, shape and place; and the bytes of the arrays.
 """
 
 import dataclasses
+import hashlib
+import json
+import math
+import os
+import tempfile
 import types
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
+
+FORMAT = 'rpms-identification-state'
+VERSION = 2
+MOST_BYTES = 2**30
+_MOST_DEPTH = 40
+_ARRAY, _NUMBER = '$array', '$number'
 
 State = dict[str, Any]
 """Names and plain values: None, bool, int, float, str, ndarray, lists and states of them."""
@@ -203,3 +218,126 @@ def _record(kind: Any, value: Any, where: str) -> Any:
 
 def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
     return dataclasses.fields(kind)
+
+
+def write_state(path: Path | str, document: State) -> None:
+    """Write a state to a file; an existing one is replaced atomically.
+
+    Raises
+    ------
+    IdentificationError
+        If the file cannot be written.
+    """
+    arrays: list[bytes] = []
+    document = _packed({'version': VERSION, **document}, arrays)
+    text = json.dumps(document, allow_nan=False, separators=(',', ':'))
+    content = b''.join((text.encode(), b'\n', *arrays))
+    line = f'{FORMAT} {hashlib.sha256(content).hexdigest()}\n'.encode()
+    _write(Path(path), line + content)
+
+
+def is_state(path: Path | str) -> bool:
+    """Return whether a file begins as saved states do.
+
+    Raises
+    ------
+    IdentificationError
+        If it cannot be read.
+    """
+    return _read(Path(path)).startswith(FORMAT.encode())
+
+
+def read_state(path: Path | str) -> State:
+    """Return the content of a file after a check of its checksum and format version.
+
+    Raises
+    ------
+    IdentificationError
+        If the file cannot be read, is damaged or of another version.
+    """
+    line, _, content = _read(Path(path)).partition(b'\n')
+    wanted = f'{FORMAT} {hashlib.sha256(content).hexdigest()}'.encode()
+    if not line.startswith(FORMAT.encode()):
+        raise IdentificationError(f'expected a state that was saved, got {path}')
+    if line != wanted:
+        raise IdentificationError(f'expected a saved state that is whole, got {path}: wrong sum')
+    text, _, arrays = content.partition(b'\n')
+    try:
+        document = json.loads(text)
+        if document.get('version') != VERSION:
+            raise IdentificationError(
+                f'expected a saved state of version {VERSION}, got {document.get("version")!r}'
+            )
+        restored: State = _unpacked(document, arrays, 0)
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
+        raise IdentificationError(f'expected a saved state in {path}, got {error!r}') from error
+    return restored
+
+
+def _packed(value: Any, arrays: list[bytes]) -> Any:
+    """Return a value for JSON, the bytes of its arrays appended to `arrays`."""
+    if isinstance(value, np.ndarray):
+        if value.dtype.hasobject:
+            raise IdentificationError('expected arrays of numbers in a state, got objects')
+        place = sum(len(one) for one in arrays)
+        arrays.append(value.tobytes())
+        return {_ARRAY: [value.dtype.str, list(value.shape), place]}
+    if isinstance(value, float) and not math.isfinite(value):
+        return {_NUMBER: str(value)}
+    if isinstance(value, Mapping):
+        return {str(name): _packed(item, arrays) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_packed(item, arrays) for item in value]
+    return value
+
+
+def _unpacked(value: Any, arrays: bytes, depth: int) -> Any:
+    if depth > _MOST_DEPTH:
+        raise ValueError(f'expected a depth of at most {_MOST_DEPTH}, got more')
+    if isinstance(value, dict):
+        if set(value) == {_ARRAY}:
+            kind, shape, place = value[_ARRAY]
+            dtype = np.dtype(kind)
+            if dtype.hasobject or min(shape, default=0) < 0:
+                raise ValueError(f'expected an array of numbers, got {kind} {shape}')
+            # no larger than the file: a shape of more than is there is refused
+            count = math.prod(shape)
+            found = np.frombuffer(arrays[place : place + count * dtype.itemsize], dtype)
+            return found.reshape(shape)
+        if set(value) == {_NUMBER}:
+            return float(value[_NUMBER])
+        return {name: _unpacked(item, arrays, depth + 1) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_unpacked(item, arrays, depth + 1) for item in value]
+    return value
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if not path.is_file():
+            raise IdentificationError(f'expected a file with a saved state, got {path}')
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise IdentificationError(
+                f'expected a saved state of at most {MOST_BYTES} bytes, got {size}'
+            )
+        return path.read_bytes()
+    except OSError as error:
+        raise IdentificationError(f'expected to read {path}, got {error}') from error
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a temporary file in the same folder, then rename it."""
+    try:
+        descriptor, beside = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
+        try:
+            with os.fdopen(descriptor, 'wb') as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            Path(beside).replace(path)
+        except BaseException:
+            Path(beside).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise IdentificationError(f'expected to write {path}, got {error}') from error

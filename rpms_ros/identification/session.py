@@ -15,10 +15,9 @@ import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.model.estimate import Estimate, Estimator
-from rpms_ros.identification.stream.checkpoint import save
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
 from rpms_ros.identification.stream.recorded_order import feed
-from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings
+from rpms_ros.identification.stream.stream import IdentificationStream, StreamSettings, save
 from rpms_ros.printable import counted
 from rpms_ros.pulses import (
     NANOSECONDS_PER_SECOND,
@@ -180,11 +179,11 @@ def identify(
         Called with the number of samples processed since the last call.
     samples_before_pulse : ndarray of int64 (pulses,) or None
         How many samples had arrived before each pulse, as recorded; None: see
-        `arrival_order.in_time`.
+        `recorded_order.in_time`.
     sinks : sequence of Monitor
         Further receivers of all samples, predictions and estimates.
     save_state : Path or None
-        Where the state after the last sample is saved; see `checkpoint`.
+        Where the state after the last sample is saved; see `rpms_ros.saved_state`.
 
     Returns
     -------

@@ -50,10 +50,10 @@ from rpms_ros.identification.model.estimate import HIGHEST_RATE, LOWEST_RATE
 from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset
 from rpms_ros.identification.model.summation import TemporalSummation
 from rpms_ros.identification.stream import faults
-from rpms_ros.identification.stream.checkpoint import load, save
 from rpms_ros.identification.stream.doubts import stated_doubt
 from rpms_ros.identification.stream.recorded_order import add_in_order
 from rpms_ros.identification.stream.sensor_checks import monitors_by_name
+from rpms_ros.identification.stream.stream import load, save
 from rpms_ros.identification.warm_up import warm_up
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.diagnostics import (

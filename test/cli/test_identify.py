@@ -18,7 +18,7 @@ from scipy.integrate import trapezoid
 import rpms_ros
 from rpms_ros.cli import main
 from rpms_ros.identification import IdentificationStream, estimator_by_name
-from rpms_ros.identification.stream import checkpoint
+from rpms_ros.identification.stream.stream import load
 from rpms_ros.muscle import twitch
 from rpms_ros.pulses import ForceTrace, PulseTrain
 from rpms_ros.recording import read_recording, write_recording
@@ -391,7 +391,7 @@ def test_what_is_known_is_saved_and_started_from(
     plain = as_json('identify', short_session, *options)
     assert first == plain
     stream = IdentificationStream(estimator_by_name('tracking', 'paper_table_4'))
-    checkpoint.load(state, stream)
+    load(state, stream)
     assert stream.estimate().samples == 10_000
     warm = as_json('identify', short_session, *options, '--start-from', state)
     # It has been right from the first pulse on.

@@ -22,9 +22,10 @@ from rpms_ros.identification import (
     StreamSettings,
     estimator_by_name,
 )
-from rpms_ros.identification.stream import checkpoint
 from rpms_ros.identification.stream.monitors import Monitor
+from rpms_ros.identification.stream.stream import load, save
 from rpms_ros.pulses import ForceTrace
+from rpms_ros.saved_state import FORMAT, MOST_BYTES
 
 SECOND = 1_000_000_000
 PAPER = 'paper recursive'
@@ -87,8 +88,8 @@ def test_going_on_is_never_having_stopped(session, tmp_path_factory, name, cut) 
     whole, before, after = (fresh(name, period) for _ in range(3))
     run(whole, session, 0, cut)
     run(before, session, 0, cut)
-    checkpoint.save(path, before)
-    checkpoint.load(path, after)
+    save(path, before)
+    load(path, after)
     same_everywhere(whole, after, name)
     expected = run(whole, session, cut, SESSION_SAMPLES) + whole.finish()
     found = run(after, session, cut, SESSION_SAMPLES) + after.finish()
@@ -127,13 +128,13 @@ def same_everywhere(one, other, where) -> None:
 def saved_fixture(session, tmp_path) -> Path:
     stream = fresh('tracking')
     run(stream, session, 0, 1500)
-    checkpoint.save(tmp_path / 'saved', stream)
+    save(tmp_path / 'saved', stream)
     return tmp_path / 'saved'
 
 
 def refused(path, stream, text) -> None:
     with pytest.raises(IdentificationError, match=text):
-        checkpoint.load(path, stream)
+        load(path, stream)
 
 
 def resigned(path: Path, change) -> None:
@@ -143,7 +144,7 @@ def resigned(path: Path, change) -> None:
     document = json.loads(text)
     arrays = change(document, arrays) or arrays
     content = json.dumps(document).encode() + b'\n' + arrays
-    line = f'{checkpoint.FORMAT} {hashlib.sha256(content).hexdigest()}\n'
+    line = f'{FORMAT} {hashlib.sha256(content).hexdigest()}\n'
     path.write_bytes(line.encode() + content)
 
 
@@ -162,8 +163,8 @@ def test_another_estimator_is_refused(saved) -> None:
 def test_other_versions_are_refused(saved) -> None:
     resigned(saved, lambda document, _: document.update(package='99.0'))
     refused(saved, fresh('tracking'), "expected a saved state of the package .*, got '99.0'")
-    resigned(saved, lambda document, _: document.update(version=2))
-    refused(saved, fresh('tracking'), 'expected a saved state of version 1, got 2')
+    resigned(saved, lambda document, _: document.update(version=1))
+    refused(saved, fresh('tracking'), 'expected a saved state of version 2, got 1')
 
 
 def test_every_cut_is_refused(saved) -> None:
@@ -192,7 +193,7 @@ def test_what_is_no_file_is_refused(tmp_path) -> None:
 
 def test_larger_files_than_any_are_not_read(tmp_path) -> None:
     with (tmp_path / 'large').open('wb') as file:
-        file.truncate(checkpoint.MOST_BYTES + 1)
+        file.truncate(MOST_BYTES + 1)
     refused(tmp_path / 'large', fresh('tracking'), 'expected a saved state of at most')
 
 
@@ -211,7 +212,7 @@ def wrong_name(document, _):
 
 
 def wrong_place(document, _):
-    document['stream_state']['_acting_ns'] = {'$array': 10**6}
+    document['stream_state']['_acting_ns'] = {'$array': ['<i8', [3], 10**9]}
 
 
 def swapped(document, _):
@@ -226,7 +227,7 @@ def deep(document, _):
     document['stream_state']['_names'] = inner
 
 
-def no_zip(_, arrays):
+def cut_arrays(_, arrays):
     return arrays[: len(arrays) // 2]
 
 
@@ -235,7 +236,7 @@ def missing(document, _):
 
 
 @pytest.mark.parametrize(
-    'change', [set_size, wrong_type, wrong_name, wrong_place, swapped, deep, no_zip, missing]
+    'change', [set_size, wrong_type, wrong_name, wrong_place, swapped, deep, cut_arrays, missing]
 )
 def test_forged_states_are_refused(saved, change) -> None:
     resigned(saved, change)
@@ -243,13 +244,8 @@ def test_forged_states_are_refused(saved, change) -> None:
 
 
 def test_arrays_that_claim_to_be_huge_are_refused(saved) -> None:
-    def claim(_, arrays):
-        # The header of the first array is padded: a longer shape fits in.
-        place = arrays.index(b"'shape': (")
-        end = arrays.index(b'\n', place)
-        header = arrays[place:end]
-        huge = b"'shape': (999999999999,), }".ljust(len(header))
-        return arrays[:place] + huge + arrays[end:]
+    def claim(document, _):
+        document['stream_state']['_acting_ns'] = {'$array': ['<i8', [999999999999], 0]}
 
     resigned(saved, claim)
     refused(saved, fresh('tracking'), 'expected a saved state in')
@@ -262,7 +258,7 @@ def test_a_failed_write_leaves_the_old_file(saved, monkeypatch) -> None:
     before = saved.read_bytes()
     monkeypatch.setattr(os, 'fsync', full)
     with pytest.raises(IdentificationError, match=r'expected to write .*no space left'):
-        checkpoint.save(saved, fresh('tracking'))
+        save(saved, fresh('tracking'))
     assert saved.read_bytes() == before
     assert list(saved.parent.iterdir()) == [saved]
 
@@ -273,10 +269,10 @@ def test_estimates_that_wait_are_not_lost(session, tmp_path) -> None:
     stream.add_pulses(pulses[:20])
     stream.add_forces(ForceTrace(forces.stamp_ns[:1000], forces.force[:1000]))
     stream.finish()
-    checkpoint.save(tmp_path / 'saved', stream)
+    save(tmp_path / 'saved', stream)
     stream._finished = [stream.estimate()]
     with pytest.raises(IdentificationError, match='expected all estimates taken'):
-        checkpoint.save(tmp_path / 'saved', stream)
+        save(tmp_path / 'saved', stream)
 
 
 def test_an_estimator_without_a_state_is_refused(tmp_path) -> None:
@@ -286,7 +282,7 @@ def test_an_estimator_without_a_state_is_refused(tmp_path) -> None:
     stream = fresh('tracking')
     stream.estimator = Bare()
     with pytest.raises(IdentificationError, match=r'with state\(\) and restore\(\), got bare'):
-        checkpoint.save(tmp_path / 'saved', stream)
+        save(tmp_path / 'saved', stream)
 
 
 def test_a_monitor_says_what_it_remembers() -> None:

@@ -16,7 +16,7 @@ from rpms_ros.identification import (
     estimator_by_name,
 )
 from rpms_ros.identification.estimation.prior import known_from, warm_start
-from rpms_ros.identification.stream import checkpoint
+from rpms_ros.identification.stream.stream import save
 from rpms_ros.muscle import Contraction, IntensityRecruitment, Subject
 from rpms_ros.muscle.recruitment import (
     PARAMETER_NAMES,
@@ -58,7 +58,7 @@ def errors(subject, seconds, seed, path=None, estimator=('tracking', 'paper_tabl
 def saved_fixture(tmp_path_factory):
     path = tmp_path_factory.mktemp('last') / 'time'
     _, stream = errors(LAST_TIME, 20.0, 1)
-    checkpoint.save(path, stream)
+    save(path, stream)
     return path
 
 
@@ -103,7 +103,7 @@ def test_what_was_saved_is_the_muscle_of_the_estimate(name, tmp_path) -> None:
     """With a latency and a time constant for which batch and tracking choose their functions."""
     subject = replace(LAST_TIME, latency=20e-3, time_constant=20e-3)
     _, stream = errors(subject, 12.0, 1, estimator=(name,))
-    checkpoint.save(tmp_path / name, stream)
+    save(tmp_path / name, stream)
     known, estimate = known_from(tmp_path / name), stream.estimate()
     full = identified_recruitment(RecruitmentParameters(*known.theta), 1.0)
     response = full * known.basis.evaluate(estimate.response_time) @ known.linear
@@ -134,7 +134,7 @@ def test_a_session_that_has_begun_is_not_started_again(saved) -> None:
 @pytest.fixture(name='tracked', scope='module')
 def tracked_fixture(tmp_path_factory):
     path = tmp_path_factory.mktemp('last') / 'tracked'
-    checkpoint.save(path, errors(LAST_TIME, 12.0, 1, estimator=('tracking',))[1])
+    save(path, errors(LAST_TIME, 12.0, 1, estimator=('tracking',))[1])
     return path
 
 

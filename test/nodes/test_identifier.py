@@ -17,7 +17,7 @@ from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate, IdentificationStream, identify
 from rpms_ros.identification.estimation.tracking import TrackingEstimator
 from rpms_ros.identification.model.summation import TemporalSummation
-from rpms_ros.identification.stream import checkpoint
+from rpms_ros.identification.stream.stream import save
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.nodes import identifier as identifier_module
 from rpms_ros.nodes.common import qos
@@ -274,7 +274,7 @@ def test_a_history_law_and_an_earlier_session_are_parameters(tmp_path) -> None:
     stream.add_forces(forces)
     stream.finish()
     state = tmp_path / 'state'
-    checkpoint.save(state, stream)
+    save(state, stream)
     warm = build_estimator(IdentifierParameters(estimator='tracking', start_from=str(state)))
     assert isinstance(warm, TrackingEstimator)
     assert warm._window.point.linear.any()

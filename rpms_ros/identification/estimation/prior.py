@@ -32,13 +32,13 @@ from rpms_ros.identification.estimation.window_equations import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import Estimator
-from rpms_ros.identification.stream import checkpoint
 from rpms_ros.muscle.recruitment import (
     PARAMETER_NAMES,
     RecruitmentParameters,
     identified_recruitment,
 )
 from rpms_ros.pulses import FloatArray
+from rpms_ros.saved_state import is_state, read_state
 
 if TYPE_CHECKING:
     from rpms_ros.identification.estimation.window_fit import WindowFit
@@ -440,8 +440,8 @@ def known_from(path: Path | str) -> KnownMuscle:
         If it holds no recruitment curve.
     """
     try:
-        if checkpoint.is_state(path):
-            state = checkpoint.read_state(path)['estimator_state']
+        if is_state(path):
+            state = read_state(path)['estimator_state']
             return _of_tracking(state) if '_window' in state else _of_batch(state)
         return _of_result(_read_result(Path(path)))
     except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:

@@ -12,11 +12,18 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+import rpms_ros
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.model.estimate import Estimate, Estimator, PredictingEstimator
+from rpms_ros.identification.model.estimate import (
+    Estimate,
+    Estimator,
+    PredictingEstimator,
+    RestorableEstimator,
+)
 from rpms_ros.identification.stream import faults
 from rpms_ros.identification.stream.doubts import RESPONSE_MISFIT, Doubts, ResponseMisfit
 from rpms_ros.identification.stream.faults import FaultCounter
@@ -33,7 +40,15 @@ from rpms_ros.pulses import (
     PulseTrain,
     nanoseconds,
 )
-from rpms_ros.saved_state import Restorable, RestorableWithSettings, State, described, expect
+from rpms_ros.saved_state import (
+    Restorable,
+    RestorableWithSettings,
+    State,
+    described,
+    expect,
+    read_state,
+    write_state,
+)
 
 LARGEST_FORCE = 10_000.0
 """No muscle and no sensor for people reaches it [N]."""
@@ -624,3 +639,56 @@ def _after(stamp_ns: IntArray, onset_ns: IntArray) -> BoolArray:
     place = np.searchsorted(onset_ns, stamp_ns, side='right')
     since: BoolArray = stamp_ns - onset_ns[np.maximum(place - 1, 0)] <= _ARTIFACT_NS
     return since & (place > 0)
+
+
+def save(path: Path | str, stream: IdentificationStream) -> None:
+    """Save a stream and its estimator; an existing file is replaced atomically.
+
+    Raises
+    ------
+    IdentificationError
+        If the estimator or a monitor cannot be saved, `IdentificationStream.advance` has not
+        been called for the newest estimates, or the file cannot be written.
+    """
+    estimator = _restorable(stream.estimator)
+    write_state(
+        path,
+        {
+            'package': rpms_ros.__version__,
+            'estimator': estimator.name,
+            'estimator_state': dict(estimator.state()),
+            'stream_state': stream.state(),
+        },
+    )
+
+
+def load(path: Path | str, stream: IdentificationStream) -> None:
+    """Restore a fresh stream that has the settings of the saved one.
+
+    If the file is refused, the stream must not be used any more.
+
+    Raises
+    ------
+    IdentificationError
+        If the file cannot be read, is damaged, or is of another version, estimator or settings.
+    """
+    estimator = _restorable(stream.estimator)
+    document = read_state(path)
+    for name, own in (('package', rpms_ros.__version__), ('estimator', estimator.name)):
+        if document.get(name) != own:
+            raise IdentificationError(
+                f'expected a saved state of the {name} {own}, got {document.get(name)!r} in {path}'
+            )
+    try:
+        stream.restore(document['stream_state'])
+        estimator.restore(document['estimator_state'])
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise IdentificationError(f'expected a saved state in {path}, got {error!r}') from error
+
+
+def _restorable(estimator: Estimator) -> RestorableEstimator:
+    if not isinstance(estimator, RestorableEstimator):
+        raise IdentificationError(
+            f'expected an estimator with state() and restore(), got {estimator.name}'
+        )
+    return estimator

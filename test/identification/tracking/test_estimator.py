@@ -13,8 +13,7 @@ from rpms_ros.identification import identify
 from rpms_ros.identification.estimation import window_fit
 from rpms_ros.identification.estimation.tracking import TrackingEstimator, TrackingSettings
 from rpms_ros.identification.model.estimate import CONVERGED
-from rpms_ros.identification.stream.checkpoint import load, save
-from rpms_ros.identification.stream.stream import IdentificationStream
+from rpms_ros.identification.stream.stream import IdentificationStream, load, save
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
