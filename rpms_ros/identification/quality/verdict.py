@@ -2,16 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a result may be used: good, doubtful or no, with reasons.
 
-The checks look for signs of wrong input or failed identification in the pulses and the force, the
-force simulated with the estimate (`rpms_ros.identification.quality.explained_force`), the
-prediction of the end of the session by an earlier estimate, the a-priori residual, and the doubts
-and intervals of the estimator.
-
-Checks of pulses and force before identification: wrong unit, clock, topic or axis.
-
-Checks of an estimate: sign, shape, the force it explains, its doubts and intervals.
-
-Grades of a verdict, and their thresholds.
+The checks look for signs of wrong input (unit, clock, topic or axis) or failed identification in
+the pulses and the force, the force simulated with the estimate
+(`rpms_ros.identification.quality.explained_force`), the prediction of the end of the session by an
+earlier estimate, the a-priori residual, and the doubts and intervals of the estimator.
 """
 
 import math
@@ -211,13 +205,13 @@ def verdict_of(
         return of_reasons([*reasons, (NO, _nothing_to_judge_by(session, pulses))], '')
     found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
-    reasons += of_the_estimate(session.last, found, span, settings)
+    reasons += _of_the_estimate(session.last, found, span, settings)
     changed = list(_of_one_muscle(session, pulses, settings))
     hint = '' if changed or session.last.rate_names else _HINT
     reasons += changed
     reasons += _of_the_fit(session, pulses, part, found, settings, hint)
     explained = found.explained >= settings.good_explained
-    reasons += of_the_estimator(session, pulses, settings, explained)
+    reasons += _of_the_estimator(session, pulses, settings, explained)
     # without a curve the force is explained at one intensity only
     scope = '' if session.last.curve_known else f'{_DYNAMICS_ONLY}; '
     praise = (
@@ -285,15 +279,13 @@ def _of_one_muscle(
     when = 'over the session'
     if change.sudden_at_s is not None:
         when = f'at about {change.sudden_at_s:.0f} s'
-    yield (
-        DOUBTFUL,
-        (
-            f'the muscle changed: the {QUANTITIES[last.unit]} that pulses cause '
-            f'{how} {when}, '
-            f'and {last.estimator} takes the muscle for constant; '
-            f'--estimator {FOLLOWER} follows it'
-        ),
+    text = (
+        f'the muscle changed: the {QUANTITIES[last.unit]} that pulses cause '
+        f'{how} {when}, '
+        f'and {last.estimator} takes the muscle for constant; '
+        f'--estimator {FOLLOWER} follows it'
     )
+    yield DOUBTFUL, text
 
 
 def _of_the_fit(
@@ -315,14 +307,12 @@ def _of_the_fit(
     error = float(np.sqrt(np.mean(np.square(residual)))) if len(residual) else 0.0
     slow = max(error**2 - white_noise(force[late]) ** 2, 0.0) ** 0.5 if error else 0.0
     if slow > settings.largest_residual * span:
-        yield (
-            DOUBTFUL,
-            (
-                f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
-                f'{100 * slow / span:.2g} % of the '
-                f'range of the force, is no noise of the sensor{hint}'
-            ),
+        text = (
+            f'the residual is not white: {slow:.2g} {session.last.unit} of it, '
+            f'{100 * slow / span:.2g} % of the '
+            f'range of the force, is no noise of the sensor{hint}'
         )
+        yield DOUBTFUL, text
     seconds = float(np.ptp(stamps[part])) / NANOSECONDS_PER_SECOND
     drift = abs(found.slope) * seconds
     if drift > settings.largest_drift * span:
@@ -335,14 +325,12 @@ def _of_the_fit(
         error_before, error_after = held_out
         most = max(settings.held_out_times * error_after, settings.largest_held_out * span)
         if error_before > most:
-            yield (
-                DOUBTFUL,
-                (
-                    'the end of the session, held out, is missed by '
-                    f'{100 * error_before / span:.2g} % of the range of the force, '
-                    f'fitted it is {100 * error_after / span:.2g} %'
-                ),
+            text = (
+                'the end of the session, held out, is missed by '
+                f'{100 * error_before / span:.2g} % of the range of the force, '
+                f'fitted it is {100 * error_after / span:.2g} %'
             )
+            yield DOUBTFUL, text
 
 
 def _held_out_errors(session: IdentifiedSession, pulses: PulseTrain) -> tuple[float, float] | None:
@@ -402,41 +390,35 @@ def reasons_of_data(
     # an intensity of NaN was not recorded: dynamics can be found without it
     wrong = outside_shares(pulses.intensity) & ~np.isnan(pulses.intensity)
     if 2 * np.count_nonzero(wrong) > len(pulses):
-        yield 'no', invalid_intensities(pulses)
+        yield NO, invalid_intensities(pulses)
         return
     if not np.any(pulses.intensity > 0.0) and not np.isnan(pulses.intensity).any():
-        yield 'no', 'there is no pulse above intensity 0'
+        yield NO, 'there is no pulse above intensity 0'
         return
     if (apart := no_overlap(pulses.onset_ns, forces.stamp_ns)) is not None:
-        yield 'no', f'{CLOCKS_DIFFER}: {apart}'
+        yield NO, f'{CLOCKS_DIFFER}: {apart}'
         return
     if span == 0.0:
-        yield (
-            'no',
-            (
-                'the force never changes: another topic or axis, a dynamometer '
-                '(--quantity torque), or a dead sensor'
-            ),
+        text = (
+            'the force never changes: another topic or axis, a dynamometer '
+            '(--quantity torque), or a dead sensor'
         )
+        yield NO, text
         return
     yield from _of_time(pulses, forces)
     if span > expected_force:
-        yield (
-            'doubtful',
-            (
-                f'the {QUANTITIES[unit]} spans {span:.4g} {unit}, more than the '
-                f'{expected_force:g} {unit} that are expected: are these grams or millinewtons, '
-                'or has this muscle a higher --expected-force?'
-            ),
+        text = (
+            f'the {QUANTITIES[unit]} spans {span:.4g} {unit}, more than the '
+            f'{expected_force:g} {unit} that are expected: are these grams or millinewtons, '
+            'or has this muscle a higher --expected-force?'
         )
+        yield DOUBTFUL, text
     if unit == 'N' and span < least_force:
-        yield (
-            'doubtful',
-            (
-                f'the force spans {span:.2g} N, less than the {least_force:g} N that a sensor '
-                'for people resolves: is the force in kN?'
-            ),
+        text = (
+            f'the force spans {span:.2g} N, less than the {least_force:g} N that a sensor '
+            'for people resolves: is the force in kN?'
         )
+        yield DOUBTFUL, text
 
 
 def invalid_intensities(pulses: PulseTrain) -> str:
@@ -451,17 +433,15 @@ def invalid_intensities(pulses: PulseTrain) -> str:
 def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]]:
     if rate := _rate(forces.stamp_ns):
         if rate < _LEAST_SAMPLING_HZ:
-            yield (
-                'no',
-                (
-                    f'the force has {rate:.3g} samples a second, a twitch needs '
-                    f'{_LEAST_SAMPLING_HZ:g}: is the time in another unit, as ms?'
-                ),
+            text = (
+                f'the force has {rate:.3g} samples a second, a twitch needs '
+                f'{_LEAST_SAMPLING_HZ:g}: is the time in another unit, as ms?'
             )
+            yield NO, text
         elif rate > _MOST_SAMPLING_HZ:
-            yield 'no', f'the force has {rate:.3g} samples a second: is the time in another unit?'
+            yield NO, f'the force has {rate:.3g} samples a second: is the time in another unit?'
     if (rate := _rate(pulses.onset_ns)) > _MOST_PULSES_HZ:
-        yield 'doubtful', f'there are {rate:.3g} pulses a second: is the time in another unit?'
+        yield DOUBTFUL, f'there are {rate:.3g} pulses a second: is the time in another unit?'
 
 
 def _rate(stamp_ns: IntArray) -> float:
@@ -471,22 +451,10 @@ def _rate(stamp_ns: IntArray) -> float:
     return NANOSECONDS_PER_SECOND / float(np.median(steps)) if len(steps) else 0.0
 
 
-def of_the_estimate(
+def _of_the_estimate(
     last: Estimate, found: SimulatedFit, span: float, settings: VerdictSettings
 ) -> Iterator[Reason]:
-    """Yield what is wrong with an estimate, compared with the force.
-
-    Parameters
-    ----------
-    last : Estimate
-        The estimate that is judged.
-    found : SimulatedFit
-        Comparison of the force simulated with it and the measured one.
-    span : float
-        Range of the measured force, in the unit of the estimate.
-    settings : VerdictSettings
-        Thresholds.
-    """
+    """Yield what is wrong with an estimate, compared with a force of a range `span`."""
     if found.signal < 1.5 * found.noise:
         yield NO, 'the force holds noise only: the pulses leave no trace in it (topic, axis?)'
         return
@@ -507,13 +475,11 @@ def of_the_estimate(
     swing = -float(response.min()) / extreme
     if swing > settings.deepest_swing:
         grade = NO if swing > settings.worst_swing else DOUBTFUL
-        yield (
-            grade,
-            (
-                f'the response to a pulse swings to {response.min():.3g} {last.unit}: a muscle '
-                'only pulls'
-            ),
+        text = (
+            f'the response to a pulse swings to {response.min():.3g} {last.unit}: a muscle '
+            'only pulls'
         )
+        yield grade, text
     if len(last.curve_lower) and not last.curve_lower[-1] > 0.0:
         yield NO, 'the force at full intensity cannot be told from nothing'
 
@@ -539,21 +505,12 @@ def _of_the_explanation(
     yield grade, text
 
 
-def of_the_estimator(
+def _of_the_estimator(
     session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings, explained: bool
 ) -> Iterator[Reason]:
     """Yield reasons from doubts, parameters and intervals of the estimate.
 
-    Parameters
-    ----------
-    session : IdentifiedSession
-        What was identified.
-    pulses : PulseTrain
-        The recorded pulses.
-    settings : VerdictSettings
-        Thresholds.
-    explained : bool
-        Whether the estimate, as it stands, explains the force of the last seconds.
+    `explained`: whether the estimate, as it stands, explains the force of the last seconds.
     """
     last, first = session.last, session.estimates[0]
     for name in (one for one in last.doubts if one not in OF_TIME):
@@ -585,10 +542,8 @@ def of_the_estimator(
             for values in (last.curve_lower, last.curve_force, last.curve_upper)
         )
         if 0.5 * (upper - lower) > settings.widest_interval * abs(force):
-            yield (
-                DOUBTFUL,
-                (
-                    f'the force at intensity {top:.2g} is known only as {lower:.3g} to '
-                    f'{upper:.3g} {last.unit}'
-                ),
+            text = (
+                f'the force at intensity {top:.2g} is known only as {lower:.3g} to '
+                f'{upper:.3g} {last.unit}'
             )
+            yield DOUBTFUL, text

@@ -1,19 +1,14 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's on-line estimator: modified recursive Levenberg-Marquardt, Sec. 3.2.2.
-
-Prediction of samples ahead by the recursion of the paper.
-"""
+"""The paper's on-line estimator: modified recursive Levenberg-Marquardt, Sec. 3.2.2."""
 
 import math
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.model.basis import distorted_sines
 from rpms_ros.identification.model.estimate import (
     CURVE_INTENSITY,
     DEFAULT_RATE,
@@ -28,75 +23,25 @@ from rpms_ros.identification.recursion.paper_kernel import (
     Recursion,
     RecursionConstants,
     RecursionState,
-    SavedRecursion,
     process,
-    saved_of,
-    state_of,
     workspace,
 )
 from rpms_ros.identification.stream.doubts import PlausibilityCheck
-from rpms_ros.identification.stream.faults import FACTORISATION_FAILED, FaultCounter
+from rpms_ros.identification.stream.faults import FACTORISATION_FAILED
 from rpms_ros.muscle.recruitment import (
     PARAMETER_NAMES,
     RecruitmentParameters,
-    arctan_recruitment,
     identified_recruitment,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 from rpms_ros.saved_state import RestorableWithSettings, State, described, expect, plain, typed
 
-
-@numba.njit(cache=True)
-def predict(
-    stamp_ns: IntArray,
-    onset_ns: IntArray,
-    intensity: FloatArray,
-    theta: FloatArray,
-    weights: FloatArray,
-    shape: FloatArray,
-    expected: FloatArray,
-) -> None:
-    """Write ``phi^T w`` at ascending stamps (samples,) into `expected` (samples,).
-
-    Parameters
-    ----------
-    stamp_ns, onset_ns, intensity : ndarray
-        Samples, and the pulses of which some may still act, ascending.
-    theta : ndarray (4,)
-        Parameters.
-    weights : ndarray (functions,)
-        Linear parameters of the raw functions.
-    shape : ndarray (3,)
-        Tap [ns], memory [taps], form factor [taps].
-    expected : ndarray (samples,)
-        Overwritten by the prediction [N].
-    """
-    span_ns = shape[0] * (shape[1] + 0.5)
-    offset = arctan_recruitment(0.0, theta)
-    raw = np.empty(len(weights))
-    first = 0
-    for index in range(len(stamp_ns)):
-        stamp = stamp_ns[index]
-        while first < len(onset_ns) and stamp - onset_ns[first] > span_ns:
-            first += 1
-        total = 0.0
-        place = first
-        while place < len(onset_ns) and onset_ns[place] < stamp:
-            tap = (stamp - onset_ns[place]) / shape[0]
-            if distorted_sines(tap, shape[1], shape[2], raw):
-                response = 0.0
-                for function in range(len(raw)):
-                    response += weights[function] * raw[function]
-                total += (arctan_recruitment(intensity[place], theta) - offset) * response
-            place += 1
-        expected[index] = total
-
-
 RESPONSE_STEP = 5e-3
 # Initial room for pulses that act at the same time.
 ACTING_PULSES = 32
-# Key of the recursion in a saved state.
+# Key of the recursion in a saved state, and what it is there.
 _RECURSION = 'recursion'
+_SAVED = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, IntArray]
 
 
 class ModifiedRecursiveLM(RestorableWithSettings):
@@ -184,19 +129,22 @@ class ModifiedRecursiveLM(RestorableWithSettings):
 
     def state(self) -> State:
         """Return the whole state; see `Restorable.state`."""
-        return {**super().state(), _RECURSION: plain(saved_of(self._state))}
+        return {**super().state(), _RECURSION: plain(self._saved())}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore a saved state; see `Restorable.restore`."""
         super().restore({name: value for name, value in state.items() if name != _RECURSION})
-        saved = typed(SavedRecursion, state.get(_RECURSION), 'ModifiedRecursiveLM.recursion')
-        own = saved_of(self._state)
-        alike = all(one.shape == other.shape for one, other in zip(own, saved, strict=True))
+        saved = typed(_SAVED, state.get(_RECURSION), 'ModifiedRecursiveLM.recursion')
+        alike = [one.shape for one in saved] == [one.shape for one in self._saved()]
         alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
         expect(alike, 'ModifiedRecursiveLM', 'arrays of one model')
-        self._state = state_of(saved)
+        self._state = RecursionState(*saved[:-1], scalars=saved[-1].view(SCALARS))
         if len(self._onset_ns):
             self._make_room()
+
+    def _saved(self) -> list[FloatArray | IntArray]:
+        """Return the arrays of the recursion, its scalars as the bits of integers."""
+        return [*self._state[:-1], self._state.scalars.view(np.int64)]
 
     def update(
         self,
@@ -231,17 +179,9 @@ class ModifiedRecursiveLM(RestorableWithSettings):
     def predict(self, stamp_ns: IntArray) -> FloatArray:
         """Return the prediction of the next samples (samples,) [N]."""
         expected = np.empty(len(stamp_ns))
-        constants, state = self._constants, self._state
-        weights = state.linear @ constants.mixing
-        predict(
-            stamp_ns,
-            self._onset_ns,
-            self._intensity,
-            state.theta,
-            weights,
-            constants.shape,
-            expected,
-        )
+        recursion = Recursion(self._constants, self._state, self._workspace)
+        nothing, unused = np.zeros(len(stamp_ns)), np.zeros(len(stamp_ns), dtype=np.bool_)
+        process(stamp_ns, nothing, unused, self._onset_ns, self._intensity, recursion, expected)
         return expected
 
     def estimate(self, stamp_ns: int, faults: Mapping[str, int]) -> Estimate:
@@ -252,10 +192,9 @@ class ModifiedRecursiveLM(RestorableWithSettings):
         full = identified_recruitment(parameters, 1.0)
         energy = float(scalars['force_energy'][0])
         error = float(np.sqrt(scalars['error_energy'][0] / energy)) if energy > 0.0 else 0.0
-        # faults of monitors of other packages are counted under any name
-        own = FaultCounter(dict.fromkeys(faults, ''))
-        for name, count in (*faults.items(), (FACTORISATION_FAILED, int(scalars['failures'][0]))):
-            own.add(name, count)
+        failures = int(scalars['failures'][0])
+        if failures:
+            faults = {**faults, FACTORISATION_FAILED: failures}
         estimate = Estimate(
             stamp_ns=stamp_ns,
             estimator=self.name,
@@ -273,7 +212,7 @@ class ModifiedRecursiveLM(RestorableWithSettings):
             pulses=self._pulses,
             damping=float(scalars['damping'][0]),
             condition_number=float(scalars['condition_number'][0]),
-            faults=own.counts(),
+            faults=dict(faults),
         )
         return self._plausibility.examine(estimate)
 

@@ -27,13 +27,9 @@ step does to this sample's residual with what the quadratic model predicted.
 
 Residuals are measured minus predicted.
 
-What the recursion of `rpms_ros.identification.recursion.paper_kernel` remembers and works with.
-
-Separable regressors of one force sample from the pulses that act on it, Eqs. (15) and (16).
-
-Of every pulse the basis at its lag is needed, which does not depend on the nonlinear parameters,
-and its recruitment, which does.  The basis is evaluated once a sample and used again for the
-regressors of a trial step.
+*Regressors*, Eqs. (15) and (16).  Of every pulse the basis at its lag is needed, which does not
+depend on the nonlinear parameters, and its recruitment, which does.  The basis is evaluated once a
+sample and used again for the regressors of a trial step.
 """
 
 import math
@@ -94,37 +90,6 @@ class RecursionState(NamedTuple):
     projection: FloatArray
     hessian: FloatArray
     scalars: RecordArray
-
-
-class SavedRecursion(NamedTuple):
-    """A `RecursionState` as it is saved: each field of its scalars is one array."""
-
-    theta: FloatArray
-    linear: FloatArray
-    covariance: FloatArray
-    projection: FloatArray
-    hessian: FloatArray
-    damping: FloatArray
-    condition_number: FloatArray
-    error_energy: FloatArray
-    force_energy: FloatArray
-    samples: IntArray
-    failures: IntArray
-    previous_ns: IntArray
-
-
-def saved_of(state: RecursionState) -> SavedRecursion:
-    """Return a state in the form in which it is saved."""
-    names = SCALARS.names or ()
-    return SavedRecursion(*state[:-1], *(state.scalars[name] for name in names))
-
-
-def state_of(saved: SavedRecursion) -> RecursionState:
-    """Return a state that was saved."""
-    scalars = np.zeros(1, dtype=SCALARS)
-    for name in SCALARS.names or ():
-        scalars[name] = getattr(saved, name)
-    return RecursionState(*saved[:5], scalars=scalars)
 
 
 class RecursionConstants(NamedTuple):

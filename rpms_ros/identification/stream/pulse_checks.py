@@ -228,7 +228,8 @@ def _answered_apart(
 
 def _correlated(course: FloatArray, drive: FloatArray) -> FloatArray:
     """Return the correlation of a course with a drive (bins,) by lag, that of 0 in the middle."""
-    size = 4 * _BINS
+    # no shorter lag wraps around
+    size = _BINS + _LAGS
     spectrum = np.fft.rfft(course, size) * np.conj(np.fft.rfft(drive, size))
     by_lag = np.fft.irfft(spectrum, size)
     return np.concatenate((by_lag[-_LAGS:], by_lag[: _LAGS + 1]))

@@ -278,7 +278,8 @@ _BEFORE_ALL = -(2**63)
 _ARTIFACT_NS = 10_000_000
 # Cells of the monitors' grid between two records of the counts of faults.
 _NOTE_CELLS = 10
-# The same between two looks at how pulses and force belong together.
+# The same between two looks at how pulses and force belong together; half as often where what
+# was found stays.
 _ALIGN_CELLS = 50
 
 
@@ -577,7 +578,7 @@ class IdentificationStream(RestorableWithSettings):
         self._cells += 1
         if self._cells % _NOTE_CELLS == 0 or not self.estimator.on_line:
             self._doubts.note(self._samples, self._counter.counts())
-        blocks = _ALIGN_CELLS if self.estimator.on_line else _ALIGN_CELLS // _NOTE_CELLS
+        blocks = _ALIGN_CELLS if self.estimator.on_line else 2 * _ALIGN_CELLS // _NOTE_CELLS
         if self._cells % blocks == 0:
             self._alignment.judge(self._last_ns)
 
