@@ -15,14 +15,7 @@ from rpms_ros.identification import (
     RecruitmentBounds,
     RecursiveSettings,
 )
-from rpms_ros.identification.recursion.paper_kernel import (
-    _bounded,
-    _damped_step,
-    _judge,
-    _plain_derivative,
-    _update_linear,
-    mix,
-)
+from rpms_ros.identification.recursion.paper_kernel import _plain_derivative, _update_linear, mix
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 
 
@@ -115,53 +108,3 @@ def test_the_projection_is_the_one_of_all_samples_at_once() -> None:
     )
     np.testing.assert_allclose(state.covariance, np.linalg.inv(gram), atol=1e-3)
     np.testing.assert_array_equal(state.covariance, state.covariance.T)
-
-
-def test_a_badly_conditioned_step_is_damped_more() -> None:
-    estimator = estimator_of()
-    constants, state, work = estimator._constants, estimator._state, estimator._workspace
-    state.hessian[:] = np.diag([10.0, 1.0, 1e-4])
-    work.derivative[:] = 1.0
-    _damped_step(state, constants, work, 1.0)
-    # 10.001 / 0.0011
-    assert state.scalars['condition_number'][0] == pytest.approx(10.001 / 0.0011)
-    assert state.scalars['damping'][0] == pytest.approx(0.001 + 0.01)
-    np.testing.assert_allclose(work.step, 1.0 / (np.array([10.0, 1.0, 1e-4]) + 0.011))
-    state.hessian[:] = np.eye(3)
-    _damped_step(state, constants, work, 1.0)
-    assert state.scalars['damping'][0] == pytest.approx(0.011)
-
-
-@pytest.mark.parametrize(
-    ('actual', 'predicted', 'taken', 'factor'),
-    [
-        (1.0, 1.0, True, 1 / 1.002),
-        (0.981, 1.0, True, 1 / 1.002),
-        (0.5, 1.0, True, 1.0),
-        (0.01, 1.0, True, 1.002),
-        (-0.1, 1.0, False, 1.002),
-        (1.0, 0.0, False, 1.002),
-        (1.0, -1.0, False, 1.002),
-    ],
-)
-def test_gain_ratio_rules(actual: float, predicted: float, taken: bool, factor: float) -> None:
-    estimator = estimator_of()
-    constants, state = estimator._constants, estimator._state
-    assert _judge(state.scalars, constants, actual, predicted) is taken
-    assert state.scalars['damping'][0] == pytest.approx(0.001 * factor, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ('step', 'expected'),
-    [
-        ((0.0, 0.1, 1.0), (0.4, 1.0, 4.0)),
-        ((-1.0, 9.0, -9.0), (0.0, 1.5, 0.5)),
-        ((0.3, -0.3, 99.0), (0.7, 0.75, 50.0)),
-    ],
-)
-def test_bounds(step: tuple[float, ...], expected: tuple[float, ...]) -> None:
-    estimator = estimator_of()
-    work = estimator._workspace
-    work.step[:] = step
-    _bounded(estimator._state.theta, estimator._constants, work)
-    np.testing.assert_allclose(work.candidate, (*expected, 6.0), rtol=1e-12)

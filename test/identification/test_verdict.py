@@ -275,12 +275,6 @@ def test_a_stronger_muscle_can_be_expected(trial: Trial) -> None:
         VerdictSettings(expected_force=0.0)
 
 
-def test_a_force_in_kilonewtons_is_doubted(trial: Trial) -> None:
-    verdict = judged(with_force(trial, lambda force: 1e-3 * force))
-    assert verdict.grade == 'doubtful'
-    assert any('is the force in kN?' in text for text in verdict.reasons), verdict.line
-
-
 def test_some_invalid_intensities_are_named_as_the_cause(trial: Trial) -> None:
     pulses, forces = trial
     low = np.where(pulses.intensity < 0.15, -pulses.intensity, pulses.intensity)

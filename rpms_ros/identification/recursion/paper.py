@@ -138,7 +138,7 @@ class ModifiedRecursiveLM(RestorableWithSettings):
         alike = [one.shape for one in saved] == [one.shape for one in self._saved()]
         alike = alike and self._onset_ns.shape == self._intensity.shape == (len(self._onset_ns),)
         expect(alike, 'ModifiedRecursiveLM', 'arrays of one model')
-        self._state = RecursionState(*saved[:-1], scalars=saved[-1].view(SCALARS))
+        self._state = RecursionState._make([*saved[:-1], saved[-1].view(SCALARS)])
         if len(self._onset_ns):
             self._make_room()
 

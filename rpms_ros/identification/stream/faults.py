@@ -88,10 +88,6 @@ MEANING: Mapping[str, str] = {
 }
 
 
-# Earlier than any stamp [ns].
-_LONG_AGO = -(2**63)
-
-
 class FaultCounter(Restorable):
     """Counts faults by name, at once or when the samples before them are processed.
 
@@ -121,7 +117,8 @@ class FaultCounter(Restorable):
 
     def postpone(self, name: str, after_ns: int | None) -> None:
         """Keep a fault that was found after a stamp [ns]; None: before the first."""
-        key = (_LONG_AGO if after_ns is None else after_ns, name)
+        # without one, earlier than any stamp
+        key = (-(2**63) if after_ns is None else after_ns, name)
         self._postponed[key] = self._postponed.get(key, 0) + 1
 
     def count_until(self, until_ns: int | None) -> None:
