@@ -24,7 +24,6 @@ from rpms_msgs.msg import AcceptedSchedule, DriverStatus, Pulse, Schedule as Sch
 from rpms_ros.errors import RpmsError
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.topics import MESSAGE_TYPES
-from rpms_ros.nodes.driver.goals import GoalRefused, _schedule_of
 from rpms_ros.nodes.driver.reports import ask_for_realtime
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.schedule_messages import schedule_message
@@ -143,14 +142,6 @@ def test_bad_goals_are_refused_with_one_reason(driver_bench, graph, changes, rea
     assert code == (RunSchedule.Result.OVER_LIMIT if limit else RunSchedule.Result.BAD_SCHEDULE)
     graph.wait_for(lambda: reason in lab.reason)
     assert lab.pulses == []
-
-
-def test_a_text_in_a_goal_is_refused_whatever_else_it_holds():
-    goal = SimpleNamespace(
-        schedule='segments: []', typed_schedule=schedule_message(SHORT, MESSAGE_TYPES)
-    )
-    with pytest.raises(GoalRefused, match='in typed_schedule, got a text in schedule'):
-        _schedule_of(goal)
 
 
 def test_impossible_transition_does_not_end_the_node(driver_bench, graph):

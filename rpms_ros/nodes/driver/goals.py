@@ -255,10 +255,6 @@ def _schedule_of(request: RunSchedule.Goal) -> Schedule:
     GoalRefused
         If it does not describe one, whatever the reader of it makes of it.
     """
-    if getattr(request, 'schedule', ''):
-        raise GoalRefused(
-            CODES.BAD_SCHEDULE, 'expected a schedule in typed_schedule, got a text in schedule'
-        )
     try:
         return schedule_of(request.typed_schedule)
     except StimulationError as error:
