@@ -86,7 +86,7 @@ def test_a_node_that_is_refused_is_not_on_the_graph(
 def test_a_console_without_a_terminal_lets_go_of_it(graph, tmp_path: Path) -> None:
     other = graph.add(lambda **options: Node('other', **options))
     schedule = tmp_path / 'schedule.yaml'
-    schedule.write_text('segments: [{kind: rest, duration_s: 1.0}]')
+    schedule.write_text('segments: [{kind: pause, duration_s: 1.0}]')
     terminal = _NoTerminal()
     with pytest.raises(RpmsError, match='expected a terminal'):
         graph.add(
