@@ -129,7 +129,7 @@ def test_a_demo_of_a_scenario_is_followed_and_held_against_its_truth(tmp_path: P
     assert muscle is not None
     # ten messages a second, some before the first pulse
     assert len(muscle.stamp_ns) > 35
-    assert muscle.effort.max() > 0.5
+    assert muscle.state['effort'].max() > 0.5
     assert muscle.curve[-1, -1] < 0.98 * muscle.curve[0, -1]
 
 

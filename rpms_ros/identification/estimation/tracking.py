@@ -315,7 +315,7 @@ _LONGEST_LAG_S = 0.3
 _STEPS, _FIRST_STEPS = 2, 6
 _DOUBTED_NS = 10 * NANOSECONDS_PER_SECOND
 # After a rest of this length what is known of the muscle is kept as prior.
-_REST_NS = 20 * NANOSECONDS_PER_SECOND
+_REST_NS = 30 * NANOSECONDS_PER_SECOND
 _SETTLING_NS = NANOSECONDS_PER_SECOND // 2
 _YOUNG_NS = 10 * NANOSECONDS_PER_SECOND
 # Neighbouring residuals of a basis that fits are seldom alike.
@@ -518,7 +518,7 @@ class TrackingEstimator(ProjectionEstimator):
             self._multistart.try_next(self._problem, self._window, self._knowledge, self._span())
             gauss_newton_steps(self._problem, self._window, self._knowledge, self._span(), steps)
             self._doubt_what_is_from_before(self._span())
-            if self._find:
+            if self._find and self._window.variance > 0.0:
                 self._watch.remember(snapshot(self._window, window.now_ns))
         self._predict_by_window()
 
@@ -582,9 +582,10 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _doubt_what_is_from_before(self, window: Window) -> None:
         """Give up what another session, or a change, has left where the samples contradict it."""
-        if not self._from_before:
+        acting_ns = self._acting_ns()
+        if not (self._from_before and len(acting_ns)):
             return
-        self._from_before = window.now_ns - window.first_ns < _DOUBTED_NS
+        self._from_before = window.now_ns - int(acting_ns[0]) < _DOUBTED_NS
         alone = fresh_fit(self._window.point.theta, self._basis.functions)
         gauss_newton_steps(self._problem, alone, self._prior, window, _FIRST_STEPS)
         if self._knowledge.contradicted(self._window, alone):
@@ -670,11 +671,16 @@ class TrackingEstimator(ProjectionEstimator):
         self._problem = self._problem._replace(baseline=BaselineKnots(2, origin, INTERVAL_NS))
         recompute_state(self._problem, self._intake, fit)
 
-    def _rests(self) -> bool:
-        """Return whether the pulses of the window were long ago: soon it would hold none."""
+    def _acting_ns(self) -> IntArray:
+        """Return when the pulses of the blocks began to act (pulses,) [ns]."""
         blocks = self._problem.blocks
         order = (int(blocks.head[0]) + np.arange(int(blocks.size[0]))) % len(blocks.start_ns)
-        acting_ns = blocks.start_ns[order][blocks.intensity[order] > 0.0]
+        acting_ns: IntArray = blocks.start_ns[order][blocks.intensity[order] > 0.0]
+        return acting_ns
+
+    def _rests(self) -> bool:
+        """Return whether the pulses of the window were long ago: soon it would hold none."""
+        acting_ns = self._acting_ns()
         return len(acting_ns) > 0 and self._now_ns - int(acting_ns[-1]) > _REST_NS
 
     def _slide(self) -> None:
@@ -738,7 +744,7 @@ class TrackingEstimator(ProjectionEstimator):
 
     def _choose_basis(self) -> None:
         """Compare the basis with others when it is time to."""
-        if not self._choose or self._watch.deliberating:
+        if not self._choose or self._watch.deliberating or not len(self._acting_ns()):
             return
         search = self._schedule.due(self._now_ns, self._window.inflation > _ALIKE)
         if search is None:

@@ -45,7 +45,7 @@ def test_a_muscle_that_changed_is_said_not_to_be_constant(
     assert not is_constant(estimator._problem, estimator._fit)
 
 
-def test_a_clock_that_jumps_back_leaves_it_open(living_sessions) -> None:
+def test_a_clock_that_jumps_back_is_no_change_of_the_muscle(living_sessions) -> None:
     what = living_sessions.session('steady', 'random', 0, 30.0)
     estimator = estimator_by_name('batch')
     half = len(what.stamp_ns) // 2
@@ -55,7 +55,7 @@ def test_a_clock_that_jumps_back_leaves_it_open(living_sessions) -> None:
         estimator.update(what.stamp_ns[:half], what.force[:half], np.ones(half, dtype=np.bool_))
         estimator.forget_pulses()
     assert estimator.estimate(0, {}).doubts == ()
-    assert unexplained(estimator._problem, estimator._fit).shape == (0, 2)
+    assert len(unexplained(estimator._problem, estimator._fit)) > 3
 
 
 def test_nothing_recorded_is_constant() -> None:
