@@ -583,6 +583,7 @@ class TrackingEstimator(ProjectionEstimator):
     def _doubt_what_is_from_before(self, window: Window) -> None:
         """Give up what another session, or a change, has left where the samples contradict it."""
         acting_ns = self._acting_ns()
+        acting_ns = acting_ns[acting_ns >= window.first_ns]
         if not (self._from_before and len(acting_ns)):
             return
         self._from_before = window.now_ns - int(acting_ns[0]) < _DOUBTED_NS
