@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from rpms_ros.identification.estimation.basis_choice import BasisChoice, RawSamples
-from rpms_ros.identification.estimation.blocks import COUNT, grown
+from rpms_ros.identification.estimation.blocks import COUNT, grown, ring_order
 from rpms_ros.identification.estimation.estimator import ProjectionEstimator, recompute_state
 from rpms_ros.identification.estimation.gauss_newton import (
     Fit,
@@ -41,7 +41,6 @@ from rpms_ros.identification.estimation.settings import (
     Problem,
     ProjectionSettings,
 )
-from rpms_ros.identification.estimation.uncertainty import EstimateBuilder
 from rpms_ros.identification.estimation.window_equations import condensed, no_change
 from rpms_ros.identification.estimation.window_fit import (
     INTERVAL_NS,
@@ -49,7 +48,6 @@ from rpms_ros.identification.estimation.window_fit import (
     fresh_fit,
     gauss_newton_steps,
 )
-from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
 from rpms_ros.identification.stream.doubts import NO_CONSTANT_MUSCLE, REASON
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
@@ -102,7 +100,6 @@ class BatchEstimator(ProjectionEstimator):
     _due_ns: int
     _interval_ns: int
     _fitted_samples: int
-    _basis: LaguerreBasis
     _searches: int
     _compared_ns: int
     _shift_ns: int
@@ -122,7 +119,6 @@ class BatchEstimator(ProjectionEstimator):
         self._due_ns = 0
         self._interval_ns = _FIRST_FIT_NS
         self._fitted_samples = 0
-        self._basis = self.settings.basis
         self._searches = 0
         self._compared_ns = 0
         self._shift_ns = 0
@@ -292,15 +288,6 @@ class BatchEstimator(ProjectionEstimator):
         self._use(basis)
         return True
 
-    def _use(self, basis: LaguerreBasis) -> None:
-        """Use a basis from now on."""
-        self._basis = basis
-        self._rate = 2.0 / basis.time_constant
-        self._delay_line.latency(basis.latency)
-        self._builder = EstimateBuilder(
-            self.name, basis, self.rate_hz, self.settings.confidence, wide=True
-        )
-
     def _scout(self, fit: Fit) -> None:
         """Try every start on the newest blocks; keep the best if it fits all blocks better."""
         problem = self._newest_blocks()
@@ -319,7 +306,7 @@ class BatchEstimator(ProjectionEstimator):
         """Return the problem of the newest blocks, led by those whose pulses still act on them."""
         blocks = self._problem.blocks
         size = int(blocks.size[0])
-        order = (int(blocks.head[0]) + np.arange(size)) % len(blocks.start_ns)
+        order = ring_order(blocks)
         first = max(size - _SCOUTED_BLOCKS, 0)
         begin_ns = blocks.start_ns[order[first]] - nanoseconds(self.memory)
         # the clock may have jumped back
@@ -400,7 +387,7 @@ def unexplained(problem: Problem, fit: Fit) -> FloatArray:
         variance of what the part's own muscle leaves.  Empty if the clock has jumped back.
     """
     blocks = problem.blocks
-    order = (int(blocks.head[0]) + np.arange(int(blocks.size[0]))) % len(blocks.start_ns)
+    order = ring_order(blocks)
     start_ns = blocks.start_ns[order]
     if not len(start_ns) or (np.diff(start_ns) < 0).any():
         return np.empty((0, 2))

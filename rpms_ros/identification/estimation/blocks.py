@@ -78,11 +78,18 @@ def empty_blocks(capacity: int, functions: int) -> BlockStatistics:
     )
 
 
+def ring_order(blocks: BlockStatistics) -> IntArray:
+    """Return the places of the blocks in the ring (size,), oldest first."""
+    size = int(blocks.size[0])
+    order: IntArray = (int(blocks.head[0]) + np.arange(size)) % len(blocks.start_ns)
+    return order
+
+
 def grown(blocks: BlockStatistics, capacity: int) -> BlockStatistics:
     """Return the same blocks in a longer ring that begins at 0."""
     larger = empty_blocks(capacity, blocks.transition.shape[1])
-    head, size = int(blocks.head[0]), int(blocks.size[0])
-    order = (head + np.arange(size)) % len(blocks.start_ns)
+    order = ring_order(blocks)
+    size = len(order)
     for source, target in zip(blocks[:-2], larger[:-2], strict=True):
         target[:size] = source[order]
     larger.size[0] = size

@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.prior import Knowledge, coordinates
 from rpms_ros.identification.estimation.settings import PARAMETERS, Problem
 from rpms_ros.identification.estimation.window_equations import (
@@ -464,9 +465,7 @@ class ChangeWatch(Restorable):
 
 def first_block_after(problem: Problem, stamp_ns: int) -> int:
     """Return the first block that begins after a time [ns], counted from the oldest."""
-    blocks = problem.blocks
-    head, size = int(blocks.head[0]), int(blocks.size[0])
-    start_ns = blocks.start_ns[(head + np.arange(size)) % len(blocks.start_ns)]
+    start_ns = problem.blocks.start_ns[ring_order(problem.blocks)]
     return int(np.searchsorted(start_ns, stamp_ns, side='right'))
 
 

@@ -23,6 +23,7 @@ from rpms_ros.identification.estimation.blocks import (
     empty_blocks,
     newest,
     open_block,
+    ring_order,
 )
 from rpms_ros.identification.estimation.gauss_newton import Fit, empty_fit, residual_sums
 from rpms_ros.identification.estimation.normal_equations import (
@@ -304,6 +305,7 @@ class ProjectionEstimator(RestorableWithSettings):
     name = 'projection'
     on_line = True
 
+    _basis: LaguerreBasis
     _problem: Problem
     _fit: Fit
     _trial: Fit
@@ -324,7 +326,7 @@ class ProjectionEstimator(RestorableWithSettings):
             raise IdentificationError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
         self.settings = settings if settings is not None else ProjectionSettings()
         self.rate_hz = rate_hz
-        basis = self.settings.basis
+        basis = self._basis = self.settings.basis
         self._rate = 2.0 / basis.time_constant
         self._problem = Problem(
             blocks=empty_blocks(capacity, basis.functions),
@@ -405,6 +407,15 @@ class ProjectionEstimator(RestorableWithSettings):
         )
         return expected
 
+    def _use(self, basis: LaguerreBasis) -> None:
+        """Use a basis from now on."""
+        self._basis = basis
+        self._rate = 2.0 / basis.time_constant
+        self._delay_line.latency(basis.latency)
+        self._builder = EstimateBuilder(
+            self.name, basis, self.rate_hz, self.settings.confidence, wide=True
+        )
+
     def _into_other_blocks(
         self,
         raw: 'RawSamples',
@@ -479,13 +490,13 @@ class ProjectionEstimator(RestorableWithSettings):
     def _residuals(self) -> ResidualSums:
         """Return the sums of the residuals of the blocks."""
         blocks, first = self._problem.blocks, self._problem.first
-        head, size = int(blocks.head[0]), int(blocks.size[0])
+        size = int(blocks.size[0])
         count = size - first
         if count <= 0:
             return ResidualSums(np.zeros(1), 0.0, 0.0, 0.0, 0.0)
         sums = np.zeros(count)
         residual_sums(self._problem, size, self._fit, sums)
-        order = (head + np.arange(first, size)) % len(blocks.start_ns)
+        order = ring_order(blocks)[first:]
         start_ns, moments = blocks.start_ns[order], blocks.moments[order]
         recruitment = identified_recruitment(self.parameters, blocks.intensity[order])
         samples = moments[:, COUNT]

@@ -275,7 +275,8 @@ def _reduced_hessian(fit: Fit, prior: Prior, hessian: FloatArray) -> bool:
 
 
 @register_jitable
-def _room(problem: Problem, fit: Fit, low: FloatArray, high: FloatArray) -> None:
+def room(problem: Problem, fit: Fit, low: FloatArray, high: FloatArray) -> None:
+    """Write the least and greatest steps of theta, see `room_for_steps`."""
     room_for_steps(fit.theta, problem.prior, low, high)
 
 
@@ -290,8 +291,8 @@ def _move(problem: Problem, fit: Fit, step: FloatArray, trial: Fit) -> None:
 
 
 @register_jitable
-def _accept(fit: Fit, trial: Fit) -> None:
-    """Copy the trial into the fit."""
+def accept(fit: Fit, trial: Fit) -> None:
+    """Copy parameters, equations, cost and variance of a trial; damping and counters stay."""
     fit.theta[:] = trial.theta
     fit.linear[:] = trial.linear
     fit.levels[:] = trial.levels
@@ -322,7 +323,7 @@ def _linearise(
     return _reduced_hessian(fit, problem.prior, hessian)
 
 
-_minimise = minimiser(_linearise, _room, _move, _accept)
+_minimise = minimiser(_linearise, room, _move, accept)
 
 
 def improve(problem: Problem, fit: Fit, trial: Fit, steps: int, tolerance: float) -> None:

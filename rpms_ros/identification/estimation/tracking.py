@@ -29,6 +29,7 @@ from rpms_ros.identification.estimation.basis_choice import (
     Search,
     conversion,
 )
+from rpms_ros.identification.estimation.blocks import ring_order
 from rpms_ros.identification.estimation.change_detection import (
     DYNAMICS,
     Alert,
@@ -57,7 +58,6 @@ from rpms_ros.identification.estimation.settings import (
     ProjectionSettings,
 )
 from rpms_ros.identification.estimation.tremor import SEARCHED_NS, Tremor, repetition_rates
-from rpms_ros.identification.estimation.uncertainty import EstimateBuilder
 from rpms_ros.identification.estimation.window_equations import (
     Origin,
     no_change,
@@ -342,7 +342,6 @@ class TrackingEstimator(ProjectionEstimator):
 
     name = 'tracking'
 
-    _basis: LaguerreBasis
     _last_ns: int | None
     _schedule: BasisSchedule
     _multistart: Multistart
@@ -367,7 +366,6 @@ class TrackingEstimator(ProjectionEstimator):
         super().__init__(settings, rate_hz, self._capacity, 2)
         self._step_ns = round(settings.step_period * NANOSECONDS_PER_SECOND)
         functions = settings.basis.functions
-        self._basis = settings.basis
         self._last_ns = None
         self._schedule = BasisSchedule()
         self._multistart = Multistart(settings.starts())
@@ -675,7 +673,7 @@ class TrackingEstimator(ProjectionEstimator):
     def _acting_ns(self) -> IntArray:
         """Return when the pulses of the blocks began to act (pulses,) [ns]."""
         blocks = self._problem.blocks
-        order = (int(blocks.head[0]) + np.arange(int(blocks.size[0]))) % len(blocks.start_ns)
+        order = ring_order(blocks)
         acting_ns: IntArray = blocks.start_ns[order][blocks.intensity[order] > 0.0]
         return acting_ns
 
@@ -689,7 +687,7 @@ class TrackingEstimator(ProjectionEstimator):
         blocks = self._problem.blocks
         capacity = len(blocks.start_ns)
         head, size = int(blocks.head[0]), int(blocks.size[0])
-        start_ns = blocks.start_ns[(head + np.arange(size)) % capacity]
+        start_ns = blocks.start_ns[ring_order(blocks)]
         surplus = size - (capacity - _SPARE_BLOCKS)
         oldest = self._now_ns - self._length_ns()
         first = max(int(np.searchsorted(start_ns, oldest)), self._problem.first, surplus)
@@ -801,12 +799,3 @@ class TrackingEstimator(ProjectionEstimator):
         self._origin = self._origin._replace(linear=matrix @ self._origin.linear)
         self._watch.forget()
         self._use(basis)
-
-    def _use(self, basis: LaguerreBasis) -> None:
-        """Use a basis from now on."""
-        self._basis = basis
-        self._rate = 2.0 / basis.time_constant
-        self._delay_line.latency(basis.latency)
-        self._builder = EstimateBuilder(
-            self.name, basis, self.rate_hz, self.settings.confidence, wide=True
-        )

@@ -12,7 +12,7 @@ the muscle itself.
 
 import numpy as np
 
-from rpms_ros.identification.estimation.blocks import BlockStatistics
+from rpms_ros.identification.estimation.blocks import BlockStatistics, ring_order
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import Restorable
 
@@ -40,7 +40,7 @@ _WAVES = np.exp(-2e-9j * np.pi * _BIN_NS * np.outer(_FREQUENCIES, np.arange(_SEA
 
 def repetition_rates(blocks: BlockStatistics) -> FloatArray:
     """Return the rates of the newest pulses (rates,) [Hz], none if they are many."""
-    order = (int(blocks.head[0]) + np.arange(int(blocks.size[0]))) % len(blocks.start_ns)
+    order = ring_order(blocks)
     recent = blocks.start_ns[order][blocks.intensity[order] > 0.0][-_RECENT_PULSES:]
     intervals = 1e-9 * np.diff(recent)
     rates = np.unique(np.round(1.0 / intervals[intervals > _SHORTEST_INTERVAL], 1))

@@ -32,7 +32,7 @@ from rpms_ros.identification.estimation.blocks import (
     PulseDelayLine,
     newest,
 )
-from rpms_ros.identification.estimation.gauss_newton import LEAST_ENERGY, Fit, empty_fit
+from rpms_ros.identification.estimation.gauss_newton import LEAST_ENERGY, Fit, accept, empty_fit
 from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
@@ -43,7 +43,6 @@ from rpms_ros.identification.recursion.people_kernel import (
     Memory,
     PredictionState,
     StepProblem,
-    accept,
     add_block,
     begin_block,
     empty_memory,

@@ -50,9 +50,10 @@ from rpms_ros.identification.estimation.estimator import count_energy
 from rpms_ros.identification.estimation.gauss_newton import (
     LEAST_ENERGY,
     Fit,
+    accept,
     coordinate,
     move_theta,
-    room_for_steps,
+    room,
 )
 from rpms_ros.identification.estimation.normal_equations import advance_state, correlate
 from rpms_ros.identification.estimation.settings import PARAMETERS, Prior
@@ -551,11 +552,6 @@ def _linearise(
 
 
 @register_jitable
-def _room(problem: StepProblem, fit: Fit, low: FloatArray, high: FloatArray) -> None:
-    room_for_steps(fit.theta, problem.prior, low, high)
-
-
-@register_jitable
 def _move(problem: StepProblem, fit: Fit, step: FloatArray, trial: Fit) -> None:
     """Take a step (4,); where the linear unknowns cannot be solved, the cost is infinite."""
     move_theta(fit.theta, problem.prior, step, trial.theta)
@@ -566,18 +562,4 @@ def _move(problem: StepProblem, fit: Fit, step: FloatArray, trial: Fit) -> None:
         trial.cost[0] = np.inf
 
 
-@register_jitable
-def accept(fit: Fit, trial: Fit) -> None:
-    """Copy parameters, equations and cost of a trial to `fit`; damping and counters stay."""
-    fit.theta[:] = trial.theta
-    fit.linear[:] = trial.linear
-    fit.levels[:] = trial.levels
-    fit.matrix[:] = trial.matrix
-    fit.right[:] = trial.right
-    fit.cost[0] = trial.cost[0]
-    fit.squares[0] = trial.squares[0]
-    fit.samples[0] = trial.samples[0]
-    fit.energy[0] = trial.energy[0]
-
-
-improve = minimiser(_linearise, _room, _move, accept)
+improve = minimiser(_linearise, room, _move, accept)
