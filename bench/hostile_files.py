@@ -114,7 +114,7 @@ def kind_of(name: str, folder: Path) -> Kind:
     """Write the files of one of `NAMES`; return them with what reads them."""
     if name in FORMATS:
         path = tables(folder)[name]
-        return Kind((path,), made(folder, 'import', path, '--yes'))
+        return Kind((path,), made(folder, 'import', path))
     if name in DOCUMENTS:
         return document(name, folder)
     session = recording(folder)

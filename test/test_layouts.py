@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rpms_ros.cli import main
-from rpms_ros.cli.layout import LayoutError, layout
+from rpms_ros.cli.live import LayoutError, layout
 
 ROOT = Path(__file__).resolve().parents[1]
 

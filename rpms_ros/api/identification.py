@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What was found of the muscle: curve, response, parameters, figure, tables, data sets."""
+"""What was found of the muscle: curve, response, parameters, figure, tables."""
 
 import json
 from dataclasses import asdict, dataclass, fields
@@ -11,18 +11,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rpms_ros.api.session import Session, as_html
-from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import IdentifiedSession
 from rpms_ros.identification.quality.verdict import Verdict
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
-from rpms_ros.report.result import Curve, IdentificationResult, ImpulseResponse, Stated
-from rpms_ros.report.text import with_interval
+from rpms_ros.report.result import (
+    Curve,
+    IdentificationResult,
+    ImpulseResponse,
+    Stated,
+    result_rows,
+)
+from rpms_ros.report.text import labelled
 from rpms_ros.schema import plain
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
     from matplotlib.figure import Figure
 
     from rpms_ros.report.known_muscle import KnownMuscle
@@ -232,49 +236,16 @@ class Identification:
         """
         if table not in TABLES:
             raise ReportError(f'expected a table of {", ".join(TABLES)}, got {table!r}')
-        pandas = _installed('pandas')
+        try:
+            pandas = import_module('pandas')
+        except ModuleNotFoundError as error:
+            raise ReportError(
+                'expected pandas to be installed, got none; pip install "rpms_ros[notebooks]"'
+            ) from error
         index, columns = self._columns(table)
         name = {'parameters': 'parameter', 'curve': 'intensity'}.get(table, 'time_s')
         frame: pd.DataFrame = pandas.DataFrame(columns, pandas.Index(index, name=name))
         return frame
-
-    def to_xarray(self) -> 'xr.Dataset':
-        """Return all results as one data set with units; needs xarray.
-
-        Returns
-        -------
-        xarray.Dataset
-            ``curve`` over ``intensity``, ``response`` over ``response_time``, ``parameter_value``
-            over ``parameter``, each with ``..._lower`` and ``..._upper``; ``force``,
-            ``prediction`` and ``usable`` over ``time``.
-
-        Raises
-        ------
-        ReportError
-            If xarray is not installed.
-        """
-        xarray = _installed('xarray')
-        variables: dict[str, Any] = {}
-        coordinates: dict[str, Any] = {}
-        newton, known = {'units': self.result.unit}, self.curve is not None
-        places = {'response': 'response_time', 'curve': 'intensity', 'force': 'time'}
-        for table, place in places.items():
-            if table == 'curve' and not known:
-                continue
-            index, columns = self._columns(table)
-            coordinates[place] = (place, index, {'units': '1' if table == 'curve' else 's'})
-            for column, values in columns.items():
-                name = table if column == 'force' else f'{table}_{column}'
-                name = column if table == 'force' else name
-                variables[name] = (place, values, {} if column == 'usable' else newton)
-        coordinates['parameter'], columns = self._columns('parameters')
-        for column, values in columns.items():
-            variables[f'parameter_{column}'] = ('parameter', values)
-        names = ('session_hash', 'estimator', 'rate_hz', 'output_error_n')
-        attributes = {name: getattr(self.result, name) for name in names}
-        attributes |= {'session': self.session.name, 'confidence': self.result.confidence or NAN}
-        dataset: xr.Dataset = xarray.Dataset(variables, coordinates, attributes)
-        return dataset
 
     def _columns(self, table: str) -> tuple[Any, dict[str, Any]]:
         """Return the index and the columns of one of `TABLES`."""
@@ -301,31 +272,10 @@ class Identification:
         return f'Identification({self.session.name!r}, {self.estimator!r}, {self.verdict.line!r})'
 
     def __str__(self) -> str:
-        rows = [': '.join(filter(None, row)) for row in self._rows()]
-        return '\n  '.join([f'{self.session.name}: {self.estimator}', self.verdict.line, *rows])
+        return f'{self.session.name}\n{labelled(result_rows(self.result))}'
 
     def _repr_html_(self) -> str:
-        about = ('session', f'{self.session.name}: {self.estimator}')
-        return as_html(f'verdict {self.verdict.line}', [about, *self._rows()])
-
-    def _rows(self) -> list[tuple[str, str]]:
-        """Return what was found, notes and faults."""
-        # What must not be used is not there to be copied.
-        found = self._found() if self.verdict.grade != 'no' else []
-        faults = [(name, str(count)) for name, count in self.faults.items()]
-        return [*found, *(('', note) for note in self.result.notes), *faults]
-
-    def _found(self) -> list[tuple[str, str]]:
-        """Return each parameter, and the force at half and full intensity."""
-        unit, rows = self.result.unit, []
-        for name, one in self.parameters.items():
-            text = with_interval(vars(one), unit='' if one.unit == '1' else f' {one.unit}')
-            rows.append((name, text + (f', {one.determined}' if one.determined else '')))
-        if self.curve is not None:
-            for share in (0.5, 1.0):
-                text = with_interval(vars(self.force_at(share)), unit=f' {unit}')
-                rows.append((f'{QUANTITIES[unit]} at intensity {share:g}', text))
-        return rows
+        return as_html(self.session.name, result_rows(self.result))
 
     @property
     def faults(self) -> dict[str, int]:
@@ -334,13 +284,3 @@ class Identification:
 
 
 TABLES = ('parameters', 'curve', 'response', 'force')
-
-
-def _installed(name: str) -> Any:
-    """Return a module that the package does not depend on."""
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        raise ReportError(
-            f'expected {name} to be installed, got none; pip install "rpms_ros[notebooks]"'
-        ) from error

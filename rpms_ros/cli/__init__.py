@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``rpms``: one file a command."""
+"""The command ``rpms``."""
 
 import argparse
 import difflib
@@ -17,23 +17,25 @@ from rpms_ros.errors import RpmsError
 from rpms_ros.printable import printable
 
 _NEED_ROS = ('demo', 'live', 'replay')
-COMMANDS = (
-    'identify',
-    'report',
-    'info',
-    'verify',
-    'study',
-    'analyze',
-    'import_file',
-    'export',
-    'simulate',
-    'protocol',
-    'check',
-    'audit',
-    'layout',
-    *_NEED_ROS,
-)
-"""Modules of this package, in the order of the help: those that need ROS last."""
+COMMANDS = {
+    'identify': 'identify',
+    'report': 'report',
+    'info': 'recordings',
+    'verify': 'recordings',
+    'study': 'study',
+    'analyze': 'analyze',
+    'import': 'files',
+    'export': 'files',
+    'simulate': 'simulate',
+    'protocol': 'schedules',
+    'check': 'schedules',
+    'audit': 'audit',
+    'layout': 'live',
+    'demo': 'demo',
+    'live': 'live',
+    'replay': 'replay',
+}
+"""Module of this package for each command, in the order of the help: what needs ROS last."""
 
 _DESCRIPTION = """\
 Identify a muscle that is stimulated by repetitive magnetic or electrical pulses.
@@ -52,7 +54,7 @@ Exit codes: 0 well, 1 done but with something missing or wrong in the data, 2 no
 # What an installation without extras lacks.
 _EXTRAS = {'jinja2': 'report'}
 # What `rpms study` does with several recordings.
-_STUDIED = ('rpms_ros.cli.identify', 'rpms_ros.cli.report')
+_STUDIED = ('identify', 'report')
 _NO_ROS = 'it needs ROS 2 Jazzy and rpms_msgs: run make build, or source a workspace'
 
 
@@ -81,10 +83,9 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('--version', action='version', version=f'rpms_ros {__version__}')
     subparsers = result.add_subparsers(metavar='COMMAND', required=True)
-    for name in COMMANDS:
-        import_module(f'rpms_ros.cli.{name}').add_parser(subparsers)
-    for command in subparsers.choices.values():
-        command.set_defaults(parser=command)
+    for name, module in COMMANDS.items():
+        getattr(import_module(f'rpms_ros.cli.{module}'), f'add_{name}')(subparsers)
+        subparsers.choices[name].set_defaults(parser=subparsers.choices[name], command=name)
     return result
 
 
@@ -94,7 +95,7 @@ def _unknown(arguments: argparse.Namespace, unknown: Sequence[str]) -> str:
     names = not any(text.startswith('-') for text in unknown)
     if not (names and hasattr(arguments, 'bag')):
         return f'unrecognized arguments: {" ".join(unknown)}'
-    hint = '; rpms study takes several' if arguments.run.__module__ in _STUDIED else ''
+    hint = '; rpms study takes several' if arguments.command in _STUDIED else ''
     return f'expected one recording, got {len(unknown) + 1}{hint}'
 
 
@@ -131,8 +132,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         root = (error.name or '').partition('.')[0]
         if root == 'rpms_ros':
             raise
-        command = arguments.run.__module__.rpartition('.')[2]
-        print(f'rpms: error: {_lacking(error, root, command)}', file=sys.stderr)
+        print(f'rpms: error: {_lacking(error, root, arguments.command)}', file=sys.stderr)
         return FAILURE
     except BrokenPipeError:
         # The reader has closed our output: nothing may be flushed into it any more.

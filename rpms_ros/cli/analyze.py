@@ -10,8 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rpms_ros.cli.import_file import add_signal_options
+from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
+    Subparsers,
     add_command,
     add_reading_options,
     progress,
@@ -29,8 +30,7 @@ _PAUSE_NS = 10 * NANOSECONDS_PER_SECOND
 _DESCRIPTION = """\
 Characterises a muscle: latency, twitch and its order from single pulses, summation and history
 from trains, the recruitment field from staircases. Sorts the pulses of a recording into these,
-analyses each kind, and reports what could not be analysed and why. Several recordings are shown as
-tables with a row for each.
+analyses each kind, and reports what could not be analysed and why.
 """
 _EXAMPLES = """\
   rpms protocol muscle --out muscle.yaml
@@ -38,13 +38,13 @@ _EXAMPLES = """\
   rpms analyze session
   rpms analyze session --out results            result.json and figures
   rpms analyze session --json | jq .twitches.order.order
-  rpms analyze magnetic electrical              two recordings, a row for each
+  rpms analyze magnetic electrical              two recordings, one after the other
   rpms analyze --together trial_1 trial_2       parts of one session, analysed as one
 """
 
 
-def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    """Add the command to the command line."""
+def add_analyze(subparsers: Subparsers) -> None:
+    """Add `rpms analyze`."""
     text = 'latency, twitch, summation and recruitment from a recording'
     parser = add_command(subparsers, 'analyze', run, text, _DESCRIPTION, _EXAMPLES)
     text = 'folder or file of a recording'

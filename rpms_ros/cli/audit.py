@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.options import add_command, add_option
+from rpms_ros.cli.options import Subparsers, add_command, add_option
 
 if TYPE_CHECKING:
     from rpms_ros.stimulation.records.append_only import Record
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _STAMPS = frozenset({'number', 'kind', 'time', 'boot_id', 'boot_ns', 'previous', 'hash'})
 
 
-def add_parser(subparsers: Any) -> None:
+def add_audit(subparsers: Subparsers) -> None:
     """Add `rpms audit`."""
     parser = add_command(
         subparsers,

@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rpms_ros.cli.options import add_command, add_option, add_preset_option
+from rpms_ros.cli.options import Subparsers, add_command, add_option, add_preset_option
 from rpms_ros.errors import NodeError
 
 if TYPE_CHECKING:
@@ -43,8 +43,8 @@ PORT = 8765
 _TTY_PERIOD, _PLAIN_PERIOD = 0.2, 5.0
 
 
-def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    """Add the command to the command line."""
+def add_demo(subparsers: Subparsers) -> None:
+    """Add `rpms demo`."""
     parser = add_command(
         subparsers,
         'demo',

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rpms_ros.recording import Recording, Topics
     from rpms_ros.report.result import IdentificationOptions
 
+Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 # Those of `rpms_ros.identification.PRESET_NAMES`, which takes long to import.
 PRESETS = ('people', 'paper_table_4', 'paper_table_5')
 SUCCESS, INCOMPLETE, FAILURE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
@@ -28,7 +29,7 @@ _PATIENCE = 1.0
 
 
 def add_command(
-    subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]',
+    subparsers: Subparsers,
     name: str,
     run: Callable[[argparse.Namespace], int],
     summary: str,
@@ -64,6 +65,12 @@ def add_option(
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Add the recording that a command reads."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the choice of JSON in place of text."""
+    text = 'one JSON object on stdout and nothing else there'
+    parser.add_argument('--json', action='store_true', help=text)
 
 
 def add_topic_options(parser: argparse.ArgumentParser) -> None:
@@ -188,7 +195,7 @@ def read(path: Path, arguments: argparse.Namespace) -> 'Recording':
     from rpms_ros.recording import read_recording
 
     if hasattr(arguments, 'pulse_unit'):
-        from rpms_ros.cli.import_file import imported_recording, signal_options
+        from rpms_ros.cli.files import imported_recording, signal_options
         from rpms_ros.recording.importing import is_foreign
 
         if is_foreign(path):

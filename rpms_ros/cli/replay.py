@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from rpms_ros.cli.options import (
+    Subparsers,
     add_bag,
     add_command,
     add_estimator_options,
@@ -42,8 +43,8 @@ Exit code 1 if estimates differ or are missing.
 """
 
 
-def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    """Add the command to the command line."""
+def add_replay(subparsers: Subparsers) -> None:
+    """Add `rpms replay`."""
     parser = add_command(
         subparsers,
         'replay',

@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.import_file import add_signal_options
+from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
+    Subparsers,
     add_bag,
     add_command,
     add_estimator_options,
@@ -45,8 +46,8 @@ _EXAMPLES = """\
 """
 
 
-def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    """Add the command to the command line."""
+def add_report(subparsers: Subparsers) -> None:
+    """Add `rpms report`."""
     text = 'a recording as one page'
     parser = add_command(subparsers, 'report', run, text, _DESCRIPTION, _EXAMPLES)
     add_bag(parser)

@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from rpms_ros.cli.options import add_command, add_option, progress
+from rpms_ros.cli.options import Subparsers, add_command, add_option, progress
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted
 
@@ -33,8 +33,8 @@ _DISTURBANCES = {
 _TRUTH_RATE = 10.0
 
 
-def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    """Add the command to the command line."""
+def add_simulate(subparsers: Subparsers) -> None:
+    """Add `rpms simulate`."""
     parser = add_command(
         subparsers, 'simulate', run, 'a recording of a simulated session', _DESCRIPTION, _EXAMPLES
     )

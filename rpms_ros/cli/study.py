@@ -8,6 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from rpms_ros.cli.options import (
+    Subparsers,
     add_command,
     add_estimator_options,
     add_option,
@@ -36,8 +37,8 @@ exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that i
 """
 
 
-def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    """Add the command to the command line."""
+def add_study(subparsers: Subparsers) -> None:
+    """Add `rpms study`."""
     text = 'many recordings, one table and one page'
     parser = add_command(subparsers, 'study', run, text, _DESCRIPTION, _EXAMPLES)
     text = 'recordings, or folders of recordings'

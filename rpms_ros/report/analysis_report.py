@@ -1,12 +1,12 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The analysis of a muscle as one JSON object and as text: of several, tables with a row each.
+"""The analysis of a muscle as one JSON object and as text.
 
 In JSON: SI units, rates in Hz; missing numbers are null.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from rpms_ros.axis import QUANTITIES
@@ -20,7 +20,8 @@ from rpms_ros.identification.analysis.dynamics import HISTORY_LAW, TrainDynamics
 from rpms_ros.identification.analysis.recruitment_field import Interval
 from rpms_ros.identification.analysis.trains import TrainAnalysis
 from rpms_ros.identification.analysis.twitches import LatencyTable
-from rpms_ros.report.text import labelled, table, with_interval
+from rpms_ros.printable import counted
+from rpms_ros.report.text import labelled, with_interval
 from rpms_ros.schema import plain
 
 Document = dict[str, Any]
@@ -96,87 +97,18 @@ def _field(found: FieldAnalysis) -> Document:
 
 
 Row = tuple[str, str]
-Columns = dict[str, str]
-NOTHING = '-'
 
 
 def analysis_text(analyses: Sequence[MuscleAnalysis], names: Sequence[str]) -> str:
-    """Return all results of one recording, or the main results of several.
-
-    Several are shown as one table for each kind of stimulation, with a row for each recording.
-    """
-    if len(analyses) == 1:
-        return f'{names[0]}\n{labelled(_rows(analyses[0]))}'
-    kinds: dict[str, Callable[[MuscleAnalysis], Columns]] = {
-        'recording': _force_columns,
-        'twitches': _twitch_columns,
-        'trains': _train_columns,
-        'recruitment': _field_columns,
-    }
-    tables = []
-    for heading, columns_of in kinds.items():
-        columns = [columns_of(analysis) for analysis in analyses]
-        if labels := list(dict.fromkeys(label for row in columns for label in row)):
-            cells = ([row.get(label, NOTHING) for label in labels] for row in columns)
-            rows = [(name, *row) for name, row in zip(names, cells, strict=True)]
-            tables.append(table((heading, *labels), rows))
-    return '\n\n'.join(tables)
-
-
-def _force_columns(analysis: MuscleAnalysis) -> Columns:
-    return {
-        'pulses': str(analysis.pulses),
-        'samples': str(analysis.samples),
-        'rate [Hz]': f'{analysis.sample_rate_hz:.0f}',
-        f'noise [{analysis.unit}]': f'{analysis.noise:.3g}',
-    }
-
-
-def _twitch_columns(analysis: MuscleAnalysis) -> Columns:
-    if (found := analysis.twitches) is None:
-        return {}
-    onset = found.crossing_latency
-    return {
-        'number': str(len(found.fits)),
-        'rejected': str(sum(found.rejected.values())),
-        'order': str(found.choice.order),
-        'T_a [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
-        'model delay [ms]': _milliseconds(found.latency.mean, found.latency.spread),
-        'onset, paper [ms]': _milliseconds(onset.mean, onset.spread),
-    }
-
-
-def _train_columns(analysis: MuscleAnalysis) -> Columns:
-    if (found := analysis.summation) is None:
-        return {}
-    fits = {'equal': 'fit, equal [%]', 'gains': 'gains [%]', 'law': 'law [%]'}
-    if found.law is None:
-        del fits['law']
-    return {
-        'number': str(len(found.trains)),
-        'T_a, equal [ms]': _milliseconds(found.time_constant, found.time_constant_spread),
-        'delay [ms]': _milliseconds(found.latency, found.latency_spread),
-        'onset [ms]': _onset(found).removesuffix(' ms'),
-        **{label: f'{found.mean_fit(model):.1f}' for model, label in fits.items()},
-    }
-
-
-def _field_columns(analysis: MuscleAnalysis) -> Columns:
-    if (found := analysis.recruitment) is None:
-        return {}
-    values, what = dict(found.parameters), QUANTITIES[analysis.unit]
-    return {
-        'levels': str(len(found.points)),
-        'known to': f'{found.worst_interval:.2%}',
-        f'{what} at 100 %, 20 Hz [{analysis.unit}]': f'{found.maximum_force.value:.4g}',
-        'threshold': f'{values["threshold"].value:.1%}',
-        'saturation': f'{values["saturation"].value:.1%}',
-    }
+    """Return all results, of one recording after the other."""
+    return '\n\n'.join(
+        f'{name}\n{labelled(_rows(one))}' for name, one in zip(names, analyses, strict=True)
+    )
 
 
 def _rows(analysis: MuscleAnalysis) -> list[Row]:
     contents = ', '.join(
-        f'{count} {kind if count == 1 or kind.endswith("s") else f"{kind}s"}'
+        counted(count, kind, kind.removesuffix('s') + 's')
         for kind, count in analysis.contents.items()
     )
     unit = analysis.unit
@@ -199,7 +131,7 @@ def _rows(analysis: MuscleAnalysis) -> list[Row]:
     return rows
 
 
-def _counted(found: TwitchAnalysis | SummationAnalysis, count: int) -> str:
+def _with_rejected(found: TwitchAnalysis | SummationAnalysis, count: int) -> str:
     rejected = ', '.join(f'{count} x {reason}' for reason, count in found.rejected.items())
     return f'{count}, rejected: {rejected or "none"}'
 
@@ -208,7 +140,7 @@ def _twitch_rows(found: TwitchAnalysis) -> list[Row]:
     choice, shared = found.choice, found.shared
     free = f'as a real number {_plus_minus(choice.free_order, choice.free_order_spread)}'
     rows = [
-        ('twitches', _counted(found, len(found.fits))),
+        ('twitches', _with_rejected(found, len(found.fits))),
         ('order', f'{choice.order} (held-out error: {choice.held_out_order}; {free})'),
     ]
     for one in choice.evidence:
@@ -234,7 +166,7 @@ def _latency_rows(label: str, found: LatencyTable) -> list[Row]:
 
 def _train_rows(found: SummationAnalysis, stated: TrainDynamics | None) -> list[Row]:
     rows = [
-        ('trains', _counted(found, len(found.trains))),
+        ('trains', _with_rejected(found, len(found.trains))),
         ('onset of force in trains', _onset(found)),
         *_stated_rows(stated),
         # Those of the history law are others: each belongs to its model.

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import IdentificationError, ReportError
 from rpms_ros.identification import (
     CONVERGED,
@@ -50,11 +51,12 @@ from rpms_ros.identification.quality.verdict import (
 )
 from rpms_ros.identification.stream.pulse_checks import of_one_intensity, outside_shares
 from rpms_ros.muscle import RecruitmentParameters, identified_recruitment
+from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, PulseTrain
 from rpms_ros.recording import Recording, session_hash
 from rpms_ros.recording.rosbag.reading import RecordedSchedule
 from rpms_ros.report.course import Change, course_of, steadiness
-from rpms_ros.report.text import interval_of
+from rpms_ros.report.text import interval_of, label, recruitment_shown, shown, with_interval
 from rpms_ros.schema import documented
 
 FOLLOWED = f'followed by {FOLLOWER}, since no constant muscle explains the whole recording'
@@ -208,6 +210,7 @@ NOT_A_TWITCH = (
     'neither peak'
 )
 NAN = float('nan')
+_CURVE_SHOWN = (0.25, 0.5, 0.75, 1.0)
 IDENTIFIABILITY = {NOT_INFORMED: 'not informed', INFORMED: 'informed', CONVERGED: 'converged'}
 
 
@@ -480,3 +483,94 @@ def _informed(names: Sequence[str], values: FloatArray, informed: BoolArray) -> 
 
 def _if_any(values: FloatArray) -> FloatArray | None:
     return values if len(values) else None
+
+
+def result_rows(result: IdentificationResult) -> list[tuple[str, str]]:
+    """Return the result for people as labels and texts, the verdict first."""
+    first, *others = result.verdict.reasons
+    counts = f'{counted(result.samples, "sample")}, {counted(result.pulses, "pulse")}'
+    rows = [
+        ('verdict', f'{result.verdict.grade}: {first}'),
+        *(('', reason) for reason in others),
+        ('estimator', FOLLOWED if FOLLOWED in result.notes else result.estimator),
+        ('data', f'{counts}, {result.duration_s:.3f} s'),
+        ('session hash', result.session_hash),
+        *(('schedule', f'{one.name}, sha256 {one.sha256}') for one in result.schedules),
+    ]
+    # What must not be used is not there to be copied.
+    if result.verdict.grade != 'no':
+        rows += _found(result)
+        if result.steadiness is not None:
+            rows.append(('the muscle', result.steadiness))
+    if result.dynamics is None:
+        rows.append(('prediction error', _output_error(result)))
+    faults = (f'{name} {count}' for name, count in result.faults.items())
+    rows.append(('faults', ', '.join(faults) or 'none'))
+    return rows
+
+
+def _found(result: IdentificationResult) -> list[tuple[str, str]]:
+    """Return the rows of what was identified; nothing that the data do not tell."""
+    unit, curve, rows = result.unit, result.curve, []
+    if curve is None:
+        rows.append(('recruitment', 'cannot be told from one intensity'))
+    else:
+        flags, deviations = result.identifiability or {}, result.deviation or {}
+        for name, value in (result.recruitment or {}).items():
+            known = (deviations.get(name), result.confidence, flags.get(name))
+            rows.append((label(name), recruitment_shown(name, value, *known)))
+        what = f'steady {QUANTITIES[unit]} at {result.rate_hz:g} Hz'
+        for share in _CURVE_SHOWN:
+            force = with_interval(vars(curve.at(share)), unit=f' {unit}')
+            rows.append((what, f'{force} at intensity {share:g}'))
+            what = ''
+    if result.dynamics is not None:
+        return rows + _train_rows(result.dynamics, unit)
+    for name, stated in (result.physiology or {}).items():
+        rows.append((label(name), shown(name, vars(stated), unit)))
+    response = result.impulse_response
+    peak = with_interval(vars(response.peak), unit=f' {unit}')
+    after = f'{1e3 * response.peak_time_s:.0f} ms'
+    rows.append(('response to one pulse', f'peak {peak} after {after}'))
+    return [*rows, ('', NOT_A_TWITCH)] if result.is_no_twitch else rows
+
+
+def _train_rows(found: TrainDynamics, unit: str) -> list[tuple[str, str]]:
+    """Return the rows of trains of one intensity."""
+    onset, model = found.onset_s, found.model
+    trains = f'{found.trains} of {found.pulses} pulses at {found.rate_hz:.4g} Hz'
+    fits = {
+        model: found.fit_percent,
+        'equal pulses': found.fit_equal_percent,
+        'a gain a pulse': found.fit_gains_percent,
+    }
+    fit = ', '.join(f'{name} {percent:.1f} %' for name, percent in fits.items())
+    constant = _milliseconds(found.twitch_time_constant_s)
+    rows = [
+        ('trains', f'{trains}, peak {found.peak_force:.4g} {unit}'),
+        (f'onset of {QUANTITIES[unit]}', _milliseconds(onset) if onset else 'hidden by noise'),
+        (f'T_a, {model}', f'{constant}, order {found.order}'),
+        (f'delay of the model, {model}', _milliseconds(found.latency_s)),
+        ('fit', f'{fit} (100 (1 - |residual| / |force - mean|))'),
+    ]
+    if found.law:
+        numbers = (f'{name} {value:.3g}' for name, value in vars(found.law).items())
+        rows.append(('history law', '  '.join(numbers)))
+    return rows
+
+
+def _milliseconds(found: object) -> str:
+    return with_interval(vars(found), 1e3, ' ms')
+
+
+def _output_error(result: IdentificationResult) -> str:
+    """Return the output error in words."""
+    what, of_range = QUANTITIES[result.unit], result.output_error_of_range
+    if not np.isfinite(result.output_error_n):
+        return 'unknown: no usable sample was predicted before it was learnt'
+    share = f'{100 * of_range:.3g} % of the range of the {what}'
+    share = share if np.isfinite(of_range) else f'no {what}'
+    return (
+        f'{result.output_error_n:.3g} {result.unit}, {share} (root mean square after settling, '
+        'each sample predicted before it was learnt)'
+    )

@@ -51,16 +51,16 @@ def test_json_is_one_object_and_nothing_else(rpms: Rpms, magnetic: Path) -> None
     assert document['twitches']['latency']['mean'] == pytest.approx(9.45e-3, abs=0.5e-3)
 
 
-def test_several_recordings_are_rows_and_their_remarks_are_collapsed(
+def test_several_recordings_follow_one_another_and_their_remarks_are_collapsed(
     rpms: Rpms, magnetic: Path, electrical: Path
 ) -> None:
     code, out, err = rpms('analyze', magnetic, electrical)
     assert code == 0
-    rows = [line for line in out.split('\n\n')[1].splitlines() if '+-' in line]
-    assert [row.split()[0] for row in rows] == ['rpms-1', 'fes-1']
-    # behind T_a the latencies of Table 1, magnetic and electrical
-    means = [float(re.findall(r'([0-9.]+) \+-', row)[1]) for row in rows]
-    assert means == pytest.approx([9.45, 24.4], abs=0.5)
+    magnetic_text, electrical_text = out.split('\n\n')
+    # the latencies of Table 1
+    for text, latency in ((magnetic_text, 9.45), (electrical_text, 24.4)):
+        (mean,) = re.findall(r'\n  delay of the model +([0-9.]+) \+-', text)
+        assert float(mean) == pytest.approx(latency, abs=0.5)
     assert err.count('there is no steady force') == 1
     assert 'rpms: rpms-1, fes-1: there is no steady force' in err
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from rpms_ros.cli.protocol import PROTOCOLS
+from rpms_ros.cli.schedules import PROTOCOLS
 from rpms_ros.report.dose import window_power
 from rpms_ros.stimulation import load_schedule, paper_random, paper_sinusoid
 

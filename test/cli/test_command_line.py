@@ -17,7 +17,7 @@ from rpms_ros.identification import estimator_by_name
 from rpms_ros.report.text import collapsed, labelled, noted, with_interval
 
 Rpms = Callable[..., tuple[int, str, str]]
-NAMES = ['import' if name == 'import_file' else name for name in COMMANDS]
+NAMES = list(COMMANDS)
 
 
 def exits(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """rpms import: what it guesses, asks and refuses; every real recording."""
 
-import io
 import json
 import os
 from collections.abc import Callable
@@ -74,28 +73,6 @@ def test_what_fails_while_it_is_written_leaves_nothing(
     assert code == 2
     assert err.endswith('got disk full\n')
     assert [path.name for path in tmp_path.iterdir()] == ['trial.csv']
-
-
-@pytest.mark.parametrize(('answers', 'code'), [('2\n\n', 0), ('2\nn\n', 2), ('9\n', 2), ('', 2)])
-def test_a_terminal_is_asked(
-    rpms: Rpms, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answers: str, code: int
-) -> None:
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    table = tmp_path / 'trial.csv'
-    table.write_text('time;kraft [N];force [N];trigger\n0;1;2;0\n1;1;2;5\n2;1;3;0\n')
-    monkeypatch.setattr('sys.stdin', Terminal(answers))
-    shown = Terminal()
-    monkeypatch.setattr('sys.stderr', shown)
-    found, _, _ = rpms('import', table, '--out', tmp_path / 'bag')
-    assert found == code
-    assert '1 kraft [N]' in shown.getvalue()
-    assert (tmp_path / 'bag').exists() is (code == 0)
-    if code == 0:
-        assert read_recording(tmp_path / 'bag').forces.force.tolist() == [2.0, 2.0, 3.0]
-        assert 'import it like this' in shown.getvalue()
 
 
 def trial(path: Path) -> Path:

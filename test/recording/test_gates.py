@@ -102,10 +102,9 @@ def test_a_trigger_that_bounces_is_told(tmp_path: Path) -> None:
     found = imported(tmp_path / 'a.csv', bouncing, time='Time [s]', force='Force [N]')
     assert len(found.pulses) == 120
     warning = '60 of 120 pulses begin less than 4 ms after the one before: '
-    assert dict(found.remarks)['warning'].startswith(warning)
-    assert set(found.remarks) <= set(found.facts)
+    assert dict(found.facts)['warning'].startswith(warning)
     assert found.guessed
-    assert not imported(tmp_path / 'a.csv', gate()).remarks
+    assert 'warning' not in dict(imported(tmp_path / 'a.csv', gate()).facts)
 
 
 def test_a_gate_that_is_up_in_the_first_row_is_a_pulse_that_is_not_known(tmp_path: Path) -> None:
@@ -116,7 +115,7 @@ def test_a_gate_that_is_up_in_the_first_row_is_a_pulse_that_is_not_known(tmp_pat
     assert found.pulses.sequence[0] == 1
     # what it acts on is left out
     assert found.forces.stamp_ns[0] == found.pulses.onset_ns[0]
-    assert dict(found.remarks)['warning'].startswith('the gate is up in the first row: ')
+    assert dict(found.facts)['warning'].startswith('the gate is up in the first row: ')
 
 
 @pytest.mark.parametrize(('begin', 'end'), [(500, 3500), (0, 1500)])
@@ -129,7 +128,7 @@ def test_a_gate_of_a_whole_train_is_refused(tmp_path: Path, begin: int, end: int
 
 def test_a_gate_that_is_long_for_a_pulse_is_told(tmp_path: Path) -> None:
     found = imported(tmp_path / 'a.csv', gate(35))
-    assert 'the gate is up for 35 ms at a pulse' in dict(found.remarks)['warning']
+    assert 'the gate is up for 35 ms at a pulse' in dict(found.facts)['warning']
 
 
 SHARES = np.random.default_rng(2).uniform(0.1, 1.0, len(PLACES))
@@ -149,10 +148,10 @@ def test_a_trigger_whose_height_is_the_intensity_loses_no_pulse(tmp_path: Path) 
     found = imported(tmp_path / 'a.csv', heights(), threshold=0.2)
     assert places(found) == PLACES.tolist()
     told = "is that the intensity? --intensity 'Trigger/5' decides"
-    assert dict(found.remarks)['warning'].endswith(told)
+    assert dict(found.facts)['warning'].endswith(told)
     found = imported(tmp_path / 'a.csv', heights(), threshold=0.2, intensity='Trigger/5.01')
     np.testing.assert_allclose(found.pulses.intensity, SHARES, atol=5e-3)
-    assert not found.remarks
+    assert 'warning' not in dict(found.facts)
     with pytest.raises(RecordingError, match=r"intensities from 0 to 1 in 'Trigger', or in a col"):
         imported(tmp_path / 'a.csv', heights(), threshold=0.2, intensity='Trigger')
     with pytest.raises(RecordingError, match=r"COLUMN/FULL, got 'Trigger/x'"):
@@ -170,11 +169,11 @@ def test_a_column_of_intensities_is_told_and_taken(tmp_path: Path, title: str) -
     stated = {'time': 'Time [s]', 'force': 'Force [N]', 'pulse': 'Trigger'}
     found = import_file(path, ImportOptions(**stated))  # type: ignore[arg-type]
     assert set(found.pulses.intensity) == {1.0}
-    assert dict(found.remarks)['not used'] == repr(title)
-    assert f'--intensity {title!r} decides' in dict(found.remarks)['warning']
+    assert dict(found.facts)['not used'] == repr(title)
+    assert f'--intensity {title!r} decides' in dict(found.facts)['warning']
     found = import_file(path, ImportOptions(intensity=title))
     np.testing.assert_allclose(found.pulses.intensity, SHARES)
-    assert not found.remarks
+    assert 'warning' not in dict(found.facts)
 
 
 def test_intensities_from_a_file(tmp_path: Path) -> None:

@@ -13,14 +13,9 @@ from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording.importing import (
-    Ambiguous,
-    Guess,
-    ImportOptions,
-    guess_by,
-    import_file,
-    read_signals,
-)
+from rpms_ros.recording.importing import Ambiguous, ImportOptions, import_file
+from rpms_ros.recording.importing.guess import Guess, guess_by
+from rpms_ros.recording.importing.whole_file import read_signals
 
 h5py = pytest.importorskip('h5py')
 openpyxl = pytest.importorskip('openpyxl')
@@ -134,16 +129,16 @@ def test_options_go_before_guesses(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('head', 'given', 'message', 'option'),
+    ('head', 'given', 'message'),
     [
-        ('time,f_a [N],f_b [N],gate', {}, r"got 'f_a \[N\]', 'f_b \[N\]': --force COL", '--force'),
-        ('time,force,gate,trigger', {}, "got 'gate', 'trigger': --pulse COL decides", '--pulse'),
-        ('a,b,c,d', {'pulse': 'd', 'force': 'b', 'time': None}, '--time COL or', '--time'),
-        ('time,force [V],pressure,gate', {}, r'in V: --force-scale N-PER-UNIT', '--force-unit'),
+        ('time,f_a [N],f_b [N],gate', {}, r"got 'f_a \[N\]', 'f_b \[N\]': --force COL"),
+        ('time,force,gate,trigger', {}, "got 'gate', 'trigger': --pulse COL decides"),
+        ('a,b,c,d', {'pulse': 'd', 'force': 'b', 'time': None}, '--time COL or'),
+        ('time,force [V],pressure,gate', {}, r'in V: --force-scale N-PER-UNIT'),
     ],
 )
 def test_what_is_ambiguous_names_the_option_that_decides(
-    tmp_path: Path, head: str, given: dict[str, Any], message: str, option: str
+    tmp_path: Path, head: str, given: dict[str, Any], message: str
 ) -> None:
     columns = [TIME, FORCE, FORCE + TIME, GATE]
     if 'trigger' in head:
@@ -152,10 +147,8 @@ def test_what_is_ambiguous_names_the_option_that_decides(
         columns = [TIME[::-1], FORCE, FORCE, GATE]
     path = tmp_path / 'trial.csv'
     np.savetxt(path, np.column_stack(columns), delimiter=',', header=head, comments='')
-    with pytest.raises(Ambiguous, match=message) as refused:
+    with pytest.raises(Ambiguous, match=message):
         guessed(path, **given)
-    assert refused.value.option == option
-    assert refused.value.candidates
 
 
 @pytest.mark.parametrize(

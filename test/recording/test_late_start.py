@@ -58,7 +58,7 @@ def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(
 ) -> None:
     found = table(tmp_path / 'late.csv', 5020)
     assert found.pulses.sequence[0] == 1
-    assert any('the force is not at rest there' in text for _, text in found.remarks)
+    assert any('the force is not at rest there' in text for _, text in found.facts)
     # the intensities are not in the table
     pulses = PULSES[PULSES.onset_ns >= STAMP_NS[5020]]
     known = PulseTrain(pulses.onset_ns, pulses.intensity, found.pulses.sequence, pulses.width)
@@ -78,4 +78,4 @@ def pulses_from_0(pulses: PulseTrain) -> PulseTrain:
 def test_a_beginning_at_rest_is_nothing_to_speak_of(tmp_path: Path) -> None:
     found = table(tmp_path / 'rest.csv', 0)
     assert found.pulses.sequence[0] == 0
-    assert found.remarks == ()
+    assert 'warning' not in dict(found.facts)

@@ -12,7 +12,8 @@ import pytest
 from scipy.io import savemat
 
 from rpms_ros.errors import RecordingError
-from rpms_ros.recording.importing import ImportOptions, import_file, read_signals
+from rpms_ros.recording.importing import ImportOptions, import_file
+from rpms_ros.recording.importing.whole_file import read_signals
 
 h5py = pytest.importorskip('h5py')
 openpyxl = pytest.importorskip('openpyxl')

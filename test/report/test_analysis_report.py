@@ -55,28 +55,14 @@ def test_a_recording_without_pulses_has_a_document(empty):
     assert 'no pulses' in document['findings'][0]
 
 
-def test_one_recording_is_a_list_of_all_that_was_found(whole):
-    name, *lines = analysis_text([whole], ['full']).splitlines()
-    assert name == 'full'
+def test_a_recording_is_a_list_of_all_that_was_found(whole, empty):
+    text, other = analysis_text([whole, empty], ['full', 'none']).split('\n\n')
+    name, *lines = text.splitlines()
+    assert (name, other.splitlines()[0]) == ('full', 'none')
     rows = {line[2:28].strip(): line for line in lines}
     assert '7 single pulses' in rows['recording']
     assert rows['threshold'].split()[1].startswith('48')
     assert max(map(len, lines)) <= 100
-
-
-def test_several_recordings_are_the_rows_of_tables(whole, empty, monkeypatch):
-    # in a narrower terminal the headings are folded
-    monkeypatch.setenv('COLUMNS', '100')
-    text = analysis_text([whole, empty], ['full', 'none'])
-    tables = [part.splitlines() for part in text.split('\n\n')]
-    assert [lines[0].split()[0] for lines in tables] == [
-        'recording', 'twitches', 'trains', 'recruitment',
-    ]  # fmt: skip
-    for _, full, none in tables:
-        assert (full.split()[0], none.split()[0]) == ('full', 'none')
-    assert set(tables[1][2].split()[1:]) == {'-'}
-    assert tables[3][1].split()[-2].startswith('48')
-    assert max(len(line) for lines in tables for line in lines) <= 100
 
 
 def test_every_part_has_its_figure(whole, tmp_path):

@@ -5,14 +5,13 @@
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rpms_ros.report.group import Measured, change, group_document, spread_of
+from rpms_ros.report.group import group_document, half_width
 from rpms_ros.report.page import as_group_page, embedded, link, stated
 
 DAY_NS = 86_400_000_000_000
@@ -48,7 +47,8 @@ def row(number: int, **change: Any) -> dict[str, Any]:
 
 
 def changes(document: dict[str, Any]) -> dict[str, Any]:
-    return {one['column']: one for one in document['changes']}
+    columns = (one['column'] for one in document['quantities'])
+    return dict(zip(columns, document['changes'], strict=True))
 
 
 def test_sessions_are_ordered_by_their_dates_and_compared() -> None:
@@ -124,41 +124,20 @@ def test_time_constants_of_different_models_are_not_compared_without_a_word() ->
     assert group_document(rows, 'x', False)['remarks'] == []
 
 
-def test_spread_beyond_the_intervals() -> None:
-    equal = [Measured(5.0, 4.0, 6.0)] * 4
-    spread = spread_of(equal)
-    assert spread is not None
-    assert (spread.count, spread.deviation, spread.between) == (4, 0.0, 0.0)
-    # errors that are small beside the spread leave all of it
-    far = [Measured(value, value - 1e-6, value + 1e-6) for value in (1.0, 2.0, 6.0)]
-    spread = spread_of(far)
-    assert spread is not None
-    assert spread.between == pytest.approx(np.std([1.0, 2.0, 6.0], ddof=1), rel=1e-6)
-    assert spread_of([]) is None
-    single = spread_of([Measured(1.0)])
-    assert single is not None
-    assert (single.deviation, single.between) == (None, None)
+def test_the_spread_of_several_recordings() -> None:
+    rows = [row(number, twitch_time_constant_s=None) for number in (1, 2, 3)]
+    document = group_document([*rows, row(9, verdict='no')], 'legs', one_person=False)
+    found = dict(
+        zip([one['column'] for one in document['quantities']], document['spread'], strict=True)
+    )
+    assert found['steady_force_100'] == pytest.approx(
+        {'count': 3, 'mean': 12.0, 'median': 12.0, 'lowest': 11.0, 'highest': 13.0, 'deviation': 1}
+    )
+    (single, *_) = group_document([row(1)], 'leg', one_person=False)['spread']
+    assert (single['count'], single['deviation']) == (1, None)
 
 
-def test_the_moment_estimate_finds_the_spread_of_drawn_subjects() -> None:
-    random = np.random.default_rng(1)
-    true = random.normal(10.0, 2.0, 4000)
-    error = random.uniform(0.5, 3.0, 4000)
-    values = true + random.normal(size=4000) * error
-    found = [
-        Measured(v, v - 1.96 * s, v + 1.96 * s)
-        for v, s in zip(values.tolist(), error.tolist(), strict=True)
-    ]
-    spread = spread_of(found)
-    assert spread is not None
-    # 4000 subjects tell a standard deviation of 2 to about 2 %; three of these
-    assert spread.between == pytest.approx(2.0, rel=0.06)
-    assert spread.deviation is not None
-    assert spread.deviation > 2.5
-
-
-def test_a_change_without_intervals_has_none() -> None:
-    assert change(Measured(3.0), Measured(1.0, 0.5, 1.5)) == Measured(2.0)
+def test_a_number_without_an_interval() -> None:
     assert stated({'value': 1.0, 'lower': None, 'upper': None}) == '1'
     assert stated(None) == 'not known'
 
@@ -243,4 +222,4 @@ def test_intervals_are_scaled_with_their_numbers() -> None:
     document = group_document([row(1)], 'Ada', one_person=False)
     found = document['recordings'][0]['measured']['u_thr']
     assert found == pytest.approx({'value': 40.0, 'lower': 39.0, 'upper': 41.0})
-    assert replace(Measured(**found), value=1.0).half_width == pytest.approx(1.0)
+    assert half_width(found) == pytest.approx(1.0)

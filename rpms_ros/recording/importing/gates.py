@@ -15,7 +15,6 @@ from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
 from rpms_ros.recording.importing.signals import (
     FALLING,
-    LIST_UNITS,
     RISING,
     SAMPLES,
     TIME_UNITS,
@@ -135,7 +134,7 @@ def has_two_levels(signal: Signal) -> bool:
     return bool(np.mean((share < 0.1) | (share > 0.9)) > _TWO_LEVELS)
 
 
-def gate_told(path: Path, signal: Signal, options: ImportOptions, names: Sequence[str]) -> str:
+def gate_told(path: Path, signal: Signal, options: ImportOptions) -> str:
     """Return how a gate is read, for people.
 
     Parameters
@@ -146,8 +145,6 @@ def gate_told(path: Path, signal: Signal, options: ImportOptions, names: Sequenc
         The gate.
     options : ImportOptions
         What is stated of it.
-    names : sequence of str
-        Signals that may be the gate.
 
     Raises
     ------
@@ -159,18 +156,14 @@ def gate_told(path: Path, signal: Signal, options: ImportOptions, names: Sequenc
     if options.threshold is None and (lost := _lower_pulses(signal.values, edge)):
         raise Ambiguous(
             f'expected pulses of one height in {path}, got {lost} in {signal.name!r} that stay '
-            'below half of the highest: --threshold LEVEL decides; --intensity COL takes heights',
-            '--threshold',
-            (),
+            'below half of the highest: --threshold LEVEL decides; --intensity COL takes heights'
         )
     if options.threshold is None and (half_way := _half_way(signal.values)):
         lowest, highest = float(signal.values.min()), float(signal.values.max())
         raise Ambiguous(
             f'expected a gate with two levels in {path}, got {signal.name!r}, '
             f'{100 * half_way:.0f} % of it half-way between {lowest:.3g} and {highest:.3g}: '
-            '--threshold LEVEL or --pulse COL decides',
-            '--pulse',
-            names,
+            '--threshold LEVEL or --pulse COL decides'
         )
     if options.edge is not None:
         return f'{signal.name!r}, {edge} edges (--edge)'
@@ -336,9 +329,7 @@ def list_unit(
     raise Ambiguous(
         f'expected times of pulses from {begin:g} to {end:g} s, as those of the force, got '
         f'{signal.name!r} from {lowest:g} to {highest:g}, in {units}: '
-        '--pulse-unit decides',
-        '--pulse-unit',
-        LIST_UNITS,
+        '--pulse-unit decides'
     )
 
 

@@ -137,8 +137,7 @@ def _guessed(file: SignalFile, options: ImportOptions, reasons: list[tuple[str, 
         list_in, why = list_unit(gate, seconds, options.pulse_unit, options.time_unit)
         reasons[-1] = ('pulses', described(gate, list_in, why))
     elif gate is not None:
-        others = [one.name for one in rest if one.name != force]
-        reasons[-1] = ('pulses', gate_told(file.path, gate, options, others))
+        reasons[-1] = ('pulses', gate_told(file.path, gate, options))
     return Guess(time, unit, force, newton, pulse, tuple(reasons), list_in)
 
 
@@ -196,9 +195,7 @@ def _time(file: SignalFile, sampled: Sequence[Signal]) -> str:
         found = ', '.join(repr(one.name) for one in chosen) or _why_none(file)
         raise Ambiguous(
             f'expected one column of rising times in {file.path}, got {found}: '
-            '--time COL or --sampling-rate HZ decides',
-            '--time',
-            [one.name for one in chosen or sampled or file.signals],
+            '--time COL or --sampling-rate HZ decides'
         )
     return chosen[0].name
 
@@ -274,9 +271,7 @@ def _force(file: SignalFile, signals: Sequence[Signal]) -> str:
             break
     found = ', '.join(repr(one.name) for one in chosen) or 'none'
     raise Ambiguous(
-        f'expected one signal that is the force in {file.path}, got {found}: --force COL decides',
-        '--force',
-        [one.name for one in chosen],
+        f'expected one signal that is the force in {file.path}, got {found}: --force COL decides'
     )
 
 
@@ -293,9 +288,7 @@ def _force_unit(signal: Signal, given: str | None, scale: float | None) -> tuple
         return 'N', 'not stated (--force-unit decides)'
     raise Ambiguous(
         f'expected a force in {", ".join(SENSOR_UNITS)}, got {signal.name!r} in {stated}: '
-        '--force-scale N-PER-UNIT or --force-unit decides',
-        '--force-unit',
-        list(SENSOR_UNITS),
+        '--force-scale N-PER-UNIT or --force-unit decides'
     )
 
 
@@ -320,7 +313,5 @@ def _pulse(file: SignalFile, sampled: Sequence[Signal], lists: Sequence[str]) ->
     found = ', '.join(map(repr, chosen)) or 'none'
     raise Ambiguous(
         f'expected one gate, trigger or list of pulses in {file.path}, got {found}: '
-        '--pulse COL decides',
-        '--pulse',
-        chosen or names,
+        '--pulse COL decides'
     )

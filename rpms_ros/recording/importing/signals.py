@@ -4,7 +4,6 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
@@ -205,23 +204,15 @@ class ImportOptions:
 
 
 class Ambiguous(RecordingError):
-    """More than one signal, or none, could be what is looked for.
+    """More than one signal, or none, could be what is looked for; the message names the option.
 
     Attributes
     ----------
-    option : str
-        The option that decides.
-    candidates : tuple of str
-        Names to choose from.
     decided : tuple of (str, str)
         What was guessed before it came to this, and why.
     """
 
-    def __init__(self, message: str, option: str, candidates: Sequence[str]) -> None:
-        super().__init__(message)
-        self.option = option
-        self.candidates = tuple(candidates)
-        self.decided: tuple[tuple[str, str], ...] = ()
+    decided: tuple[tuple[str, str], ...] = ()
 
 
 def needed(package: str, what: str) -> Any:

@@ -63,8 +63,6 @@ class Imported:
         Whether anything was.
     quantity : str
         What was measured: ``force`` [N] or ``torque`` [N m].
-    remarks : tuple of (str, str)
-        Those of the facts that only its numbers tell, after the guess: what is missing or odd.
     """
 
     pulses: PulseTrain
@@ -72,7 +70,6 @@ class Imported:
     facts: tuple[tuple[str, str], ...]
     guessed: bool
     quantity: str = FORCE
-    remarks: tuple[tuple[str, str], ...] = ()
 
 
 def is_foreign(path: Path) -> bool:
@@ -84,11 +81,7 @@ def is_foreign(path: Path) -> bool:
 
 
 @np.errstate(over='ignore', invalid='ignore')
-def import_file(
-    path: Path,
-    options: ImportOptions,
-    decide: Callable[[SignalFile, ImportOptions], Guess] = guess_by,
-) -> Imported:
+def import_file(path: Path, options: ImportOptions) -> Imported:
     """Return pulses and force of a file, or of an export of this package.
 
     Parameters
@@ -97,8 +90,6 @@ def import_file(
         Any file that `read_signals` reads; a folder or file that `rpms export` wrote.
     options : ImportOptions
         What is what.
-    decide : callable
-        Guesses the rest; a terminal is asked here.
 
     Raises
     ------
@@ -117,7 +108,7 @@ def import_file(
         facts = (('file', 'export of rpms'),)
         return Imported(pulses, forces, facts, guessed=False, quantity=QUANTITIES[unit])
     file = read_signals(path, options.block, options.sheet)
-    guess = decide(file, options)
+    guess = guess_by(file, options)
     pulses, forces = _converted(file, guess, options)
     remarks = list(_remarks(pulses, forces))
     if pulses.sequence[0]:
@@ -148,7 +139,7 @@ def import_file(
     read = (('file', ', '.join((file.kind, *file.facts))), *guess.reasons, *remarks)
     named = None not in (options.time, options.force, options.pulse)
     told = remarks or any(text.endswith('decides)') for _, text in guess.reasons)
-    return Imported(pulses, forces, read, bool(told or not named), guess.quantity, tuple(remarks))
+    return Imported(pulses, forces, read, bool(told or not named), guess.quantity)
 
 
 def _intensities(

@@ -1,53 +1,75 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""``rpms import``: a file of a laboratory becomes a recording."""
+"""``rpms import`` and ``rpms export``: files of laboratories and of other programs."""
 
 import argparse
 import os
 import sys
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rpms_ros.axis import FORCE
-from rpms_ros.cli.options import add_command, add_option
+from rpms_ros.cli.options import (
+    INCOMPLETE,
+    SUCCESS,
+    Subparsers,
+    add_bag,
+    add_command,
+    add_option,
+    add_reading_options,
+    read,
+    warn,
+)
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import counted
 from rpms_ros.report.text import labelled
 
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording
-    from rpms_ros.recording.importing import Guess, Imported, ImportOptions, SignalFile
+    from rpms_ros.recording.export import SessionExport
+    from rpms_ros.recording.importing import Imported, ImportOptions
 
 # Those of `rpms_ros.recording.importing`, which takes long to import.
 _SENSOR_UNITS = ('N', 'mN', 'kN', 'g', 'kg', 'lbf', 'Nm', 'mNm', 'kNm', 'kgm', 'ft-lbf')
-_DESCRIPTION = """\
+_IMPORT = """\
 Makes a recording of a file with time, force and the stimulator's gate or trigger: tables of text
 (any separator, decimal commas, UTF-8, UTF-16 and Latin-1), text exported by LabChart and Spike2,
-MATLAB .mat, Excel .xlsx and XDF of the Lab Streaming Layer.  What is what is guessed and shown; on
-a terminal it is asked for, and each option below decides it.  Every rising edge of a gate is a
+MATLAB .mat, Excel .xlsx and XDF of the Lab Streaming Layer.  What is what is guessed and shown,
+and each option below decides it.  Every rising edge of a gate is a
 pulse, or every falling one if the gate rests high; its width is measured.  A gate does not tell
 the intensity: give it if it was below 1, or the column or file that has it.
 What `rpms export` has written is read again without options, with the same numbers.
 """
-_EXAMPLES = """\
+_IMPORT_EXAMPLES = """\
   rpms import trial.csv --out trial
   rpms import trial.csv --out trial --time 'Time [s]' --force 'fGM [N]' --pulse 'STIM [ ]'
   rpms import session.mat --out session --force data.fz --force-unit mN --threshold 2.5
   rpms import leg.xdf --out leg --intensity 0.8
   rpms identify trial
 """
+FORMATS = ('csv', 'mat', 'bids')
+_EXPORT = """\
+Writes force, pulses and recorded estimates for other programs: a folder of CSV files, a MATLAB
+file (version 5), or a BIDS dataset with the stimulation as NIBS-BIDS (BEP 037, a draft) has it.
+Every number is written with all of its digits: `rpms import` reads the same numbers again.
+Nothing is replaced.
+"""
+_EXPORT_EXAMPLES = """\
+  rpms export bags/sample --to csv --out sample_csv       force.csv, pulses.csv, session.json
+  rpms export session --to mat --out session.mat
+  rpms export session --to bids --out dataset --subject 07 --session 2 --anonymous
+  rpms import dataset --out again                         the same numbers again
+exit codes: 0 well, 1 the recording has faults, 2 not possible
+"""
 
 
-def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    """Add the command to the command line."""
-    parser = add_command(
-        subparsers, 'import', run, 'a file of a laboratory becomes a recording', _DESCRIPTION,
-        _EXAMPLES,
-    )  # fmt: skip
-    parser.add_argument(
-        'file', type=Path, metavar='FILE', help='.csv, .txt, .mat, .xlsx, .xdf, or an export'
-    )
+def add_import(subparsers: Subparsers) -> None:
+    """Add `rpms import`."""
+    summary = 'a file of a laboratory becomes a recording'
+    parser = add_command(subparsers, 'import', run_import, summary, _IMPORT, _IMPORT_EXAMPLES)
+    text = '.csv, .txt, .mat, .xlsx, .xdf, or an export'
+    parser.add_argument('file', type=Path, metavar='FILE', help=text)
     parser.add_argument('--out', type=Path, required=True, metavar='BAG', help='new folder')
     add_signal_options(parser)
     add_option(parser, '--storage', 'mcap', 'of the recording', choices=('mcap', 'sqlite3'))
@@ -80,7 +102,6 @@ def add_signal_options(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--intensity SHARE|COLUMN|FILE', 1.0, text, type=_share_or_name)
     add_option(group, '--block N', None, 'block of a LabChart file, from 1', type=int)
     add_option(group, '--sheet NAME', None, 'sheet of a workbook')
-    parser.add_argument('--yes', action='store_true', help='ask nothing on a terminal')
 
 
 def _share_or_name(text: str) -> float | str:
@@ -90,7 +111,7 @@ def _share_or_name(text: str) -> float | str:
         return text
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_import(arguments: argparse.Namespace) -> int:
     """Import the file and say what it held."""
     if os.path.lexists(arguments.out):
         raise RecordingError(f'expected a new folder for the recording, got {arguments.out}')
@@ -106,16 +127,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def imported(path: Path, arguments: argparse.Namespace) -> 'Imported':
-    """Return what a file holds, as the options say; a terminal is asked for the rest."""
-    from rpms_ros.recording.importing import guess_by, import_file
+    """Return what a file holds, as the options say; say what was guessed."""
+    from rpms_ros.recording.importing import import_file
 
-    asked = _asked(arguments)
-    options = signal_options(arguments)
-    found = import_file(path, options, _questioned if asked else guess_by)
-    # A terminal has seen the guess, but not what the numbers told after it.
-    told = found.remarks if asked else found.facts
-    if found.guessed and told:
-        print(labelled(told), file=sys.stderr)
+    found = import_file(path, signal_options(arguments))
+    if found.guessed:
+        print(labelled(found.facts), file=sys.stderr)
     return found
 
 
@@ -144,52 +161,6 @@ def signal_options(arguments: argparse.Namespace) -> 'ImportOptions':
     )
 
 
-def _asked(arguments: argparse.Namespace) -> bool:
-    return sys.stdin.isatty() and sys.stderr.isatty() and not arguments.yes
-
-
-def _questioned(file: 'SignalFile', options: 'ImportOptions') -> 'Guess':
-    """Return the guess; what cannot be guessed is asked for, and then whether it is right."""
-    from rpms_ros.recording.importing import Ambiguous, guess_by
-
-    while True:
-        try:
-            guess = guess_by(file, options)
-            break
-        except Ambiguous as error:
-            name = error.option.removeprefix('--').replace('-', '_')
-            if getattr(options, name) is not None:
-                raise
-            print(f'{error}\n{_numbered(error.candidates)}', file=sys.stderr)
-            answer: dict[str, Any] = {name: _chosen(error.candidates)}
-            options = replace(options, **answer)
-    if not _agreed(file, guess):
-        raise RecordingError('expected the guess to be accepted; the options decide otherwise')
-    return guess
-
-
-def _numbered(names: tuple[str, ...]) -> str:
-    return '\n'.join(f'  {number} {name}' for number, name in enumerate(names, 1))
-
-
-def _chosen(names: tuple[str, ...]) -> str:
-    print(f'which, 1 to {len(names)}? ', end='', file=sys.stderr, flush=True)
-    answer = sys.stdin.readline().strip()
-    if answer.isdecimal() and 1 <= int(answer) <= len(names):
-        return names[int(answer) - 1]
-    raise RecordingError(f'expected a number from 1 to {len(names)}, got {answer!r}')
-
-
-def _agreed(file: 'SignalFile', guess: 'Guess') -> bool:
-    print(_shown(file, guess), file=sys.stderr)
-    print('import it like this [Y/n]? ', end='', file=sys.stderr, flush=True)
-    return sys.stdin.readline().strip().lower() in ('', 'y', 'yes')
-
-
-def _shown(file: 'SignalFile', guess: 'Guess') -> str:
-    return labelled([('file', ', '.join((file.kind, *file.facts))), *guess.reasons])
-
-
 def _write(arguments: argparse.Namespace, found: 'Imported') -> None:
     """Write the recording beside its place and move it there as a whole."""
     from rpms_ros.recording import write_recording
@@ -207,3 +178,87 @@ def _write(arguments: argparse.Namespace, found: 'Imported') -> None:
         )
 
     written_whole(arguments.out, write)
+
+
+def add_export(subparsers: Subparsers) -> None:
+    """Add `rpms export`."""
+    summary = 'a recording as files of other programs'
+    parser = add_command(subparsers, 'export', run_export, summary, _EXPORT, _EXPORT_EXAMPLES)
+    add_bag(parser)
+    parser.add_argument('--to', required=True, choices=FORMATS, help='what is written')
+    text = 'new folder; new file of MATLAB'
+    parser.add_argument('--out', type=Path, required=True, metavar='PLACE', help=text)
+    text = 'leave out date, name and notes; times begin at 0'
+    parser.add_argument('--anonymous', action='store_true', help=text)
+    group = parser.add_argument_group('names of a BIDS dataset (letters and digits)')
+    add_option(group, '--subject LABEL', '01', 'of the person')
+    add_option(group, '--session LABEL', '', 'of the visit, if there are several')
+    add_option(group, '--task LABEL', 'rpms', 'of what was done')
+    text = 'which recording of the visit, from 1'
+    add_option(group, '--run N', None, text, type=int, dest='run_number')
+    add_reading_options(parser)
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Export the session and say what was written."""
+    from rpms_ros.recording.export import (
+        BidsNames,
+        write_bids,
+        write_matlab,
+        write_tables,
+        written_whole,
+    )
+
+    names = BidsNames(arguments.subject, arguments.task, arguments.session, arguments.run_number)
+    if arguments.to != 'bids' and names != BidsNames():
+        raise RecordingError(
+            f'expected names of a dataset with --to bids, got --to {arguments.to}'
+        )
+    if arguments.to == 'mat' and arguments.out.suffix.lower() != '.mat':
+        raise RecordingError(f'expected a file that ends with .mat, got {arguments.out}')
+    session, findings = _session(arguments)
+
+    def write(place: Path) -> None:
+        if arguments.to == 'bids':
+            write_bids(place, session, names)
+        else:
+            {'csv': write_tables, 'mat': write_matlab}[arguments.to](place, session)
+
+    written_whole(arguments.out, write)
+    rows = 0 if session.estimates is None else len(session.estimates.stamp_ns)
+    counts = f'{counted(len(session.pulses), "pulse")}, {counted(len(session.forces), "sample")}'
+    print(f'{arguments.out}: {counts}, {rows} estimates')
+    warn(findings)
+    return INCOMPLETE if findings else SUCCESS
+
+
+def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple[str, str]]]:
+    """Return what is exported, and what was wrong with it."""
+    from rpms_ros.recording import session_hash
+    from rpms_ros.recording.export import SessionExport
+    from rpms_ros.recording.rosbag.reading import held_bytes
+    from rpms_ros.report.recorded import estimate_table, recorded_messages
+
+    path = arguments.bag
+    name = path.resolve().name
+    recording = read(path, arguments)
+    nodes = recorded_messages(path, memory=arguments.max_memory, held=held_bytes(recording))
+    findings = [('warning', remark) for remark in recording.facts.remarks]
+    if nodes.unreadable:
+        findings.append(('warning', f'{nodes.unreadable} messages could not be decoded'))
+    if other := {one.unit for one in nodes.estimates} - {recording.unit}:
+        units = ', '.join(sorted(other))
+        findings.append(
+            ('warning', f'expected estimates in {recording.unit}, got {units} (--quantity?)')
+        )
+    session = SessionExport(
+        name,
+        recording.pulses,
+        recording.forces,
+        recording.unit,
+        estimate_table(nodes.estimates) if nodes.estimates else None,
+        session_hash(recording),
+        recording.facts.custom,
+        arguments.anonymous,
+    )
+    return session, findings

@@ -1,14 +1,17 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""`rpms check`: whether a device can deliver a schedule, why not, and what it could deliver."""
+"""`rpms protocol`: schedules with a name; `rpms check`: whether a device can deliver one."""
 
 import argparse
 import json
-from dataclasses import asdict
+import os
+from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rpms_ros.cli.options import add_option
+from rpms_ros.errors import StimulationError
 from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
@@ -17,12 +20,144 @@ if TYPE_CHECKING:
     from rpms_ros.stimulation.limits.patient import Patient
     from rpms_ros.stimulation.schedule.schedule import Schedule
 
-_BARS = ' ▁▂▃▄▅▆▇█'
-_WIDTH = 60
 _MOST_WAITS = 5
 
 
-def add_parser(subparsers: Any) -> None:
+@dataclass(frozen=True)
+class Protocol:
+    """A schedule that has a name.
+
+    Attributes
+    ----------
+    summary : str
+        What it is for, in a line.
+    maker : str
+        Module and function of `rpms_ros.stimulation` that makes it.
+    takes : tuple of str
+        Arguments of the command line that the function takes, where they are given.
+    """
+
+    summary: str
+    maker: str
+    takes: tuple[str, ...]
+
+    def build(self, arguments: argparse.Namespace) -> 'Schedule':
+        """Return the schedule, with what was given in place of its own figures."""
+        protocols = import_module('rpms_ros.stimulation.schedule.protocols')
+        rate = arguments.rate_hz
+        values = {**vars(arguments), 'rates_hz': None if rate is None else (rate,)}
+        given = {name: values[name] for name in self.takes if values[name] is not None}
+        made: Schedule = getattr(protocols, self.maker)(**given)
+        return made
+
+
+PROTOCOLS: dict[str, Protocol] = {
+    'uniform_random': Protocol(
+        'uniform random intensity, 0 to 100 % at 20 Hz for 90 s',
+        'paper_random',
+        ('duration_s', 'rate_hz', 'seed'),
+    ),
+    'sinusoid': Protocol(
+        'sinusoidal intensity of period 9 s, 0 to 100 % at 20 Hz for 90 s',
+        'paper_sinusoid',
+        ('duration_s', 'rate_hz'),
+    ),
+    'staircase': Protocol(
+        'six levels from 0 to 100 % at 20 Hz, 3 s each', 'staircase', ('rate_hz',)
+    ),
+    'constant': Protocol('100 % at 20 Hz for 10 s', 'constant', ('duration_s', 'rate_hz')),
+    'twitches': Protocol(
+        'single pulses at six intensities, a second apart, shuffled',
+        'twitches',
+        ('seed',),
+    ),
+    'trains': Protocol(
+        'trains of 1.5 s at 5 to 35 Hz, single pulses before them',
+        'trains',
+        ('rates_hz', 'duration_s'),
+    ),
+    'recruitment': Protocol(
+        'staircases of 21 intensities at six rates from 15 to 35 Hz',
+        'recruitment',
+        ('rates_hz',),
+    ),
+    'muscle': Protocol(
+        'twitches, trains and recruitment, for `rpms analyze`',
+        'muscle',
+        ('seed',),
+    ),
+}
+"""Every protocol by name; another one is another entry."""
+
+
+def add_protocol(subparsers: Any) -> None:
+    """Add `rpms protocol`."""
+    protocols = '; '.join(f'{name}: {entry.summary}' for name, entry in PROTOCOLS.items())
+    parser = subparsers.add_parser(
+        'protocol',
+        help='write a schedule that has a name',
+        description='Write a schedule as YAML, to run, to check or to change by hand.  '
+        'With --device it is made deliverable: weaker, slower or shorter, with pauses and ramps '
+        'put in.',
+        epilog=f'protocols: {protocols}',
+    )
+    parser.add_argument('name', choices=sorted(PROTOCOLS), help='which one')
+    add_option(parser, '--out FILE', None, 'new YAML file', type=Path, required=True)
+    add_option(parser, '--rate HZ', None, 'repetition rate instead', dest='rate_hz', type=float)
+    add_option(parser, '--duration S', None, 'length instead', dest='duration_s', type=float)
+    add_option(parser, '--seed', None, 'seed of what is random', type=int)
+    text = 'change it as far as this device needs it: a device specification, by name or YAML file'
+    add_option(parser, '--device NAME|FILE', None, text)
+    text = "patient file: as far as the patient's figures need it, too; with --device"
+    add_option(parser, '--patient FILE', None, text, type=Path)
+    parser.set_defaults(run=run_protocol)
+
+
+def run_protocol(arguments: argparse.Namespace) -> int:
+    """Write the schedule and say what it adds up to."""
+    from rpms_ros.stimulation.schedule.description import schedule_to_text
+
+    if os.path.lexists(arguments.out):
+        raise StimulationError(f'expected a new file for the schedule, got {arguments.out}')
+    schedule = PROTOCOLS[arguments.name].build(arguments)
+    changes: tuple[str, ...] = ()
+    if arguments.device is not None:
+        schedule, changes = _fitted(schedule, arguments)
+    elif arguments.patient is not None:
+        raise StimulationError('expected --device with --patient, got none')
+    try:
+        # 'x': what another program has written meanwhile is not replaced either.
+        with arguments.out.open('x', encoding='utf-8') as file:
+            file.write(schedule_to_text(schedule))
+    except OSError as error:
+        raise StimulationError(
+            f'expected a file to write, got {arguments.out}: {error}'
+        ) from error
+    totals = schedule.totals
+    print(
+        f'{arguments.out}: {counted(totals.pulses, "pulse")} in {totals.duration:g} s, '
+        f'at most {totals.highest_rate_hz:.4g} Hz and intensity {totals.highest_intensity:.3g}'
+    )
+    for change in changes:
+        print(f'  changed: {change}')
+    return 0
+
+
+def _fitted(
+    schedule: 'Schedule', arguments: argparse.Namespace
+) -> 'tuple[Schedule, tuple[str, ...]]':
+    """Return what device and patient can be given of a schedule, and what was changed."""
+    from rpms_ros.stimulation.limits.device_specification import load_device_specification
+    from rpms_ros.stimulation.limits.fitting import fitted
+    from rpms_ros.stimulation.limits.patient import load_patient
+
+    specification = load_device_specification(arguments.device)
+    patient = load_patient(arguments.patient) if arguments.patient is not None else None
+    found = fitted(schedule, specification, patient)
+    return found.schedule, found.changes
+
+
+def add_check(subparsers: Any) -> None:
     """Add `rpms check`."""
     parser = subparsers.add_parser(
         'check',
@@ -45,10 +180,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--json', action='store_true', help='print one JSON object and no more')
     text = 'write intensity, power and temperature as a figure'
     add_option(parser, '--plot FILE', None, text, type=Path)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_check)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_check(arguments: argparse.Namespace) -> int:
     """Check a schedule; return 0 if it can be delivered, 1 if not."""
     from rpms_ros.stimulation.limits.device_specification import load_device_specification
     from rpms_ros.stimulation.limits.fitting import forecast_within
@@ -112,7 +247,6 @@ def report(
             f'(model, started at {specification.thermal.ambient:g})'
         )
     lines.extend(_patient(schedule, specification, ahead, patient))
-    lines.extend(_plot(schedule, ahead))
     for found in ahead.violations:
         lines.append(f'  {found.limit}: {found.reason}')
         lines.append(f'    first at {found.time_s:.4g} s, {counted(found.pulses, "pulse")}')
@@ -147,35 +281,6 @@ def _waits(waits: tuple[float, ...]) -> str:
     shown = ', '.join(f'{wait:.3g} s' for wait in waits[:_MOST_WAITS])
     more = len(waits) - _MOST_WAITS
     return f'{shown} after the train' + (f' and {more} more' if more > 0 else '')
-
-
-def _plot(schedule: 'Schedule', ahead: 'Forecast') -> list[str]:
-    """Return intensity and temperature over time as rows of blocks."""
-    import numpy as np
-
-    plan = schedule.plan
-    if not len(plan):
-        return []
-    column = plan.onset_ns * _WIDTH // max(1, plan.duration_ns)
-    lines = [f'  intensity    |{_bars(column, plan.intensity, 0.0, 1.0)}| 0 to 1']
-    if len(ahead.temperature):
-        low, high = float(ahead.temperature.min()), float(ahead.temperature.max())
-        bars = _bars(column, ahead.temperature, low, np.nextafter(high, np.inf))
-        lines.append(f'  Celsius      |{bars}| {low:.1f} to {high:.1f}')
-    return lines
-
-
-def _bars(column: Any, values: Any, low: float, high: float) -> str:
-    """Return one block a column: the mean of the values that fall into it."""
-    text = ''
-    for index in range(_WIDTH):
-        inside = values[column == index]
-        if not len(inside):
-            text += ' '
-            continue
-        level = (float(inside.mean()) - low) / (high - low)
-        text += _BARS[1 + min(7, int(level * 8))]
-    return text
 
 
 def _offered(found: 'tuple[Offer, ...]') -> list[str]:

@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""``rpms info``: what a recording holds."""
+"""``rpms info`` and ``rpms verify``: what a recording holds, and whether it is whole."""
 
 import argparse
 import json
@@ -10,8 +10,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rpms_ros.cli.import_file import add_signal_options
-from rpms_ros.cli.options import add_command, add_memory_option, progress, read
+from rpms_ros.cli.files import add_signal_options
+from rpms_ros.cli.options import (
+    Subparsers,
+    add_bag,
+    add_command,
+    add_json,
+    add_memory_option,
+    add_option,
+    add_topic_options,
+    progress,
+    read,
+    topics_of,
+)
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND
@@ -21,29 +32,38 @@ from rpms_ros.schema import plain
 if TYPE_CHECKING:
     from rpms_ros.recording import Recording, RecordingFacts
 
-_DESCRIPTION = """\
+_INFO = """\
 Shows topics, types, numbers of messages, duration and what is wrong with a recording.
 Reads mcap and sqlite3: a folder, a single file, split, compressed, or cut off by a killed writer;
 and files of a laboratory, as `rpms import` does.
 """
-_EXAMPLES = """\
+_INFO_EXAMPLES = """\
   rpms info bags/sample
   rpms info session/session_0.mcap --json
 """
+_VERIFY = """\
+Checks a recording, one line a finding: structure, checksums, signature, publishers, clock, gaps,
+doubles, values; and shows the hash of the session that results and reports carry.
+"""
+_VERIFY_EXAMPLES = """\
+  rpms verify session
+  rpms verify session --key laboratory.key        signed with this key?
+  rpms verify session --audit audit.jsonl         the pulses that the driver gave?
+exit codes: 0 nothing wrong, 1 a line says FAULT, 2 cannot be read
+"""
 
 
-def add_parser(subparsers: 'argparse._SubParsersAction[argparse.ArgumentParser]') -> None:
-    """Add the command to the command line."""
-    parser = add_command(
-        subparsers, 'info', run, 'what a recording holds', _DESCRIPTION, _EXAMPLES
-    )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder or file of the recording')
-    parser.add_argument('--json', action='store_true', help='one JSON object instead of text')
+def add_info(subparsers: Subparsers) -> None:
+    """Add `rpms info`."""
+    summary = 'what a recording holds'
+    parser = add_command(subparsers, 'info', run_info, summary, _INFO, _INFO_EXAMPLES)
+    add_bag(parser)
+    add_json(parser)
     add_memory_option(parser)
     add_signal_options(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_info(arguments: argparse.Namespace) -> int:
     """Print the facts; return 1 if something is wrong with the recording."""
     from rpms_ros.recording import read_facts
     from rpms_ros.recording.importing import is_foreign
@@ -131,3 +151,34 @@ def as_text(facts: 'RecordingFacts') -> str:
     head = f'{printable(str(facts.path))}  ({facts.storage})'
     parts = (head, textwrap.indent(topics, '  '), notes)
     return '\n'.join(part for part in parts if part)
+
+
+def add_verify(subparsers: Subparsers) -> None:
+    """Add `rpms verify`."""
+    summary = 'is a recording whole and unchanged'
+    parser = add_command(subparsers, 'verify', run_verify, summary, _VERIFY, _VERIFY_EXAMPLES)
+    add_bag(parser)
+    add_option(parser, '--key FILE', None, 'key of the signature', type=Path)
+    text = 'audit log of the driver that gave the pulses'
+    add_option(parser, '--audit FILE', None, text, type=Path)
+    add_json(parser)
+    add_topic_options(parser)
+    add_memory_option(parser)
+
+
+def run_verify(arguments: argparse.Namespace) -> int:
+    """Print what was found; return 1 if something is wrong."""
+    from rpms_ros.recording.rosbag.metadata import read_key
+    from rpms_ros.recording.rosbag.verifying import FAULT, verify
+
+    key = read_key(arguments.key) if arguments.key else None
+    findings = verify(
+        arguments.bag, topics_of(arguments), key, arguments.max_memory, arguments.audit
+    )
+    if arguments.json:
+        rows = [vars(finding) for finding in findings]
+        print(json.dumps({'recording': str(arguments.bag), 'findings': rows}))
+    else:
+        for finding in findings:
+            print(f'{finding.check:<11}{finding.state:<9}{finding.text}')
+    return 1 if any(finding.state == FAULT for finding in findings) else 0
