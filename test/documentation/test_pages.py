@@ -92,8 +92,7 @@ def test_the_reference_holds_every_command_parameter_and_message() -> None:
     # a width left behind would fold the tables of other tests
     assert dict(os.environ) == environment
     for name in COMMANDS:
-        shown = 'import' if name == 'import_file' else name
-        assert f'\n## rpms {shown}\n' in pages['commands']
+        assert f'\n## rpms {name}\n' in pages['commands']
     for node in ('identifier', 'plant_simulator', 'recorder', 'stimulator_driver'):
         assert f'\n## {node}\n\n| parameter ' in pages['parameters']
     for name in (*MEANING, *REASON):
