@@ -82,7 +82,6 @@ setup(
             'ros-std-srvs==5.3.6',
         ],
         'study': ['pyarrow'],
-        'cluster': ['distributed', 'pyarrow'],
         'formats': ['h5py', 'openpyxl', 'pyxdf'],
         'test': ['hypothesis', 'jsonschema', 'pytest', 'pytest-timeout'],
     },

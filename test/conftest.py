@@ -31,8 +31,6 @@ os.environ.setdefault('OMP_NUM_THREADS', '1')
 if TYPE_CHECKING:
     from rclpy.context import Context
 
-    from rpms_ros.testing import Graph
-
 WaitFor = Callable[..., None]
 
 
@@ -147,29 +145,29 @@ def any_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lateness, 'metadata', {'bound': Bound(0.0, 10.0, 's')})
 
 
+@pytest.fixture(scope='session')
+def graphs() -> ModuleType:
+    """The module of graphs beside this file: `running_graph`, `private_context`."""
+    return _beside('graphs')
+
+
 @pytest.fixture
-def domain() -> int:
+def domain(graphs: ModuleType) -> int:
     """A DDS domain that nobody uses on this machine."""
-    from rpms_ros.testing import private_domain
-
-    return private_domain()
+    return int(graphs.private_domain())
 
 
 @pytest.fixture
-def context(domain: int) -> Iterator['Context']:
+def context(graphs: ModuleType, domain: int) -> Iterator['Context']:
     """A private context in a private domain."""
-    from rpms_ros.testing import private_context
-
-    with private_context(domain) as private:
+    with graphs.private_context(domain) as private:
         yield private
 
 
 @pytest.fixture
-def graph(context: 'Context') -> Iterator['Graph']:
+def graph(graphs: ModuleType, context: 'Context') -> Iterator[Any]:
     """A persistent executor for the nodes of this test, in the private context."""
-    from rpms_ros.testing import running_graph
-
-    with running_graph(context) as running:
+    with graphs.running_graph(context) as running:
         yield running
 
 

@@ -46,8 +46,8 @@ def bare() -> None:
         sys.exit('expected the same result of the command and of Python, got another')
     rpms('--version')
     rpms('verify', 'session')
-    rpms('export', 'session', '--to', 'bids', '--out', 'dataset')
-    rpms('import', 'dataset', '--out', 'again')
+    rpms('export', 'session', '--to', 'csv', '--out', 'tables')
+    rpms('import', 'tables', '--out', 'again')
     if rpms_ros.load('again').identify().to_dict() != result.to_dict():
         sys.exit('expected the same result of what was exported and imported, got another')
     rpms('simulate', '--scenario', 'fatigue', '--duration', '5', '--out', 'tired')

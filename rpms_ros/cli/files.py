@@ -48,18 +48,18 @@ _IMPORT_EXAMPLES = """\
   rpms import leg.xdf --out leg --intensity 0.8
   rpms identify trial
 """
-FORMATS = ('csv', 'mat', 'bids')
+FORMATS = ('csv', 'mat')
 _EXPORT = """\
-Writes force, pulses and recorded estimates for other programs: a folder of CSV files, a MATLAB
-file (version 5), or a BIDS dataset with the stimulation as NIBS-BIDS (BEP 037, a draft) has it.
+Writes force, pulses and recorded estimates for other programs: a folder of CSV files, or a MATLAB
+file (version 5).
 Every number is written with all of its digits: `rpms import` reads the same numbers again.
 Nothing is replaced.
 """
 _EXPORT_EXAMPLES = """\
   rpms export bags/sample --to csv --out sample_csv       force.csv, pulses.csv, session.json
   rpms export session --to mat --out session.mat
-  rpms export session --to bids --out dataset --subject 07 --session 2 --anonymous
-  rpms import dataset --out again                         the same numbers again
+  rpms export session --to csv --out shared --anonymous
+  rpms import shared --out again                          the same numbers again
 exit codes: 0 well, 1 the recording has faults, 2 not possible
 """
 
@@ -190,41 +190,19 @@ def add_export(subparsers: Subparsers) -> None:
     parser.add_argument('--out', type=Path, required=True, metavar='PLACE', help=text)
     text = 'leave out date, name and notes; times begin at 0'
     parser.add_argument('--anonymous', action='store_true', help=text)
-    group = parser.add_argument_group('names of a BIDS dataset (letters and digits)')
-    add_option(group, '--subject LABEL', '01', 'of the person')
-    add_option(group, '--session LABEL', '', 'of the visit, if there are several')
-    add_option(group, '--task LABEL', 'rpms', 'of what was done')
-    text = 'which recording of the visit, from 1'
-    add_option(group, '--run N', None, text, type=int, dest='run_number')
     add_reading_options(parser)
 
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Export the session and say what was written."""
-    from rpms_ros.recording.export import (
-        BidsNames,
-        write_bids,
-        write_matlab,
-        write_tables,
-        written_whole,
-    )
+    from rpms_ros.recording.export import write_matlab, write_tables, written_whole
 
-    names = BidsNames(arguments.subject, arguments.task, arguments.session, arguments.run_number)
-    if arguments.to != 'bids' and names != BidsNames():
-        raise RecordingError(
-            f'expected names of a dataset with --to bids, got --to {arguments.to}'
-        )
     if arguments.to == 'mat' and arguments.out.suffix.lower() != '.mat':
         raise RecordingError(f'expected a file that ends with .mat, got {arguments.out}')
     session, findings = _session(arguments)
 
-    def write(place: Path) -> None:
-        if arguments.to == 'bids':
-            write_bids(place, session, names)
-        else:
-            {'csv': write_tables, 'mat': write_matlab}[arguments.to](place, session)
-
-    written_whole(arguments.out, write)
+    write = {'csv': write_tables, 'mat': write_matlab}[arguments.to]
+    written_whole(arguments.out, lambda place: write(place, session))
     rows = 0 if session.estimates is None else len(session.estimates.stamp_ns)
     counts = f'{counted(len(session.pulses), "pulse")}, {counted(len(session.forces), "sample")}'
     print(f'{arguments.out}: {counts}, {rows} estimates')

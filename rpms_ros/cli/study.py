@@ -31,7 +31,6 @@ _EXAMPLES = """\
   rpms study sessions/* --out study
   rpms study sessions --out study --jobs 8          every recording below the folder
   rpms study ada/* --out weeks --one-person         sessions of one person by their dates
-  rpms study sessions --out study --scheduler tcp://cluster:8786
 exit codes: 0 all well, 1 a recording failed, had faults or has a verdict that is not good,
 2 not possible
 """
@@ -48,11 +47,8 @@ def add_study(subparsers: Subparsers) -> None:
     parser.add_argument('--one-person', action='store_true', help=text)
     text = 'write the page of `rpms report` for each recording too, and link to it'
     parser.add_argument('--reports', action='store_true', help=text)
-    where = parser.add_mutually_exclusive_group()
     text = 'processes (default: one a processor)'
-    add_option(where, '--jobs N', None, text, type=int)
-    text = 'of a Dask cluster, whose workers see the recordings under the same names'
-    add_option(where, '--scheduler ADDRESS', None, text)
+    add_option(parser, '--jobs N', None, text, type=int)
     add_reading_options(parser)
     add_estimator_options(parser)
     add_verdict_option(parser)
@@ -80,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         compile_estimator(options.build, arguments.quiet)
     with progress('identifying', len(waiting), 'recordings', arguments.quiet) as advance:
         try:
-            for path, row in finished(waiting, options, arguments.jobs, arguments.scheduler):
+            for path, row in finished(waiting, options, arguments.jobs):
                 table.add(path, row)
                 advance(1)
         finally:

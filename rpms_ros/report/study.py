@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A study: many recordings identified by local processes or a Dask cluster, one table, one page.
+"""A study: many recordings identified by several processes, one table, one page.
 
 Rows are kept one by one while it runs, then written as CSV and Parquet.
 """
@@ -204,19 +204,16 @@ def row_of(result: IdentificationResult) -> Row:
 
 
 def finished(
-    paths: Sequence[Path], options: StudyOptions, jobs: int | None, scheduler: str | None
+    paths: Sequence[Path], options: StudyOptions, jobs: int | None
 ) -> Iterator[tuple[Path, Row]]:
     """Yield recordings with their rows as they are done, in any order.
 
     Raises
     ------
     RecordingError
-        If there is no process to work or no cluster at the address.
+        If there is no process to work.
     """
     if not paths:
-        return
-    if scheduler:
-        yield from _on_cluster(paths, options, scheduler)
         return
     count = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if count < 1:
@@ -234,28 +231,6 @@ def _pool(count: int) -> Executor:
         os.environ.setdefault(name, '1')
     # Fresh interpreters: a fork would copy locks that threads of this process hold.
     return ProcessPoolExecutor(count, get_context('spawn'))
-
-
-def _on_cluster(
-    paths: Sequence[Path], options: StudyOptions, scheduler: str
-) -> Iterator[tuple[Path, Row]]:
-    try:
-        distributed = import_module('distributed')
-    except ModuleNotFoundError as error:
-        raise RecordingError(
-            f'expected the extra rpms_ros[cluster] to be installed, got: {error}'
-        ) from error
-    try:
-        client = distributed.Client(scheduler, timeout='10s')
-    except (OSError, ValueError) as error:
-        raise RecordingError(f'expected a Dask scheduler at {scheduler}, got {error}') from error
-    with client:
-        # Not pure: the cluster must not return a cached result of an earlier study.
-        names = [str(path.resolve()) for path in paths]
-        submitted = client.map(work, names, options=options, pure=False)
-        futures = dict(zip(submitted, paths, strict=True))
-        for future in distributed.as_completed(list(futures)):
-            yield futures[future], _outcome(future)
 
 
 def _outcome(future: 'Future[Row]') -> Row:

@@ -177,7 +177,7 @@ def test_every_kind_of_file_is_loaded(tmp_path: Path) -> None:
 
 def test_exports_are_loaded(simulated: Session, tmp_path: Path) -> None:
     simulated.save(tmp_path / 'kept')
-    for kind in ('csv', 'mat', 'bids'):
+    for kind in ('csv', 'mat'):
         place = tmp_path / f'{kind}.mat'
         main(['export', str(tmp_path / 'kept'), '--to', kind, '--out', str(place)])
         session = rpms_ros.load(place)

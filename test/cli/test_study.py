@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import distributed
 import pytest
 from pyarrow import parquet
 
@@ -125,20 +124,6 @@ def test_interrupted_study_keeps_what_is_done(
     monkeypatch.undo()
     assert [row['status'] for row in table_of(tmp_path)] == ['ok']
     assert len(list((tmp_path / 'rows').iterdir())) == 1
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings('ignore')
-def test_a_dask_cluster_gives_the_same_table(
-    rpms: Rpms, sessions: Path, expected: bytes, tmp_path: Path
-) -> None:
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, host='127.0.0.1'
-    ) as cluster:
-        address = cluster.scheduler_address
-        code, _, err = rpms('study', sessions, '--out', tmp_path, '--scheduler', address)
-    assert (code, err) == (0, '')
-    assert (tmp_path / 'results.csv').read_bytes() == expected
 
 
 def test_no_process_to_work(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:

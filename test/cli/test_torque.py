@@ -97,7 +97,7 @@ def test_the_page_shows_newton_metres(recording: Path, tmp_path: Path) -> None:
     assert '"quantity": "torque"' in page
 
 
-@pytest.mark.parametrize('kind', ['csv', 'mat', 'bids'])
+@pytest.mark.parametrize('kind', ['csv', 'mat'])
 def test_a_torque_is_exported_and_imported_as_one(
     recording: Path, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,7 +18,6 @@ from rpms_ros.nodes.plant_simulator import PlantSimulator
 from rpms_ros.nodes.recorder import Recorder
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.nodes.stop_button import StopButton
-from rpms_ros.testing import running_graph
 
 DEPTH = 'qos_overrides./force.subscription.depth'
 
@@ -116,9 +115,9 @@ def test_the_driver_ends_what_it_has_begun_when_its_last_part_is_refused(
     graph.wait_for(lambda: not names(other))
 
 
-def test_a_client_of_an_action_does_not_keep_its_node_on_the_graph(context, graph) -> None:
+def test_a_client_of_an_action_does_not_keep_its_node_on_the_graph(graphs, context, graph) -> None:
     other = graph.add(lambda **options: Node('other', **options))
-    with running_graph(context) as second:
+    with graphs.running_graph(context) as second:
         client = second.add(lambda **options: Node('client', **options))
         goals = ActionClient(client, RunSchedule, 'run_schedule')
         graph.wait_for(lambda: names(other) == {'client'})

@@ -8,7 +8,6 @@ What this package has exported is read again with the same numbers in every bit.
 """
 
 import csv
-import gzip
 import json
 import pickle
 import signal
@@ -26,7 +25,7 @@ import numpy as np
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import FloatArray, ForceTrace, IntArray, PulseTrain
-from rpms_ros.recording.export.tables import (
+from rpms_ros.recording.export import (
     FACTS,
     FORCE,
     FORCE_COLUMNS,
@@ -402,9 +401,7 @@ def _told(item: dict[str, Any], key: str) -> str:
 
 
 Table = Mapping[str, Any]
-_MOST_TEXT = 1_000_000_000
 _LATEST = 9_000_000_000
-_PLACES = ('beh', 'ses-*/beh', 'sub-*/beh', 'sub-*/ses-*/beh')
 _NO_NUMBERS = (
     AttributeError, EOFError, InvalidOperation, LookupError, OSError, OverflowError, TypeError,
     ValueError, csv.Error,
@@ -415,7 +412,7 @@ def is_export(path: Path) -> bool:
     """Return whether a folder or file looks like an export of this package."""
     try:
         if path.is_dir():
-            return (path / FACTS).is_file() or any(_bids_events(path))
+            return (path / FACTS).is_file()
         if path.suffix.lower() != '.mat' or not path.is_file():
             return False
         return MARK in {name for name, _, _ in by_scipy('whosmat', path)}
@@ -425,12 +422,12 @@ def is_export(path: Path) -> bool:
 
 
 def read_export(path: Path) -> tuple[PulseTrain, ForceTrace, str]:
-    """Return pulses, force and its unit of an export: a folder of CSV, a MATLAB file, or BIDS.
+    """Return pulses, force and its unit of an export: a folder of CSV or a MATLAB file.
 
     Parameters
     ----------
     path : Path
-        What `rpms export` wrote; of a BIDS dataset with several runs, a folder with one of them.
+        What `rpms export` wrote.
 
     Raises
     ------
@@ -441,12 +438,10 @@ def read_export(path: Path) -> tuple[PulseTrain, ForceTrace, str]:
         if path.is_file():
             content = by_scipy('loadmat', path, simplify_cells=True)
             facts, pulses, force = content[MARK], content['pulses'], content['force']
-        elif (path / FACTS).is_file():
+        else:
             facts = json.loads((path / FACTS).read_text('utf-8'))
             texts = [(path / name).read_text('utf-8').splitlines() for name in (PULSES, FORCE)]
             pulses, force = (_table(csv.reader(lines)) for lines in texts)
-        else:
-            facts, pulses, force = _of_bids(path)
         return _session(facts, pulses, force, path)
     except RecordingError:
         raise
@@ -475,18 +470,15 @@ def _session(
     return train, ForceTrace(_stamps(force, origin), _column(force, name, float)), unit
 
 
-def _table(rows: Iterable[Sequence[str]], names: Sequence[str] = ()) -> dict[str, list[str]]:
-    """Return the columns of a table by these names, or those in its first row."""
-    names, *cells = [names, *rows] if names else rows
+def _table(rows: Iterable[Sequence[str]]) -> dict[str, list[str]]:
+    """Return the columns of a table by the names in its first row."""
+    names, *cells = rows
     columns = zip(*cells, strict=True) if cells else [()] * len(names)
     return {name: list(column) for name, column in zip(names, columns, strict=True)}
 
 
 def _column(table: Table, name: str, kind: type) -> Any:
-    cells = table[name]
-    if isinstance(cells, list):
-        cells = ['nan' if cell == 'n/a' else cell for cell in cells]
-    return np.atleast_1d(np.asarray(cells)).astype(kind)
+    return np.atleast_1d(np.asarray(table[name])).astype(kind)
 
 
 def _stamps(table: Table, origin: int) -> IntArray:
@@ -500,41 +492,3 @@ def _stamps(table: Table, origin: int) -> IntArray:
             raise ValueError(f'expected times below {_LATEST} s, got {cell[:40]}')
         stamps.append(origin + int(time.scaleb(9).to_integral_value()))
     return np.array(stamps, dtype=np.int64)
-
-
-def _bids_events(folder: Path) -> list[Path]:
-    found = (path for place in _PLACES for path in folder.glob(f'{place}/sub-*_events.tsv'))
-    return sorted(path for path in found if path.is_file())
-
-
-def _of_bids(folder: Path) -> tuple[Mapping[str, Any], Table, Table]:
-    found = _bids_events(folder)
-    if len(found) != 1:
-        names = ', '.join(str(path.relative_to(folder)) for path in found)
-        raise RecordingError(
-            f'expected one run in {folder}, got {names}: the folder of one of them decides'
-        )
-    events = found[0]
-    start = events.name.removesuffix('events.tsv')
-    physio = events.with_name(f'{start}recording-force_physio.json')
-    facts = json.loads(physio.read_text('utf-8'))['RpmsRos']
-    rows = _table(_tab_separated(events.read_text('utf-8')))
-    nibs = events.parent.parent / 'nibs' / f'{start}nibs.tsv'
-    sets = _table(_tab_separated(nibs.read_text('utf-8')))
-    shares = [str(Decimal(cell).scaleb(-2)) for cell in sets['stimulus_intensity']]
-    intensity = dict(zip(sets['nibs_event_id'], shares, strict=True))
-    pulses = {
-        TIME: rows['onset'],
-        INTENSITY: [intensity[label] for label in rows['nibs_event_id']],
-        WIDTH: rows['duration'],
-        SEQUENCE: rows['sequence'],
-    }
-    with gzip.open(physio.with_suffix('.tsv.gz'), 'rt', encoding='utf-8') as file:
-        text = file.read(_MOST_TEXT)
-        if file.read(1):
-            raise RecordingError(f'expected less than {_MOST_TEXT:.0e} characters in {file.name}')
-    return facts, pulses, _table(_tab_separated(text), (TIME, FORCE_COLUMNS[facts['unit']]))
-
-
-def _tab_separated(text: str) -> list[list[str]]:
-    return [line.split('\t') for line in text.splitlines()]

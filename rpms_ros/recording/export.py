@@ -1,6 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is exported, with one time for all of it; CSV files in a folder, and one MATLAB file.
+"""Sessions as files of other programs: CSV files in a folder, or one MATLAB file.
 
 A file or folder is there as a whole or not at all.
 """
