@@ -41,19 +41,19 @@ def graph(nodes, code=''):
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     use_fast_discovery()
-    domain = free_domain()
-    os.environ['ROS_DOMAIN_ID'] = str(domain)
     import rclpy
 
-    started = [start(name, parameters, code) for name, parameters in nodes.items()]
-    rclpy.init(args=[], domain_id=domain)
-    try:
-        yield
-    finally:
-        for process in started:
-            process.terminate()
-            process.wait(10)
-        rclpy.try_shutdown()
+    with free_domain() as domain:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        started = [start(name, parameters, code) for name, parameters in nodes.items()]
+        rclpy.init(args=[], domain_id=domain)
+        try:
+            yield
+        finally:
+            for process in started:
+                process.terminate()
+                process.wait(10)
+            rclpy.try_shutdown()
 
 
 def start(name, parameters, code=''):

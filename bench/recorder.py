@@ -124,15 +124,15 @@ class Source(Node):
 def source() -> Iterator[tuple[Source, int]]:
     """Yield a source in a domain of its own, and the domain."""
     use_fast_discovery()
-    domain = free_domain()
     context = Context()
-    rclpy.init(args=[], context=context, domain_id=domain)
-    node = Source(context)
-    try:
-        yield node, domain
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
+    with free_domain() as domain:
+        rclpy.init(args=[], context=context, domain_id=domain)
+        node = Source(context)
+        try:
+            yield node, domain
+        finally:
+            node.destroy_node()
+            context.try_shutdown()
 
 
 def start_recorder(path: Path, domain: int) -> subprocess.Popen[bytes]:

@@ -99,18 +99,18 @@ def running_graph():
     from rpms_ros.nodes.common.runner import free_domain, use_fast_discovery
 
     use_fast_discovery()
-    domain = free_domain()
     import rclpy
     from rclpy.context import Context
 
     context = Context()
-    rclpy.init(args=[], context=context, domain_id=domain)
-    graph = Graph(context)
-    try:
-        yield graph
-    finally:
-        graph.close()
-        context.try_shutdown()
+    with free_domain() as domain:
+        rclpy.init(args=[], context=context, domain_id=domain)
+        graph = Graph(context)
+        try:
+            yield graph
+        finally:
+            graph.close()
+            context.try_shutdown()
 
 
 def resident_mb():

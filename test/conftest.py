@@ -152,9 +152,10 @@ def graphs() -> ModuleType:
 
 
 @pytest.fixture
-def domain(graphs: ModuleType) -> int:
-    """A DDS domain that nobody uses on this machine."""
-    return int(graphs.private_domain())
+def domain(graphs: ModuleType) -> Iterator[int]:
+    """A DDS domain that nobody else uses on this machine until all of the test has ended."""
+    with graphs.private_domain() as private:
+        yield private
 
 
 @pytest.fixture

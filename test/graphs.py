@@ -7,7 +7,7 @@ Nodes are real ones, which the test steps by waiting: nothing sleeps.
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -76,8 +76,8 @@ class Graph:
         self._executor.shutdown()
 
 
-def private_domain() -> int:
-    """Return a DDS domain that nobody uses on this machine."""
+def private_domain() -> AbstractContextManager[int]:
+    """Return a context with a DDS domain that nobody else uses on this machine meanwhile."""
     from rpms_ros.nodes.common.runner import (
         free_domain,
         stay_on_this_machine,

@@ -212,17 +212,17 @@ def replay(
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     use_fast_discovery()
     context = Context()
-    domain = free_domain()
-    rclpy.init(
-        args=[],
-        context=context,
-        domain_id=domain,
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
-    try:
-        return _play(context, recording, chosen, factor, expected, progress)
-    finally:
-        context.try_shutdown()
+    with free_domain() as domain:
+        rclpy.init(
+            args=[],
+            context=context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        try:
+            return _play(context, recording, chosen, factor, expected, progress)
+        finally:
+            context.try_shutdown()
 
 
 def _play(

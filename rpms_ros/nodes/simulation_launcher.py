@@ -168,7 +168,7 @@ class SimulationLauncher:
         with contextlib.ExitStack() as stack:
             self._stop_request = StopRequest()
             stack.callback(self._stop_request.restore)
-            domain = free_domain()
+            domain = stack.enter_context(free_domain())
             stack.callback(self._stop_all)
             for name in self._settings.names:
                 self._start(name, domain)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
@@ -347,11 +348,19 @@ def test_a_domain_in_which_somebody_is_is_not_chosen(
     from rpms_ros.nodes.common import runner
 
     monkeypatch.setattr(runner, '_DOMAINS', range(domain, domain + 1))
-    # this test has chosen it
-    with pytest.raises(NodeError, match='expected a free DDS domain'):
-        runner.free_domain()
-    node = Node('here', context=context, use_global_arguments=False)
-    os.close(runner._held.pop())
-    with pytest.raises(NodeError, match='expected a free DDS domain'):
-        runner.free_domain()
-    node.destroy_node()
+    # this test holds it
+    with pytest.raises(NodeError, match='expected a free DDS domain'), runner.free_domain():
+        pass
+    nodes = [Node('here', context=context, use_global_arguments=False)]
+    second = Context()
+    rclpy.init(args=[], context=second, domain_id=domain)
+    nodes.append(Node('there', context=second, use_global_arguments=False))
+    # whoever is first, or second where the first has gone
+    for node in nodes:
+        monkeypatch.setattr(runner, '_MARK', 6)
+        with pytest.raises(NodeError, match='expected a free DDS domain'), runner.free_domain():
+            pass
+        node.destroy_node()
+        node.context.try_shutdown()
+    with runner.free_domain() as free:
+        assert free == domain

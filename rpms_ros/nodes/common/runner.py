@@ -135,6 +135,9 @@ _PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILE
 
 # Domains above 100 use ports that Linux hands out to others; people choose the first ten.
 _DOMAINS = range(10, 101)
+# The first of a domain may have gone, and those that came after it may still be there.
+_PARTICIPANTS = 8
+_MARK = 5
 
 
 def use_fast_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -149,13 +152,11 @@ def stay_on_this_machine(environment: MutableMapping[str, str] = os.environ) -> 
     environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
-_held: list[int] = []
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """Yield a DDS domain in which nobody is on this machine, chosen at random.
 
-
-def free_domain() -> int:
-    """Return a DDS domain in which nobody is on this machine, chosen at random.
-
-    Until it chooses another one, or ends, this process keeps those from it who choose likewise.
+    As long as it is held, whoever chooses likewise gets another one.
 
     Raises
     ------
@@ -163,20 +164,18 @@ def free_domain() -> int:
         If somebody is in every domain.
     """
     for domain in random.sample(_DOMAINS, len(_DOMAINS)):
-        # by the rule of DDS-RTPS the first participant receives on 10 ports above, nobody on 5
+        # by the rule of DDS-RTPS participants receive on 10, 12, ... ports above, nobody on _MARK
         base = 7400 + 250 * domain
-        mark = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            mark.bind(('127.0.0.1', base + 5))
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind(('', base + 10))
-        except OSError:
-            mark.close()
-            continue
-        for before in _held:
-            os.close(before)
-        _held[:] = [mark.detach()]
-        return domain
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mark:
+            try:
+                mark.bind(('127.0.0.1', base + _MARK))
+                for participant in range(_PARTICIPANTS):
+                    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                        probe.bind(('', base + 10 + 2 * participant))
+            except OSError:
+                continue
+            yield domain
+            return
     raise NodeError(f'expected a free DDS domain of {_DOMAINS}, got none')
 
 
