@@ -95,7 +95,6 @@ setup(
             'live_page = rpms_ros.nodes.executables:live_page',
             'operator_console = rpms_ros.nodes.executables:operator_console',
             'stimulator_driver = rpms_ros.nodes.executables:stimulator_driver',
-            'stimulator_guard = rpms_ros.guard.process:main',
         ],
         'rpms_ros.devices': [
             'serial = rpms_ros.stimulation.devices.serial_line:build',

@@ -50,7 +50,7 @@ from rpms_ros.muscle.scenario import load_scenario
 from rpms_ros.recording import write_recording
 from rpms_ros.stimulation.limits import patient
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
-from rpms_ros.stimulation.records.audit_log import AuditLog
+from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
 
 LONGEST = 10.0
 MEMORY = 1_000_000_000
@@ -160,7 +160,7 @@ def document(name: str, folder: Path) -> Kind:
         options['quantity'] = 'force'
         load = partial(identifier_parameters, argparse.Namespace(**options, parameters=path))
     else:
-        with AuditLog(path, KEY) as audit:
+        with ChainedFile(path, AUDIT_LOG) as audit:
             for number in range(5):
                 audit.append('refusal', who='operator', limit='maximum_rate_hz', pulse=number)
         return Kind((path,), lambda: rpms(['audit', str(path)]))

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rpms_ros.cli.options import Subparsers, add_command, add_option
 
 if TYPE_CHECKING:
-    from rpms_ros.stimulation.records.append_only import Record
-    from rpms_ros.stimulation.records.audit_log import Audit
+    from rpms_ros.stimulation.records.append_only import Audit, Record
 
 _STAMPS = frozenset({'number', 'kind', 'time', 'boot_id', 'boot_ns', 'previous', 'hash'})
 
@@ -33,21 +32,19 @@ def add_audit(subparsers: Subparsers) -> None:
         'exit status: 0 whole, 1 broken or cut off at the end, 2 no such file',
     )
     parser.add_argument('file', type=Path, help='audit log or dose ledger')
-    add_option(parser, '--key-file FILE', None, 'secret of the log', type=Path)
     add_option(parser, '--only KIND[,KIND]', None, 'print these kinds only, e.g. refusal,reset')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Verify a file and print what it holds; return 0 if it is whole, 1 if not."""
     from rpms_ros.errors import StimulationError
-    from rpms_ros.stimulation.records.audit_log import read_key, verify_log
+    from rpms_ros.stimulation.records.append_only import verify_log
 
     if not arguments.file.is_file():
         raise StimulationError(
             f'expected an audit log or a dose ledger, got no regular file at {arguments.file}'
         )
-    key = read_key(arguments.key_file) if arguments.key_file is not None else None
-    found = verify_log(arguments.file, key, purpose=None)
+    found = verify_log(arguments.file, purpose=None)
     kinds = frozenset(arguments.only.split(',')) if arguments.only else None
     print('\n'.join(report(arguments.file, found, kinds)))
     return 0 if found.intact and not found.torn else 1

@@ -16,7 +16,7 @@ from rpms_ros.printable import counted
 
 if TYPE_CHECKING:
     from rpms_ros.stimulation.limits.device_specification import DeviceSpecification
-    from rpms_ros.stimulation.limits.forecast import Forecast, Offer
+    from rpms_ros.stimulation.limits.forecast import Forecast
     from rpms_ros.stimulation.limits.patient import Patient
     from rpms_ros.stimulation.schedule.schedule import Schedule
 
@@ -187,7 +187,6 @@ def run_check(arguments: argparse.Namespace) -> int:
     """Check a schedule; return 0 if it can be delivered, 1 if not."""
     from rpms_ros.stimulation.limits.device_specification import load_device_specification
     from rpms_ros.stimulation.limits.fitting import forecast_within
-    from rpms_ros.stimulation.limits.forecast import offers
     from rpms_ros.stimulation.limits.patient import for_session, load_patient
     from rpms_ros.stimulation.schedule.description import load_schedule
 
@@ -201,8 +200,6 @@ def run_check(arguments: argparse.Namespace) -> int:
         print(json.dumps(as_json(ahead)))
     else:
         print('\n'.join(report(schedule, specification, ahead, patient)))
-        if not ahead.deliverable:
-            print('\n'.join(_offered(offers(schedule, specification))))
     if arguments.plot is not None:
         from rpms_ros.report.dose import save_schedule_figure
 
@@ -281,9 +278,3 @@ def _waits(waits: tuple[float, ...]) -> str:
     shown = ', '.join(f'{wait:.3g} s' for wait in waits[:_MOST_WAITS])
     more = len(waits) - _MOST_WAITS
     return f'{shown} after the train' + (f' and {more} more' if more > 0 else '')
-
-
-def _offered(found: 'tuple[Offer, ...]') -> list[str]:
-    if not found:
-        return ['  nothing like it could be delivered']
-    return ['  deliverable would be:', *(f'    {offer.change}' for offer in found)]

@@ -56,11 +56,9 @@ from rpms_ros.nodes.driver.watch import DriverWatch
 from rpms_ros.stimulation import Schedule, load_schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY, Authority
 from rpms_ros.stimulation.driver.controller import ControllerThreads, StimulationController
-from rpms_ros.stimulation.driver.interlocks import Refused, SensorLife
-from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR
+from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, Refused, SensorLife
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
-from rpms_ros.stimulation.records.clocks import DeviceLock
 
 
 class InterlockInputs:
@@ -346,7 +344,6 @@ class StimulatorDriver(GuardedLifecycleNode):
             settings.stop_button_timeout, settings.require_stop_button, settings.stop_buttons
         )
         device = settings.hardware
-        self._lock_of_device = None if settings.simulated else DeviceLock(settings.port)
         self._active = False
         self._autostart = settings.autostart
         self._schedule: Schedule | None = None
@@ -458,14 +455,8 @@ class StimulatorDriver(GuardedLifecycleNode):
         self._reports.refuse(reason)
 
     def _configure(self) -> None:
-        if self._lock_of_device is not None:
-            self._lock_of_device.take()
-        try:
-            self._audit.require('configure', specification=self.controller.specification.name)
-            self.controller.configure()
-        except RpmsError:
-            self._unlock()
-            raise
+        self._audit.require('configure', specification=self.controller.specification.name)
+        self.controller.configure()
 
     def _make_ready(self) -> None:
         """Arm, if the operator is allowed to."""
@@ -490,11 +481,6 @@ class StimulatorDriver(GuardedLifecycleNode):
     def _let_go(self, reason: str) -> None:
         self.controller.cleanup(reason)
         self._after_disarming()
-        self._unlock()
-
-    def _unlock(self) -> None:
-        if self._lock_of_device is not None:
-            self._lock_of_device.release()
 
     def _after_disarming(self) -> None:
         """Report it and release the operator: arming again begins with the first step."""
@@ -502,7 +488,9 @@ class StimulatorDriver(GuardedLifecycleNode):
             _, latched, reason = self.controller.status()
             self._reports.say(f'{"stopped" if latched else "disarmed"}: {reason}')
             self._audit.note(
-                'stop' if latched else 'disarm', reason=reason, **self._pulses.for_the_log()
+                'stop' if latched else 'disarm',
+                reason=plain_text(reason),
+                **self._pulses.for_the_log(),
             )
         self._active = False
         self.authority.release()

@@ -7,10 +7,8 @@ import time
 import pytest
 
 from rpms_ros.stimulation.limits.limits import BookedPulse
-from rpms_ros.stimulation.records.audit_log import AuditLog
+from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger
-
-SECRET = b'0123456789abcdef'
 
 
 @pytest.fixture
@@ -18,13 +16,13 @@ def path(tmp_path):
     return tmp_path / 'audit.jsonl'
 
 
-def write(path, key=None):
-    with AuditLog(path, key) as log:
-        log.append('session', who='operator-a', device='rapid2-240v', patient='P01')
-        log.append('limits', figures={'maximum_intensity': 0.55, 'maximum_rate_hz': 50.0})
-        log.append('arm', who='operator-a')
-        log.append('refusal', limit='maximum_rate_hz', reason='\x1b[2Jexpected\n\ud800')
-        log.append('reset', who='operator-b')
+def write(path):
+    with ChainedFile(path, AUDIT_LOG) as log:
+        log.append('session', {'who': 'operator-a', 'device': 'rapid2-240v', 'patient': 'P01'})
+        log.append('limits', {'figures': {'maximum_intensity': 0.55, 'maximum_rate_hz': 50.0}})
+        log.append('arm', {'who': 'operator-a'})
+        log.append('refusal', {'limit': 'maximum_rate_hz', 'reason': '\x1b[2Jexpected\n\ud800'})
+        log.append('reset', {'who': 'operator-b'})
 
 
 def test_a_whole_log(path, rpms):
@@ -69,23 +67,6 @@ def test_a_log_cut_off_by_a_kill(path, rpms):
     code, out, _ = rpms('audit', path)
     assert code == 0
     assert 'cut off      1 times before, and continued' in out
-
-
-def test_a_log_with_a_key(path, rpms, tmp_path):
-    write(path, SECRET)
-    key = tmp_path / 'key'
-    key.write_bytes(SECRET + b'\n')
-    key.chmod(0o600)
-    assert rpms('audit', path, '--key-file', key)[0] == 0
-    assert rpms('audit', path)[0] == 1
-    key.chmod(0o644)
-    code, _, err = rpms('audit', path, '--key-file', key)
-    assert code == 2
-    assert 'expected a key file that only its owner can read' in err
-    key.chmod(0o600)
-    key.write_bytes(b'short')
-    assert 'expected a key of 16 bytes or more, got 5' in rpms('audit', path, '--key-file', key)[2]
-    assert 'expected a readable key file' in rpms('audit', path, '--key-file', tmp_path / 'no')[2]
 
 
 def test_a_ledger_is_verified_too(tmp_path, rpms):

@@ -38,11 +38,11 @@ def written(tmp_path, rpms):
 
 
 @pytest.mark.parametrize('name', ['uniform_random', 'sinusoid'])
-def test_the_paper_is_not_deliverable_and_an_offer_is_made(written, rpms, name):
+def test_the_paper_is_not_deliverable(written, rpms, name):
     code, out, err = rpms('check', written(name), '--device', 'rapid2-240v')
     assert (code, err) == (1, '')
     assert f'{name} on rapid2-240v: NOT deliverable' in out
-    for limit in ('rate_limits_hz', 'continuous_power_w', 'deliverable would be:'):
+    for limit in ('rate_limits_hz', 'continuous_power_w'):
         assert limit in out
 
 
@@ -80,7 +80,6 @@ def test_what_is_deliverable_says_so(tmp_path, rpms):
     code, out, err = rpms('check', path, '--device', 'rapid2-240v')
     assert (code, err) == (0, '')
     assert 'mild on rapid2-240v: deliverable' in out
-    assert 'deliverable would be' not in out
     code, out, _ = rpms('check', path, '--device', 'rapid2-240v', '--json')
     document = json.loads(out)
     assert code == 0

@@ -25,7 +25,7 @@ from rpms_ros.recording.rosbag.scan import Scan
 from rpms_ros.recording.rosbag.verifying import verify as verify_recording
 from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import Schedule, constant, schedule_from_text
-from rpms_ros.stimulation.records.audit_log import verify_log
+from rpms_ros.stimulation.records.append_only import verify_log
 
 WARM_UP = replace(constant(0.5, 0.2, 50.0), name='wärm-up')
 

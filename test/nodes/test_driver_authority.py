@@ -268,7 +268,7 @@ def test_a_change_of_the_bound_that_is_refused_with_another_one_changes_nothing(
 
 
 def test_who_did_what_is_written_down(clinic, tmp_path):
-    from rpms_ros.stimulation.records.audit_log import verify_log
+    from rpms_ros.stimulation.records.append_only import verify_log
 
     path = tmp_path / 'audit.jsonl'
     lab = clinic(audit_log=str(path))

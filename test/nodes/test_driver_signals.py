@@ -14,7 +14,7 @@ from rpms_msgs.msg import DriverStatus, Pulse
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.runner import ENDING, name_of
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.records.audit_log import verify_log
+from rpms_ros.stimulation.records.append_only import verify_log
 
 # a machine under load may hold up the driver for seconds; what these limits do is tested elsewhere
 START = """

@@ -28,7 +28,7 @@ from rpms_ros.nodes.driver.reports import ask_for_realtime
 from rpms_ros.nodes.stimulator_driver import StimulatorDriver
 from rpms_ros.schedule_messages import schedule_message
 from rpms_ros.stimulation import constant
-from rpms_ros.stimulation.records.audit_log import verify_log
+from rpms_ros.stimulation.records.append_only import verify_log
 
 SPECIFICATIONS = (
     Path(rpms_ros.__file__).parent / 'stimulation' / 'limits' / 'device_specifications'

@@ -5,7 +5,7 @@
 import pytest
 
 from rpms_ros.stimulation.driver.authority import Authority, Beat
-from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.safety_monitor import Refused
 
 SECOND = 1_000_000_000
 DAY = 86_400 * SECOND

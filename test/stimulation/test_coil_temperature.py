@@ -9,7 +9,7 @@ import pytest
 
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import WireTimes
-from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.limits.limits import BookedPulse
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger

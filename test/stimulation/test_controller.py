@@ -7,7 +7,7 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import SimulatedDevice
-from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import TRANSITIONS, Command, State
 from rpms_ros.stimulation.limits.limits import Limits
 

@@ -11,11 +11,11 @@ from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import constant
 from rpms_ros.stimulation.devices import SimulatedDevice
 from rpms_ros.stimulation.driver.controller import StimulationController
-from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import DriverSettings, State
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.limits.limits import BookedPulse, DoseLimits, LedgerError, Limits
-from rpms_ros.stimulation.records.audit_log import AuditLog
+from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
 from rpms_ros.stimulation.records.clocks import Clocks
 from rpms_ros.stimulation.records.dose_ledger import DoseLedger, MemoryLedger
 
@@ -281,7 +281,7 @@ def test_what_has_to_be_on_the_disk_is_synced_before_the_call_returns(tmp_path, 
         assert calls == [
             ('write', device), ('fsync', device), ('write', patient), ('fsync', patient),
         ]  # fmt: skip
-    with AuditLog(tmp_path / 'audit.jsonl') as log:
+    with ChainedFile(tmp_path / 'audit.jsonl', AUDIT_LOG) as log:
         calls.clear()
-        log.append('arm')
+        log.append('arm', {})
         assert [name for name, _ in calls] == ['write', 'fsync']

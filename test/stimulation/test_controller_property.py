@@ -21,8 +21,7 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Constant, Doublet, Pause, Ramp, Schedule, UniformRandom
 from rpms_ros.stimulation.devices import DeviceError, SimulatedFaults
-from rpms_ros.stimulation.driver.interlocks import Refused
-from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, HEARTBEAT
+from rpms_ros.stimulation.driver.safety_monitor import EXECUTOR, HEARTBEAT, Refused
 from rpms_ros.stimulation.driver.states import POSSIBLE, State
 from rpms_ros.stimulation.limits.limits import DoseLimits, Limits
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger

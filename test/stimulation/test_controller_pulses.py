@@ -7,7 +7,7 @@ import pytest
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation import Constant, Pause, Schedule, Single, constant
 from rpms_ros.stimulation.devices import WireTimes
-from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.safety_monitor import Refused
 from rpms_ros.stimulation.driver.states import State
 from rpms_ros.stimulation.limits.limits import Limits
 

@@ -13,8 +13,7 @@ from rpms_ros.stimulation import Constant, Pause, Schedule, Single, constant
 from rpms_ros.stimulation.devices import DeviceError, SimulatedDevice, SimulatedFaults
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 from rpms_ros.stimulation.driver.controller import StimulationController
-from rpms_ros.stimulation.driver.interlocks import Refused
-from rpms_ros.stimulation.driver.safety_monitor import Halt
+from rpms_ros.stimulation.driver.safety_monitor import Halt, Refused
 from rpms_ros.stimulation.driver.states import Command, DriverSettings, State
 from rpms_ros.stimulation.limits.device_specification import load_device_specification
 from rpms_ros.stimulation.limits.limits import Limits
@@ -380,3 +379,11 @@ def test_a_run_that_cannot_be_told_gives_no_pulse(virtual):
     driver.advance(2.0)
     assert driver.device.commands == []
     assert driver.controller.state is State.DISARMED
+
+
+def test_a_schedule_that_takes_too_long_to_look_at_is_refused(virtual):
+    limits = Limits(session_pulses=1_000_000, maximum_rate_hz=100.0)
+    driver = virtual(limits).armed()
+    with pytest.raises(Refused, match='schedule_pulses: expected at most 40000 pulses in a sched'):
+        driver.controller.start(constant(0.5, 401.0, 100.0))
+    assert driver.controller.state is State.ARMED

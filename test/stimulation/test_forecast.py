@@ -23,7 +23,7 @@ from rpms_ros.stimulation.limits.device_specification import (
     load_device_specification,
     profile_names,
 )
-from rpms_ros.stimulation.limits.forecast import Trial, forecast, forecast_plan, offers
+from rpms_ros.stimulation.limits.forecast import Trial, forecast, forecast_plan
 from rpms_ros.stimulation.limits.limiter import PulseLimiter
 from rpms_ros.stimulation.limits.limits import Limits
 
@@ -82,21 +82,6 @@ def test_both_run_on_the_simulated_device():
 def test_each_limit_is_named(schedule, limit):
     expected = set() if limit == 'deliverable' else {limit}
     assert limits_broken(schedule) == expected
-
-
-def test_offers_are_deliverable_themselves():
-    weaker = next(
-        offer for offer in offers(paper_sinusoid(), RAPID) if 'intensity' in offer.change
-    )
-    segment = paper_sinusoid().segments[0]
-    changed = type(segment)(20.0, 90.0, high=weaker.factor)
-    assert forecast(Schedule((changed,)), RAPID).deliverable
-    texts = [offer.change for offer in offers(paper_sinusoid(), RAPID)]
-    assert [text.split()[1] for text in texts] == ['intensity', 'rate', 'its']
-
-
-def test_nothing_to_offer_for_a_pulse_that_is_too_wide():
-    assert offers(Schedule((Single(),), width_s=1e-3), RAPID) == ()
 
 
 def test_coil_warms_by_its_pulses_and_cools_in_between():

@@ -12,9 +12,16 @@ from types import SimpleNamespace
 import pytest
 
 from rpms_ros.guard import packets, rapid2
-from rpms_ros.guard.line import Line, LineBusy, LineError, write, write_silence
 from rpms_ros.guard.packets import Packet
-from rpms_ros.guard.relay import Guard, GuardLimits
+from rpms_ros.guard.relay import (
+    Guard,
+    GuardLimits,
+    Line,
+    LineBusy,
+    LineError,
+    write,
+    write_silence,
+)
 from rpms_ros.stimulation.devices.guarded_line import Descriptor, GuardedLine
 
 FILLER = b'\x55' * 20_000
@@ -73,7 +80,7 @@ def port(wait_for):
 @pytest.fixture
 def drained(port, monkeypatch):
     """Drain the port from the first pause of a write on; the pauses, however many it takes."""
-    monkeypatch.setattr('rpms_ros.guard.line._PATIENCE_S', 20.0)
+    monkeypatch.setattr('rpms_ros.guard.relay._PATIENCE_S', 20.0)
     reading = threading.Thread(target=port.drain)
     pauses = []
 
@@ -84,7 +91,7 @@ def drained(port, monkeypatch):
         time.sleep(seconds)
 
     clock = SimpleNamespace(monotonic=time.monotonic, sleep=pause)
-    monkeypatch.setattr('rpms_ros.guard.line.time', clock)
+    monkeypatch.setattr('rpms_ros.guard.relay.time', clock)
     yield pauses
     reading.join()
     assert pauses
@@ -150,7 +157,7 @@ def test_a_guard_whose_line_takes_nothing_disarms_when_it_does(port, wait_for):
 
 def test_what_a_line_takes_in_part_is_tried_again(monkeypatch):
     parts = iter([3, 5, 8])
-    monkeypatch.setattr('rpms_ros.guard.line.os.write', lambda _, __: next(parts))
+    monkeypatch.setattr('rpms_ros.guard.relay.os.write', lambda _, __: next(parts))
     write_silence(-1, rapid2.SILENCE)
     assert len(rapid2.SILENCE) == 8
     assert not list(parts)

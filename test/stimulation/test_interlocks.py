@@ -5,7 +5,7 @@
 import pytest
 
 from rpms_ros.stimulation.driver.authority import Heartbeat
-from rpms_ros.stimulation.driver.interlocks import Interlocks, Refused
+from rpms_ros.stimulation.driver.safety_monitor import Interlocks, Refused
 
 SECOND = 1_000_000_000
 NOW = 1000 * SECOND

@@ -5,22 +5,18 @@
 import errno
 import fcntl
 import os
-import re
 import signal
-import socket
 import struct
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
 import serial
 
-from rpms_ros.guard.port import open_port
-from rpms_ros.guard.process import main
 from rpms_ros.pulses import MAGNETIC_PULSE_WIDTH
 from rpms_ros.stimulation.devices import DeviceError
+from rpms_ros.stimulation.devices.guarded_line import open_port
 from rpms_ros.stimulation.devices.serial_line import SerialDevice
 
 
@@ -181,105 +177,3 @@ def test_a_fork_that_outlives_the_driver_does_not_keep_it_armed(fake, wait_for):
         finally:
             driver.kill()
             os.kill(child, signal.SIGKILL)
-
-
-@pytest.fixture
-def by_hand(fake, tmp_path, wait_for):
-    """A guard on a socket of its own: the process, and the path."""
-    path = tmp_path / 'guard'
-    command = [sys.executable, '-m', 'rpms_ros.guard', '--port', fake.port, '--socket', str(path)]
-    limits = ['--answer-limit=5', '--beat-limit=20', '--maximum-percent=30']
-    with subprocess.Popen([*command, *limits], stderr=subprocess.PIPE) as guard:
-        wait_for(path.is_socket)
-        yield guard, path
-        guard.kill()
-
-
-def open_in_turn(device, wait_for):
-    """Open a device at a guard that may not have done with the driver before it."""
-
-    def opened():
-        try:
-            device.open()
-        except DeviceError:
-            return False
-        return True
-
-    wait_for(opened)
-
-
-def test_guard_that_was_started_by_hand(fake, by_hand, wait_for, armed, patient_device):
-    guard, path = by_hand
-    assert path.stat().st_mode & 0o077 == 0
-    for second in (path, path.with_name('second')):
-        assert main(['--port', fake.port, '--socket', str(second)]) == 2
-    for _ in range(2):
-        device = patient_device(str(path))
-        open_in_turn(device, wait_for)
-        assert device.guard_pid == guard.pid
-        assert armed(device, 0.3).fire(0.3, MAGNETIC_PULSE_WIDTH) is not None
-        device.close()
-        wait_for(lambda: not fake.armed)
-        # a driver that leaves does not give away what its guard goes on to hold
-        assert kept_from_others(fake.port)
-    # the bound is the guard's, whatever the driver was given
-    open_in_turn(device, wait_for)
-    device.arm()
-    with pytest.raises(DeviceError, match=r'expected at most 30 percent, got 31'):
-        device.prepare(0.31)
-    device.close()
-    guard.terminate()
-    assert guard.wait(60) == 0
-    assert b'drivers find it at' in guard.stderr.read()
-    assert not path.exists()
-    assert fake.fired() == [30, 30]
-
-
-def test_guard_by_hand_outlives_a_driver_that_gave_up_waiting(by_hand, patient_device, wait_for):
-    guard, path = by_hand
-    first, last = patient_device(str(path)), patient_device(str(path))
-    first.open()
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as waiting:
-        # it waits for the guard that the first one has, and goes
-        waiting.connect(str(path))
-    first.close()
-    open_in_turn(last, wait_for)
-    assert last.guard_pid == guard.pid
-    last.close()
-    guard.terminate()
-    assert guard.wait(60) == 0
-    assert b'a driver has left before it was served' in guard.stderr.read()
-
-
-def test_socket_that_is_no_guard(tmp_path):
-    path = tmp_path / 'other'
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as other:
-        other.bind(str(path))
-        other.listen()
-
-        def answer():
-            with other.accept()[0] as driver:
-                driver.send(b'hello')
-
-        answering = threading.Thread(target=answer)
-        answering.start()
-        with pytest.raises(DeviceError, match='expected a packet of 13 to 213 bytes, got 5'):
-            SerialDevice(str(path)).open()
-        answering.join()
-    with pytest.raises(DeviceError, match=r'expected a serial port, got .*refused'):
-        SerialDevice(str(path)).open()
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'match'),
-    [
-        ([], 'expected --port and --socket'),
-        (['--maximum-percent=101'], r'expected a maximum intensity in 0\.\.100 percent, got 101'),
-        (['--beat-limit=0'], r'expected beat_limit_s in \[0\.01, 60\] s, got 0'),
-        (['--beat-limit=nan'], r'expected beat_limit_s in \[0\.01, 60\] s, got nan'),
-        (['--port=/dev/null', '--socket=/dev/null'], 'stimulator_guard: '),
-    ],
-)
-def test_guard_says_what_it_was_given_wrong(arguments, match, capsys):
-    assert main(arguments) == 2
-    assert re.search(match, capsys.readouterr().err)

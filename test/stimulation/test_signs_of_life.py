@@ -2,19 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Signs of life of a sensor and of a process, and the lock of a device."""
 
-import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
-from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.driver.authority import ProcessLife, host_identity
-from rpms_ros.stimulation.driver.interlocks import SensorLife
-from rpms_ros.stimulation.records.clocks import DeviceLock
+from rpms_ros.stimulation.driver.safety_monitor import SensorLife
 
 SECOND = 1_000_000_000
 
@@ -65,29 +61,3 @@ def test_a_process_of_another_machine_is_not_known(host: str, process: int) -> N
     life = ProcessLife(host, process)
     assert not life.known
     assert not life.ended
-
-
-def test_a_device_has_one_driver(tmp_path: Path) -> None:
-    port, link = tmp_path / 'ttyS0', tmp_path / 'coil'
-    port.touch()
-    link.symlink_to(port)
-    first, second = DeviceLock(str(port), tmp_path), DeviceLock(str(link), tmp_path)
-    first.take()
-    first.take()
-    with pytest.raises(StimulationError, match=rf'another driver on it: process {os.getpid()}'):
-        second.take()
-    other = DeviceLock(str(tmp_path / 'ttyS1'), tmp_path)
-    other.take()
-    first.release()
-    second.take()
-    second.release()
-    second.release()
-
-
-def test_a_lock_that_cannot_be_made_is_said(tmp_path: Path) -> None:
-    with pytest.raises(StimulationError, match=r'a lock for device x, got .*No such file'):
-        DeviceLock('x', tmp_path / 'missing').take()
-    lock = DeviceLock('x', tmp_path)
-    lock.path.symlink_to(tmp_path / 'elsewhere')
-    with pytest.raises(StimulationError, match='expected a lock for device x, got'):
-        lock.take()

@@ -23,13 +23,14 @@ from rpms_ros.schedule_messages import schedule_of
 from rpms_ros.stimulation import Schedule
 from rpms_ros.stimulation.driver.authority import AUTHORITY
 from rpms_ros.stimulation.driver.controller import StimulationController
-from rpms_ros.stimulation.driver.interlocks import SUSPEND, Refused
 from rpms_ros.stimulation.driver.safety_monitor import (
     EMERGENCY_STOP,
     EXECUTOR,
     FORCE,
     HEARTBEAT,
     SUPERVISOR,
+    SUSPEND,
+    Refused,
 )
 from rpms_ros.stimulation.driver.states import Run, State
 

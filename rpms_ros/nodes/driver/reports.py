@@ -38,10 +38,9 @@ from rpms_ros.stimulation import Schedule, schedule_to_text
 from rpms_ros.stimulation.devices import Delivery
 from rpms_ros.stimulation.driver.authority import Authority
 from rpms_ros.stimulation.driver.controller import StimulationController
-from rpms_ros.stimulation.driver.pulse_owner import Fired
-from rpms_ros.stimulation.driver.states import State
+from rpms_ros.stimulation.driver.states import Fired, State
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
-from rpms_ros.stimulation.records.audit_log import AuditLog
+from rpms_ros.stimulation.records.append_only import AUDIT_LOG, ChainedFile
 from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 
 UNVERIFIED = {
@@ -219,9 +218,8 @@ class DriverAudit:
     """
 
     def __init__(self, path: str, failed: Callable[[str], None]) -> None:
-        self._log = AuditLog(Path(path).expanduser()) if path else None
+        self._log = ChainedFile(Path(path).expanduser(), AUDIT_LOG) if path else None
         self._failed = failed
-        self._lock = threading.Lock()
         self._broken = ''
         self._left_out = 0
         self._entries: queue.Queue[Entry | None] = queue.Queue(_WAITING)
@@ -283,8 +281,7 @@ class DriverAudit:
 
     def _append(self, kind: str, fields: dict[str, object]) -> None:
         if self._log is not None:
-            with self._lock:
-                self._log.append(kind, **fields)
+            self._log.append(kind, fields)
 
 
 _STATUS_PERIOD_NS = 100_000_000

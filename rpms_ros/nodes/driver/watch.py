@@ -35,8 +35,7 @@ from rpms_ros.nodes.common.runner import complete_or_gone
 from rpms_ros.nodes.driver.goals import UNIQUE, WATCH
 from rpms_ros.stimulation.driver.authority import Authority, Beat, ProcessLife
 from rpms_ros.stimulation.driver.controller import StimulationController
-from rpms_ros.stimulation.driver.interlocks import HOLD_SHARE
-from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, HEARTBEAT
+from rpms_ros.stimulation.driver.safety_monitor import EMERGENCY_STOP, HEARTBEAT, HOLD_SHARE
 from rpms_ros.stimulation.driver.states import POSSIBLE
 from rpms_ros.stimulation.driver.stop_buttons import StopButtons
 

@@ -27,7 +27,7 @@ from rpms_ros.recording.rosbag.reading import (
     read_recording,
     session_hash,
 )
-from rpms_ros.stimulation.records.audit_log import verify_log
+from rpms_ros.stimulation.records.append_only import verify_log
 
 OK, FAULT, UNKNOWN = 'ok', 'FAULT', 'unknown'
 PUBLISHERS_KEY = 'publishers'

@@ -6,26 +6,54 @@ A descriptor that several threads hold and none of them closes while another use
 """
 
 import contextlib
+import fcntl
 import os
 import select
 import socket
-import stat
-import struct
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
+import serial
+
 import rpms_ros.guard
 from rpms_ros.guard import packets, rapid2
-from rpms_ros.guard.line import LineError, write_silence
 from rpms_ros.guard.packets import Packet
-from rpms_ros.guard.port import open_port, release_port
-from rpms_ros.guard.relay import GuardLimits
+from rpms_ros.guard.relay import GuardLimits, LineError, write_silence
 from rpms_ros.pulses import nanoseconds
 from rpms_ros.stimulation.devices.registry import DeviceError
+
+
+def open_port(name: str) -> int:
+    """Return the descriptor of a serial port, opened exclusively with the instrument's settings.
+
+    Raises
+    ------
+    OSError
+        If there is no such port, or somebody holds it.
+    """
+    port = serial.Serial(baudrate=rapid2.BAUD, timeout=0, write_timeout=0, exclusive=True)
+    port.port = name
+    # on some cables this line is a trigger
+    port.rts = False
+    try:
+        port.open()
+        # a lock is asked for by who knows of it; this keeps the others out, but for root
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
+        port.reset_input_buffer()
+        # a copy: it shares the lock, and stays when the object goes
+        descriptor = os.dup(port.fileno())
+    except (ValueError, termios.error) as error:
+        raise OSError(str(error)) from error
+    finally:
+        port.close()
+    os.set_blocking(descriptor, False)
+    return descriptor
 
 
 class Descriptor:
@@ -76,7 +104,7 @@ class GuardedLine:
     Parameters
     ----------
     port : str
-        A serial port; a guard is started for it.  Or the socket of a guard that runs already.
+        A serial port; a guard is started for it.
     limits : GuardLimits
         What the guard that is started holds this driver to.
     clock : callable
@@ -117,10 +145,7 @@ class GuardedLine:
         if self.is_open:
             raise DeviceError(f'expected {self.port} to be closed, got an open one')
         try:
-            if _is_socket(self.port):
-                self._join_guard()
-            else:
-                self._start_guard()
+            self._start_guard()
         except (OSError, ValueError) as error:
             self.close()
             raise DeviceError(f'expected a serial port, got {self.port}: {error}') from error
@@ -209,9 +234,10 @@ class GuardedLine:
                 os.write(guard.number, packets.packed(Packet(packets.LEAVE)))
             left = self._has_left(guard)
         self._line = self._socket = self._guard = self.guard_pid = None
-        if line is not None and process is not None:
-            # a guard that was joined goes on to hold its port
-            release_port(line.number)
+        if line is not None:
+            # others may open the port again; the lock ends with its last descriptor
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(line.number, termios.TIOCNXCL)
         if process is not None:
             if not left:
                 # stopped, or it would have gone: what it had to do was done past it
@@ -255,22 +281,6 @@ class GuardedLine:
         hello = self._received(_START_S)
         if hello is None or hello.kind != packets.HELLO:
             raise DeviceError(f'expected a guard within {_START_S:g} s, got {hello}')
-
-    def _join_guard(self) -> None:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as joining:
-            joining.settimeout(_START_S)
-            joining.connect(self.port)
-            raw, descriptors, _, _ = socket.recv_fds(joining, packets.MAXIMUM_PACKET, 1)
-            pid, _, _ = _credentials(joining)
-            joining.setblocking(False)
-            self._socket = Descriptor(joining.detach())
-        for number in descriptors:
-            self._line = Descriptor(number)
-        if not raw or packets.unpacked(raw, packets.FROM_GUARD).kind != packets.HELLO:
-            raise DeviceError(f'expected a guard at {self.port}, got {raw!r}')
-        if len(descriptors) != 1:
-            raise DeviceError(f'expected one port of the guard, got {len(descriptors)}')
-        self.guard_pid = pid
 
     # ---- packets
 
@@ -346,18 +356,3 @@ class GuardedLine:
             except OSError:
                 return True
         return False
-
-
-def _is_socket(port: str) -> bool:
-    try:
-        return stat.S_ISSOCK(Path(port).stat().st_mode)
-    except (OSError, ValueError):
-        return False
-
-
-def _credentials(joined: socket.socket) -> tuple[int, int, int]:
-    """Return process, user and group at the other end."""
-    size = struct.calcsize('3i')
-    raw = joined.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
-    pid, user, group = struct.unpack('3i', raw)
-    return pid, user, group

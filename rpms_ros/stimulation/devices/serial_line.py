@@ -51,7 +51,7 @@ class SerialDevice:
     Parameters
     ----------
     port : str
-        Name of the serial port, e.g. ``/dev/ttyUSB0``, or the socket of a guard that runs already.
+        Name of the serial port, e.g. ``/dev/ttyUSB0``.
     maximum_intensity : float
         The guard refuses triggers above it (share), rounded down to a whole percent.
     clock : callable

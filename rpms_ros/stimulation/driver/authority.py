@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
-from rpms_ros.stimulation.driver.interlocks import Refused
+from rpms_ros.stimulation.driver.safety_monitor import Refused
 
 
 class Heartbeat:

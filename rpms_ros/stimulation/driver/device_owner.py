@@ -24,8 +24,12 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 from rpms_ros.errors import StimulationError
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
 from rpms_ros.stimulation.devices.registry import Device, DeviceError, DeviceStatus, TooLate
-from rpms_ros.stimulation.driver.interlocks import BUSY, Refused
-from rpms_ros.stimulation.driver.safety_monitor import SUPERVISOR, Halt, SafetyMonitor
+from rpms_ros.stimulation.driver.safety_monitor import (
+    SUPERVISOR,
+    Halt,
+    Refused,
+    SafetyMonitor,
+)
 from rpms_ros.stimulation.driver.states import POSSIBLE, Command, DriverSettings, State, after
 from rpms_ros.stimulation.limits.coil_temperature import CoilTemperature
 from rpms_ros.stimulation.limits.limits import Limits
@@ -308,26 +312,6 @@ class DeviceOwner(SafetyMonitor):
         except NoAnswer:
             self._halt(Halt(Command.CLEANUP, f'{reason}; the device hangs', 'disarmed'))
 
-    def step(self) -> int:
-        """Do what is due; return when there is more to do [ns].  Called by the owner alone."""
-        due_ns = None
-        limit_s = self.settings.stuck_limit_s
-        with self._deadlines.of(f'{BUSY}a turn of the driver', limit_s):
-            try:
-                self._apply_halts()
-                self.orders.serve()
-                due_ns = self._advance()
-                self._keep_alive(due_ns)
-                if self.state in (State.DISARMED, *POSSIBLE):
-                    self._call('beat', limit_s, self._epoch, self.device.beat)
-            except DeviceError:
-                # it was dealt with where it came up
-                pass
-            except Exception as error:  # noqa: BLE001 - whatever it is, nothing may go on
-                self.fail('owner', f'expected a turn of the driver without error, got {error!r}')
-        now = self._clock()
-        return min(now + AGAIN_NS if due_ns is None else due_ns, now + LOOK_NS)
-
     def supervise(self) -> None:
         """Watch over everything else; called steadily by a thread of its own."""
         now = self._clock()
@@ -406,10 +390,6 @@ class DeviceOwner(SafetyMonitor):
                 self.count('device')
                 reason = f'{reason}; {error}'
         self._halt(Halt(Command.CLEANUP, reason, 'disarmed'))
-
-    def _advance(self) -> int:
-        """Do what a run asks for; return when there is more to do [ns]."""
-        return self._clock() + LOOK_NS
 
     def _call(
         self,

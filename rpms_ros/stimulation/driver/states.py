@@ -5,13 +5,20 @@
 A stop is latched beside the state, because it has to work in every one of them: it takes the
 state to where no pulse is possible and keeps it from being armed until it is reset.
 
-Beside it: one run of a schedule, and the settings that belong to neither a schedule nor a device.
+Beside it: one run of a schedule, its pulses in the dose ledger and as they were fired, and the
+settings that belong to neither a schedule nor a device.
 """
 
 import enum
+import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rpms_ros.errors import StimulationError
+from rpms_ros.pulses import NANOSECONDS_PER_SECOND, nanoseconds
+from rpms_ros.stimulation.devices.registry import Delivery
+from rpms_ros.stimulation.limits.limits import BookedPulse, Limits
+from rpms_ros.stimulation.records.dose_ledger import MemoryLedger
 from rpms_ros.stimulation.schedule.fields import Bound, bounded, check_bounds
 from rpms_ros.stimulation.schedule.schedule import Schedule
 
@@ -170,6 +177,145 @@ class Run:
     def completed(self) -> bool:
         """Whether every pulse of the schedule was delivered."""
         return self.exhausted and self.delivered == self.count
+
+
+@dataclass(frozen=True)
+class Fired:
+    """One pulse whose trigger was sent to the device.
+
+    Attributes
+    ----------
+    due_ns : int
+        When the schedule wanted it, monotonic clock [ns].
+    intensity : float
+        What was commanded (share).
+    width_s : float
+        Duration [s].
+    sequence : int
+        Counts the commanded pulses.
+    delivery : Delivery or None
+        What the device says it did; all of it unverified if the device did not answer; None if it
+        says that no pulse came.
+    delivered_sequence : int
+        Counts those with a delivery.
+    answered : bool
+        Whether the device answered.
+    """
+
+    due_ns: int
+    intensity: float
+    width_s: float
+    sequence: int
+    delivery: Delivery | None
+    delivered_sequence: int
+    answered: bool = True
+
+
+class Reservations:
+    """The pulses of one run in a ledger.
+
+    Parameters
+    ----------
+    ledger : MemoryLedger
+        A dose ledger, on the disk or not.
+    run : Run
+        Whose pulses are reserved.
+    limits : Limits
+        What an intensity means in energy.
+    ahead_s : float
+        How far ahead [s].
+    """
+
+    def __init__(self, ledger: MemoryLedger, run: Run, limits: Limits, ahead_s: float) -> None:
+        self._ledger = ledger
+        self._run = run
+        self._limits = limits
+        self._ahead_ns = nanoseconds(ahead_s)
+        self._lock = threading.Lock()
+        # numbers in the ledger of the pulses that are reserved and not taken, by their index
+        self._open: dict[int, int] = {}
+        self._next = 0
+
+    def extend(self, now_ns: int) -> None:
+        """Reserve what is due soon [ns], or give back what is left when the run is over.
+
+        Raises
+        ------
+        LedgerError
+            If the ledger does not take it; `DoseExceeded` if it is more than the patient may get.
+        """
+        run = self._run
+        with self._lock:
+            if run.ended:
+                left, self._open = list(self._open.values()), {}
+                self._ledger.settle(left)
+                return
+            first, last = self._next, self._next
+            # half of it at a time: few large writes instead of many small ones
+            if first < run.count and run.onset_ns(first) > now_ns + self._ahead_ns // 2:
+                return
+            while last < run.count and run.onset_ns(last) <= now_ns + self._ahead_ns:
+                last += 1
+            if last == first:
+                return
+            energy = self._limits.energy_j
+            pulses = [
+                BookedPulse(run.onset_ns(index), intensity, energy(intensity))
+                for index, intensity in enumerate(run.intensities[first:last], first)
+            ]
+            self._open.update(enumerate(self._ledger.reserve(pulses), first))
+            self._next = last
+
+    def holds(self, index: int) -> bool:
+        """Return whether a pulse of the run is reserved and not taken."""
+        return index in self._open
+
+    def count(self, pulses: Sequence[BookedPulse]) -> None:
+        """Count pulses that were given beside the run's; raises LedgerError as `extend` does."""
+        self._ledger.count(pulses)
+
+    def take(self, index: int) -> None:
+        """Note that a pulse of the run is triggered now.
+
+        Raises
+        ------
+        LedgerError
+            If it is not reserved, or given back.
+        """
+        self._ledger.take(self._open.pop(index, -1))
+
+
+@dataclass
+class Lateness:
+    """Running mean and maximum.
+
+    Attributes
+    ----------
+    count : int
+        Delivered pulses.
+    sum_ns, max_ns : int
+        Sum and maximum of actual minus scheduled onset [ns].
+    """
+
+    count: int = 0
+    sum_ns: int = 0
+    max_ns: int = 0
+
+    def add(self, late_ns: int) -> None:
+        """Take one delivered pulse into account."""
+        self.count += 1
+        self.sum_ns += late_ns
+        self.max_ns = max(self.max_ns, late_ns)
+
+    @property
+    def mean_s(self) -> float:
+        """Mean [s]; 0 before the first pulse."""
+        return self.sum_ns / self.count / NANOSECONDS_PER_SECOND if self.count else 0.0
+
+    @property
+    def max_s(self) -> float:
+        """Maximum [s]."""
+        return self.max_ns / NANOSECONDS_PER_SECOND
 
 
 _SECONDS = Bound(0.0, 10.0, 's', above=True)

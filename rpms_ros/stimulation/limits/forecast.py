@@ -7,13 +7,10 @@ What breaks a limit counts all the same: the driver would have stopped there, bu
 seen as a whole.
 """
 
-import dataclasses
-import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -212,75 +209,3 @@ class Trial:
     def _too_warm(self, cutout: float) -> Refusal:
         most, found = told_apart(cutout, self.celsius[-1])
         return Refusal(CUTOUT, f'expected a coil of at most {most} Celsius, got {found} forecast')
-
-
-@dataclass(frozen=True)
-class Offer:
-    """A change that makes a schedule deliverable.
-
-    Attributes
-    ----------
-    change : str
-        In plain words.
-    factor : float
-        Of what is changed.
-    """
-
-    change: str
-    factor: float
-
-
-def offers(schedule: Schedule, specification: DeviceSpecification) -> tuple[Offer, ...]:
-    """Return what would be deliverable: weaker, slower, or only the beginning.
-
-    Each is the largest factor that passes, found by halving the interval to 0.1 %.
-    """
-    changes: tuple[tuple[str, Callable[[Plan, float], Plan]], ...] = (
-        ('every intensity times {:.3f}', _weaker),
-        ('every rate times {:.3f}', _slower),
-        ('only its first {:.1f} s', _shorter),
-    )
-    found = []
-    for text, change in changes:
-        factor = _largest(partial(_passes, change, schedule, specification))
-        if factor > 0.0:
-            shown = factor * schedule.length_s if change is _shorter else factor
-            # rounded downwards: what is shown passes as well
-            found.append(Offer(text.format(math.floor(shown * 1000) / 1000), factor))
-    return tuple(found)
-
-
-def _weaker(plan: Plan, factor: float) -> Plan:
-    return dataclasses.replace(plan, intensity=plan.intensity * factor)
-
-
-def _slower(plan: Plan, factor: float) -> Plan:
-    onset = np.rint(plan.onset_ns / factor).astype(np.int64)
-    return dataclasses.replace(plan, onset_ns=onset, duration_ns=round(plan.duration_ns / factor))
-
-
-def _shorter(plan: Plan, factor: float) -> Plan:
-    end = round(plan.duration_ns * factor)
-    count = int(np.searchsorted(plan.onset_ns, end))
-    return Plan(plan.onset_ns[:count], plan.intensity[:count], plan.segment[:count], end)
-
-
-def _passes(
-    change: Callable[[Plan, float], Plan],
-    schedule: Schedule,
-    specification: DeviceSpecification,
-    factor: float,
-) -> bool:
-    plan = change(schedule.plan, factor)
-    if not len(plan):
-        return False
-    return not any(rested(specification).refusals(plan, schedule.width_s, 0))
-
-
-def _largest(passes: Callable[[float], bool]) -> float:
-    """Return the largest factor below 1 that passes, 0 if none does."""
-    low, high = 0.0, 1.0
-    while high - low > 1e-3:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if passes(middle) else (low, middle)
-    return low

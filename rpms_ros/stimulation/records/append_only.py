@@ -1,33 +1,31 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are only appended to: records in a chain, on the disk before `append` returns.
+"""Files that are only appended to, the audit log and the dose ledgers: records in a chain.
 
-One process at a time has such a file open.  A line that a killed process left cut off stays where
-it is, and a record behind it says so.
-
-Chains of records: one JSON object a line, each with the hash of the one before it.
-
-A process that is killed can leave one line cut off; the record after it says so, with the hash of
-what was cut.  Anything else that does not fit the chain (a flipped bit, a line changed, removed
-or put in) is refused with the line where it was found.
+One JSON object a line, each with the hash of the one before it, on the disk before `append`
+returns; nothing is ever removed.  One process at a time has such a file open.  A process that is
+killed can leave one line cut off; it stays where it is, and the record after it says so, with the
+hash of what was cut.  Anything else that does not fit the chain (a flipped bit, a line changed,
+removed or put in) is refused with the line where it was found.
 """
 
 import fcntl
 import hashlib
-import hmac
 import json
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from rpms_ros.errors import StimulationError
 from rpms_ros.stimulation.records.clocks import Clocks
 
+AUDIT_LOG = 'audit log'
+"""Purpose of a log of who did what, with which limits, what was refused, what was reset."""
 FIRST = '0' * 64
 """What stands for the hash before the first record."""
 BEGIN, TORN = 'begin', 'torn'
@@ -74,10 +72,8 @@ class Chain:
         Of the file.
     purpose : str or None
         What its first record has to say that it is for; None for any.
-    key : bytes or None
-        Secret of the hashes; None for plain SHA-256.
     hash : str
-        Of the newest record.
+        Of the newest record: written down elsewhere, it shows whether the end was removed.
     count : int
         Number of records.
     lines : int
@@ -88,7 +84,6 @@ class Chain:
 
     path: Path
     purpose: str | None = None
-    key: bytes | None = None
     hash: str = FIRST
     count: int = 0
     lines: int = 0
@@ -133,7 +128,7 @@ class Chain:
 
     def _record(self, line: bytes) -> dict[str, Any] | None:
         """Return the record of a line if it is the next one, None if it is not."""
-        content = decoded(line, self.hash, self.key)
+        content = decoded(line, self.hash)
         if content is None or content.get('number') != self.count:
             return None
         if self.count == 0 and not self._begins(content):
@@ -146,13 +141,12 @@ class Chain:
         return content.get('kind') == BEGIN and self.purpose in (None, content.get('purpose'))
 
     def _fault(self, line: int, expected: str) -> ChainError:
-        hint = ' or was made with another key' if self.count == 0 else ''
         return ChainError(
-            self.path, line, f'{expected}, got a line that is not record {self.count}{hint}'
+            self.path, line, f'{expected}, got a line that is not record {self.count}'
         )
 
 
-def encoded(content: Mapping[str, Any], previous: str, key: bytes | None) -> tuple[bytes, str]:
+def encoded(content: Mapping[str, Any], previous: str) -> tuple[bytes, str]:
     """Return the line of a record, and its hash.
 
     Raises
@@ -167,29 +161,23 @@ def encoded(content: Mapping[str, Any], previous: str, key: bytes | None) -> tup
     except (TypeError, ValueError, RecursionError) as fault:
         raise StimulationError(f'expected a record that JSON can hold, got {fault}') from fault
     body = text.encode('ascii')
-    digest = _digest(body, key)
+    digest = hashlib.sha256(body).hexdigest()
     return body[:-1] + f',"hash":"{digest}"}}\n'.encode('ascii'), digest
 
 
-def decoded(line: bytes, previous: str, key: bytes | None) -> dict[str, Any] | None:
+def decoded(line: bytes, previous: str) -> dict[str, Any] | None:
     """Return the record of a line if it is whole and follows ``previous``, None if not."""
     tail = _TAIL.search(line)
     if tail is None or tail[1].decode('ascii') != previous:
         return None
     body = line[: tail.end(1) + 1] + b'}'
-    if not hmac.compare_digest(_digest(body, key), tail[2].decode('ascii')):
+    if hashlib.sha256(body).hexdigest() != tail[2].decode('ascii'):
         return None
     try:
         content = json.loads(line)
     except (ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) else None
-
-
-def _digest(body: bytes, key: bytes | None) -> str:
-    if key is None:
-        return hashlib.sha256(body).hexdigest()
-    return hmac.new(key, body, hashlib.sha256).hexdigest()
 
 
 def _explains(found: Mapping[str, Any] | None, cut: bytes) -> bool:
@@ -228,8 +216,6 @@ class ChainedFile:
         Of the file; made if it is not there, together with its folder.
     purpose : str
         What it is for; a file for something else is refused.
-    key : bytes, optional
-        Secret of the hashes, so that nobody without it can forge a chain.
     clocks : Clocks
         Whose time the records carry.
     read : callable, optional
@@ -247,60 +233,73 @@ class ChainedFile:
         self,
         path: Path,
         purpose: str,
-        key: bytes | None = None,
         clocks: Clocks | None = None,
         read: Callable[[Record], object] = bool,
         begin: Mapping[str, Any] | None = None,
     ) -> None:
         self.path = path
         self.torn = b''
-        self._key = key
         self._clocks = clocks if clocks is not None else Clocks()
         self._boot_id = self._clocks.boot_id()
         self._lock = threading.Lock()
         self._broken: str | None = None
         self._file = _locked(path)
         try:
-            chain = Chain(path, purpose, key)
+            chain = Chain(path, purpose)
             for record in chain.records():
                 read(record)
             self._hash, self._count = chain.hash, chain.count
             self._size = os.fstat(self._file).st_size
             self._mend(chain, read)
             if self._count == 0:
-                first = {'kind': BEGIN, 'purpose': purpose, **(begin or {})}
-                self.append([{**first, **explanation(self.torn)}])
+                first = {'purpose': purpose, **(begin or {}), **explanation(self.torn)}
+                self.append(BEGIN, first)
                 _sync_folder(path.parent)
             elif self.torn:
-                self.append([{'kind': TORN, **explanation(self.torn)}])
+                self.append(TORN, explanation(self.torn))
         except BaseException:
             self.close()
             raise
 
-    def append(self, contents: Sequence[Mapping[str, Any]], sync: bool = True) -> None:
-        """Add records; with ``sync`` they are on the disk when this returns.
+    def append(self, kind: str, fields: Mapping[str, Any], sync: bool = True) -> None:
+        """Add a record; with ``sync`` it is on the disk when this returns.
+
+        Parameters
+        ----------
+        kind : str
+            What happened, in a word: ``session``, ``arm``, ``refusal``, ``reset`` ...
+        fields : mapping
+            What belongs to it, as JSON can hold it.
+        sync : bool
+            Whether to wait for the disk.
 
         Raises
         ------
         StimulationError
-            If they cannot be written, or the file is not what was written so far (removed,
+            If it cannot be written, or the file is not what was written so far (removed,
             replaced, cut short, added to); nothing more is written then until it is opened anew.
         """
         with self._lock:
-            if self._broken is not None:
-                raise StimulationError(f'expected a writable {self.path}, got {self._broken}')
-            lines = []
-            previous, number = self._hash, self._count
-            for content in contents:
-                line, previous = encoded(self._stamped(content, number), previous, self._key)
-                if len(line) >= LONGEST_LINE:
-                    raise StimulationError(
-                        f'expected a record of less than {LONGEST_LINE} bytes, got {len(line)}'
-                    )
-                lines.append(line)
-                number += 1
-            self._write(b''.join(lines), sync)
-            self._hash, self._count = previous, number
+            stamped = {
+                'number': self._count,
+                'kind': kind,
+                'time': utc(self._clocks.wall_ns()),
+                'boot_id': self._boot_id,
+                'boot_ns': self._clocks.boot_ns(),
+                **fields,
+            }
+            line, digest = encoded(stamped, self._hash)
+            if len(line) >= LONGEST_LINE:
+                raise StimulationError(
+                    f'expected a record of less than {LONGEST_LINE} bytes, got {len(line)}'
+                )
+            self._write(line, sync)
+            self._hash, self._count = digest, self._count + 1
+
+    def look(self) -> None:
+        """Raise what `append` would raise now: of a file that was removed, or a full disk."""
+        with self._lock:
+            self._write(b'', sync=False)
 
     def close(self) -> None:
         """Close the file; may be called again."""
@@ -310,17 +309,15 @@ class ChainedFile:
                 os.close(self._file)
                 self._file = -1
 
-    def _stamped(self, content: Mapping[str, Any], number: int) -> dict[str, Any]:
-        return {
-            'number': number,
-            'kind': content['kind'],
-            'time': utc(self._clocks.wall_ns()),
-            'boot_id': self._boot_id,
-            'boot_ns': self._clocks.boot_ns(),
-            **content,
-        }
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
 
     def _write(self, data: bytes, sync: bool) -> None:
+        if self._broken is not None:
+            raise StimulationError(f'expected a writable {self.path}, got {self._broken}')
         # what was written in part, or not synced, may or may not be there: no second try
         try:
             self._size += len(data)
@@ -345,7 +342,7 @@ class ChainedFile:
         if not chain.torn:
             return
         self._write(b'\n', sync=False)
-        content = decoded(chain.torn, self._hash, self._key)
+        content = decoded(chain.torn, self._hash)
         if content is not None and content.get('number') == self._count:
             # whole but for the end of its line
             self._hash, self._count = content['hash'], self._count + 1
@@ -383,3 +380,55 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
     except OSError as fault:
         raise StimulationError(f'expected a folder to write, got {folder}: {fault}') from fault
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Records of a file, and what is wrong with them.
+
+    Attributes
+    ----------
+    records : tuple of Record
+        All of them up to the first broken one.
+    fault : str
+        What is wrong with the first broken record; empty if the chain holds.
+    line : int
+        Where that is, from 1; 0 for none or the file as a whole.
+    torn : int
+        Bytes behind the last whole line.
+    hash : str
+        Of the newest record.
+    """
+
+    records: tuple[Record, ...]
+    fault: str
+    line: int
+    torn: int
+    hash: str
+
+    @property
+    def intact(self) -> bool:
+        """Whether every record fits."""
+        return not self.fault
+
+
+def verify_log(path: Path, purpose: str | None = AUDIT_LOG) -> Audit:
+    """Return what a file of records holds, as far as its chain can be trusted.
+
+    Parameters
+    ----------
+    path : Path
+        Of an audit log, or of a dose ledger if ``purpose`` says so.
+    purpose : str or None
+        What it has to be for; None for either.
+    """
+    chain = Chain(path, purpose)
+    found: list[Record] = []
+    fault, line = '', 0
+    try:
+        found.extend(chain.records())
+        if not found:
+            fault = f'{path}: expected at least one record, got none'
+    except ChainError as error:
+        fault, line = str(error), error.line
+    return Audit(tuple(found), fault, line, len(chain.torn), chain.hash)

@@ -508,7 +508,7 @@ class DoseLedger(MemoryLedger):
         with self._writing:
             places = [entry.place for entry in self._give_back(numbers)]
             if places:
-                self._append([{'kind': SETTLE, 'unfired': places}], sync=False)
+                self._append(SETTLE, {'unfired': places}, sync=False)
 
     def close(self) -> None:
         """Give back what was not taken and close the files; may be called again."""
@@ -528,15 +528,15 @@ class DoseLedger(MemoryLedger):
             for pulse in pulses
         ]
         parties = {'device': self.device, 'patient': self.patient}
-        self._append([{'kind': RESERVE, 'batch': batch, **parties, 'pulses': rows}])
+        self._append(RESERVE, {'batch': batch, **parties, 'pulses': rows})
         return batch
 
-    def _append(self, contents: Sequence[dict[str, Any]], sync: bool = True) -> None:
+    def _append(self, kind: str, fields: Mapping[str, Any], sync: bool = True) -> None:
         if self._broken is not None:
             raise LedgerError(f'expected a working ledger, got {self._broken}')
         try:
             for file in self._files:
-                file.append(contents, sync)
+                file.append(kind, fields, sync)
         except StimulationError as fault:
             # the two must never differ by more than one reservation
             self._broken = str(fault)
@@ -547,7 +547,7 @@ class DoseLedger(MemoryLedger):
         lost = agreed(device, patient)
         if lost is not None:
             content = {name: lost.content[name] for name in _COPIED if name in lost.content}
-            self._files[1].append([{'kind': RESERVE, **content}])
+            self._files[1].append(RESERVE, content)
         cut = [*readable(self._files[0].torn, device), *readable(self._files[1].torn, device)]
         if cut:
             now = self._clocks.monotonic_ns()
