@@ -7,7 +7,7 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rpms_ros.cli.files import add_signal_options
 from rpms_ros.cli.options import (
@@ -41,7 +41,6 @@ _EXAMPLES = """\
   rpms report bags/sample --out report.html
   rpms report session --files figures            PNG, SVG and JSON files beside the page
   rpms report session --json | jq .held_out      one JSON object on stdout
-  rpms report session --previous last_week/report.json
   rpms report session --device rapid2-240v --state 'coil_type=round' --state age=34
 """
 
@@ -56,8 +55,6 @@ def add_report(subparsers: Subparsers) -> None:
     add_option(parser, '--files DIR', None, text, type=Path)
     text = 'also print what the page holds as one JSON object'
     parser.add_argument('--json', action='store_true', help=text)
-    text = 'JSON of an earlier session (`rpms identify --json` or `rpms report --json`) to compare'
-    add_option(parser, '--previous FILE', None, text, type=Path)
     text = 'headline; the note "muscle" or the name of the recording if not given'
     add_option(parser, '--title TEXT', None, text)
     text = 'share of the time at the end that is predicted, not learnt from'
@@ -111,22 +108,6 @@ def stated_items(texts: list[str]) -> dict[str, str]:
     return items
 
 
-def _previous(path: Path) -> dict[str, Any]:
-    """Return the JSON of an earlier session."""
-    try:
-        document = json.loads(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ReportError(f'expected the JSON of a session at {path}, got {error}') from error
-    except ValueError as error:
-        raise ReportError(
-            f'expected the JSON of a session at {path}, as `rpms report --json` prints it, got '
-            f'something else ({error})'
-        ) from error
-    if not isinstance(document, dict):
-        raise ReportError(f'expected one JSON object in {path}, got {type(document).__name__}')
-    return document
-
-
 def _report(arguments: argparse.Namespace) -> 'SessionReport':
     from rpms_ros.recording.importing import is_foreign
     from rpms_ros.recording.rosbag.reading import held_bytes
@@ -140,7 +121,6 @@ def _report(arguments: argparse.Namespace) -> 'SessionReport':
         device=load_device_specification(arguments.device) if arguments.device else None,
         stated=stated_items(arguments.state),
         command=shlex.join(['rpms', *sys.argv[1:]]) if sys.argv[1:2] == ['report'] else '',
-        previous=_previous(arguments.previous) if arguments.previous else None,
     )
     verdict, options = verdict_settings(arguments), identification_options(arguments)
     recording = read(arguments.bag, arguments)

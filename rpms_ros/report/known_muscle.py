@@ -28,7 +28,6 @@ from rpms_ros.schema import documented
 
 SETTLED_S = 15.0
 """The worst error over a session counts from here on [s]; of a shorter one from its middle."""
-_AFTER_CHANGE = 5.0
 _NOTE = 'subject'
 _STATE = ('threshold', 'saturation', 'time_constant', 'latency')
 # Parameters of the estimators by their names in the true muscle.
@@ -47,9 +46,6 @@ class Judgement:
     error_at_the_end: float = documented('worst error of the curve of the last estimate')
     worst_error: float = documented('worst error of any estimate after `since_s`')
     worst_at_s: float = documented('time of that estimate [s]')
-    worst_apart: float | None = documented(
-        'the same without five seconds after each sudden change', default=None
-    )
     since_s: float = documented('from when on estimates count [s]')
     inside_band: float | None = documented(
         'share of the curve, over these estimates, that lies inside its band', default=None
@@ -67,8 +63,6 @@ class Judgement:
                 f', and at most {100 * self.worst_error:.2g} % at any time from '
                 f'{self.since_s:.0f} s on (at {self.worst_at_s:.0f} s)'
             )
-        if self.worst_apart is not None:
-            text += f'; {100 * self.worst_apart:.2g} % but for the 5 s after a sudden change'
         if self.inside_band is not None:
             text += f'; {100 * self.inside_band:.0f} % of it lies inside its band'
         return f'{text}.'
@@ -168,16 +162,11 @@ class KnownMuscle:
             return None
         worst = int(np.nanargmax(errors))
         time = np.array([one.stamp_ns - course.start_ns for one in late]) / NANOSECONDS_PER_SECOND
-        known = ~np.isnan(errors)
-        for change in course.changes:
-            known &= (time < change.time_s) | (time > change.time_s + _AFTER_CHANGE)
-        apart = float(errors[known].max()) if course.changes and known.any() else None
         inside = np.array([self.inside(one) for one in late])
         return Judgement(
             error_at_the_end=float(errors[-1]),
             worst_error=float(errors[worst]),
             worst_at_s=float(time[worst]) if len(late) > 1 else 0.0,
-            worst_apart=apart,
             since_s=since,
             inside_band=float(np.nanmean(inside)) if np.isfinite(inside).any() else None,
         )

@@ -18,7 +18,7 @@ Beside it stands the fit of the end of the recording, from which the estimator d
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from scipy.signal import correlate
 from scipy.special import chdtrc
 
 from rpms_ros.errors import ReportError
@@ -172,10 +172,9 @@ def correlation(first: FloatArray, second: FloatArray, before: int, after: int) 
     -------
     ndarray (before + after + 1,)
     """
-    length = next_fast_len(len(first) + max(before, after), real=True)
-    product = irfft(np.conj(rfft(first, length)) * rfft(second, length), length)
+    product = correlate(second, first, method='fft')[len(first) - 1 - before :]
     scale = float(np.linalg.norm(first) * np.linalg.norm(second))
-    chosen: FloatArray = product[np.arange(-before, after + 1)] / scale
+    chosen: FloatArray = product[: before + after + 1] / scale
     return chosen
 
 
@@ -261,12 +260,6 @@ class HeldOutFit:
     error_n, error_of_range : float
         Root mean square of the residual [N], and as a share of the range of the whole session's
         force.
-    relative_error : float
-        L2 norm of the residual over that of the force.
-    explained_variance : float
-        1 - var(residual) / var(force).
-    fit_percent : float
-        ``100 (1 - |residual| / |force - mean force|)`` [%].
     stamp_ns, force, prediction : ndarray (samples,)
         The held-out part [ns], [N], [N].
     """
@@ -276,9 +269,6 @@ class HeldOutFit:
     samples: int
     error_n: float
     error_of_range: float
-    relative_error: float
-    explained_variance: float
-    fit_percent: float
     stamp_ns: IntArray = internal()
     force: FloatArray = internal()
     prediction: FloatArray = internal()
@@ -310,16 +300,12 @@ def held_out_fit(session: IdentifiedSession, first_ns: int) -> HeldOutFit | None
         return None
     residual = force - prediction
     error = float(np.sqrt(np.mean(residual**2)))
-    spread = float(np.linalg.norm(force - force.mean()))
     return HeldOutFit(
         learnt_s=float(first_ns - session.stamp_ns[0]) * 1e-9,
         held_out_s=float(session.stamp_ns[-1] - first_ns) * 1e-9,
         samples=len(force),
         error_n=error,
         error_of_range=error / float(np.ptp(session.force[session.usable])),
-        relative_error=float(np.linalg.norm(residual) / np.linalg.norm(force)),
-        explained_variance=float(1.0 - residual.var() / force.var()),
-        fit_percent=float(100.0 * (1.0 - np.linalg.norm(residual) / spread)),
         stamp_ns=session.stamp_ns[kept],
         force=force,
         prediction=prediction,

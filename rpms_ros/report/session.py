@@ -46,9 +46,7 @@ from rpms_ros.report.residuals import (
 )
 from rpms_ros.report.result import (
     NOT_A_TWITCH,
-    Curve,
     IdentificationResult,
-    Stated,
     trains_of,
 )
 from rpms_ros.schema import internal, plain
@@ -173,8 +171,6 @@ def _range(low: float, high: float, scale: float, unit: str) -> str:
 
 
 SHARES_SHOWN = (0.5, 1.0)
-# Change of the force between sessions that is not mentioned, if no interval is known.
-_SMALL = 0.1
 # Force not caused by the stimulation is mentioned above this share of the range of the force.
 _EFFORT = 0.05
 _ADVICE = (
@@ -212,34 +208,21 @@ class Headline:
     steadiness: str
     next_steps: list[str]
     effort: str | None = None
-    previous: list[str] = field(default_factory=list)
 
 
-def headline_of(
-    result: IdentificationResult,
-    session: IdentifiedSession,
-    previous: Mapping[str, Any] | None = None,
-) -> Headline:
+def headline_of(result: IdentificationResult, session: IdentifiedSession) -> Headline:
     """Return the first screen.
 
     Parameters
     ----------
     result, session : IdentificationResult, IdentifiedSession
         What was identified.
-    previous : mapping, optional
-        Output of `rpms identify --json` or `rpms report --json` of an earlier session.
-
-    Raises
-    ------
-    ReportError
-        If `previous` is no such document.
     """
     course = course_of(session)
     return Headline(
         steadiness=steadiness(course),
         next_steps=_next_steps(result),
         effort=_effort(course, session.force[session.usable], session.last.unit),
-        previous=[] if previous is None else _compared(result, previous),
     )
 
 
@@ -272,45 +255,6 @@ def _next_steps(result: IdentificationResult) -> list[str]:
     return list(dict.fromkeys(steps)) or ['Look at the reasons above, and record again.']
 
 
-def _compared(result: IdentificationResult, previous: Mapping[str, Any]) -> list[str]:
-    """Return sentences on the differences from an earlier session."""
-    before = previous.get('result', previous)
-    try:
-        curve, rate = before['curve'], float(before['rate_hz'])
-        if curve is None or result.curve is None:
-            return ['There is no curve in both sessions to compare.']
-        earlier = Curve(**{name: np.asarray(row, np.float64) for name, row in curve.items()})
-        told = [
-            _difference(share, result.curve.at(share), earlier.at(share), result.unit)
-            for share in SHARES_SHOWN
-        ]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ReportError(
-            f'expected what `rpms identify --json` or `rpms report --json` prints, got {error!r}'
-        ) from error
-    if before.get('unit', 'N') != result.unit:
-        return ['One session measured a force, the other a torque: they cannot be compared.']
-    if rate != result.rate_hz:
-        told.append(f'The earlier curve is stated for {rate:g} Hz, this one for another rate.')
-    return told
-
-
-def _difference(share: float, now: Stated, before: Stated, unit: str) -> str:
-    text = (
-        f'{QUANTITIES[unit].capitalize()} at {100 * share:g} % intensity: {now.value:.3g} {unit}'
-    )
-    if before.value:
-        more = f'{100 * (now.value / before.value - 1.0):+.3g} %'
-        text += f', {before.value:.3g} {unit} last time ({more})'
-    else:
-        text += ', none before'
-    if np.isfinite([now.lower, now.upper, before.lower, before.upper]).all():
-        apart = now.lower > before.upper or now.upper < before.lower
-        return f'{text}: {"more than the intervals allow for" if apart else "no difference"}.'
-    small = abs(now.value - before.value) < _SMALL * before.value
-    return f'{text}{": hardly a difference" if small else ""}.'
-
-
 @dataclass(frozen=True)
 class ReportSettings:
     """Settings of a report.
@@ -325,15 +269,12 @@ class ReportSettings:
         Items of the checklist given by the user.
     command : str
         The command line that makes the report; empty if there is none.
-    previous : mapping or None
-        JSON of an earlier session of the same person, to compare with.
     """
 
     held_out_share: float = HELD_OUT_SHARE
     device: DeviceSpecification | None = None
     stated: Mapping[str, str] = field(default_factory=dict)
     command: str = ''
-    previous: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -352,8 +293,6 @@ class SessionReport:
         As `rpms identify --json` prints it.
     twitch : dict
         Peak, time to peak and half relaxation of the response to one pulse, and a remark on it.
-    time_courses : dict
-        Values of each quantity over time, with the ends of their intervals.
     flags : list of Flag
         Doubtful parts of the session.
     truth : dict or None
@@ -392,7 +331,6 @@ class SessionReport:
     headline: Headline
     result: IdentificationResult
     twitch: dict[str, float | str | None]
-    time_courses: dict[str, Any]
     flags: list[Flag]
     truth: dict[str, Any] | None
     residuals: ResidualAnalysis | None
@@ -467,10 +405,9 @@ def report_of(
         remarks.append(f'{recorded.unreadable} messages of nodes could not be decoded')
     return SessionReport(
         title=title,
-        headline=headline_of(result, session, settings.previous),
+        headline=headline_of(result, session),
         result=result,
         twitch=_twitch(result),
-        time_courses=_courses(course),
         flags=course.flags,
         truth={'sentence': judgement.sentence, **plain(judgement)} if judgement else None,
         residuals=residuals,
@@ -592,33 +529,6 @@ def _twitch(result: IdentificationResult) -> dict[str, float | str | None]:
         'half_relaxation_s': float(below[0] - at) if len(below) else None,
         'remark': NOT_A_TWITCH if result.is_no_twitch else None,
     }
-
-
-def _courses(course: Course) -> dict[str, Any]:
-    """Return the quantities over time, evenly thinned if there are very many.
-
-    Each quantity has lists of values and, where there are intervals, of their ends.
-    """
-    names = course.estimates[-1].nonlinear_names
-    paths = {
-        'steady_force': course.force,
-        **{name: course.parameter(name) for name in names},
-        'twitch_time_constant_s': course.physiology('twitch_time_constant_s'),
-        'latency_s': course.physiology('latency_s'),
-        'disturbance': course.disturbance,
-    }
-
-    def short(values: FloatArray) -> list[float]:
-        # six digits are enough for a figure
-        return [float(f'{value:.6g}') for value in values[course.shown]]
-
-    found: dict[str, Any] = {'time_s': short(course.time_s)}
-    for name, path in paths.items():
-        if path.known.any():
-            ends = {'lower': path.lower, 'upper': path.upper}
-            known = {end: short(row) if path.has_interval else None for end, row in ends.items()}
-            found[name] = {'value': short(path.value), **known}
-    return found
 
 
 def _facts(

@@ -3,17 +3,14 @@
 """What is loaded is what was recorded, and can be written again."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import openpyxl
 import pytest
-from scipy.io import savemat
 
 import rpms_ros
 from rpms_ros import RpmsError, Session
 from rpms_ros.cli import main
-from rpms_ros.recording import read_recording, session_hash
+from rpms_ros.recording import session_hash
 
 SAMPLE = Path(__file__).resolve().parents[2] / 'bags' / 'sample'
 COLUMNS = ('t', 'F', 'gate')
@@ -23,21 +20,6 @@ def table(path: Path, name: str = 'trial.csv') -> Path:
     rows = [f'{i / 1000},{0.5 * i},{int(i % 50 < 2)}' for i in range(200)]
     (path / name).write_text('\n'.join(('t,F,gate', *rows)) + '\n')
     return path / name
-
-
-def test_a_recording_is_read_as_the_commands_read_it() -> None:
-    session = rpms_ros.load(SAMPLE)
-    recording = read_recording(SAMPLE)
-    assert session.name == 'sample'
-    assert session_hash(session.recording) == session_hash(recording)
-    np.testing.assert_array_equal(session.force.force, recording.forces.force)
-    assert session.duration == pytest.approx(29.999, abs=1e-9)
-
-
-def test_axis_and_sign_are_those_of_the_sensor() -> None:
-    upright, turned = rpms_ros.load(SAMPLE), rpms_ros.load(SAMPLE, axis='z', sign=-1)
-    np.testing.assert_array_equal(turned.force.force, -upright.force.force)
-    assert not rpms_ros.load(SAMPLE, axis='x').force.force.any()
 
 
 def test_info_says_what_the_session_holds() -> None:
@@ -56,12 +38,6 @@ def test_a_table_becomes_a_session(tmp_path: Path) -> None:
     # the gate is up from the first row on: the first pulse is not known, nor what it acts on
     assert session.pulses.intensity.tolist() == [0.8] * len(session.pulses)
     assert session.force.force.tolist() == [-0.5 * i for i in range(50, 200)]
-
-
-def test_a_measured_session_has_no_truth(simulated: Session, tmp_path: Path) -> None:
-    simulated.save(tmp_path / 'kept')
-    session = rpms_ros.load(tmp_path / 'kept')
-    assert (session.subject, session.truth) == (None, None)
 
 
 def test_a_session_is_written_and_read_again(simulated: Session, tmp_path: Path) -> None:
@@ -150,31 +126,6 @@ def test_a_wrong_option_of_a_file_is_named(
         rpms_ros.load(table(tmp_path), **change)  # type: ignore[arg-type]
 
 
-def test_every_kind_of_file_is_loaded(tmp_path: Path) -> None:
-    expected = rpms_ros.load(table(tmp_path)).recording
-    time = np.arange(200) / 1000
-    force, gate = 0.5 * np.arange(200), (np.arange(200) % 50 < 2).astype(float)
-    savemat(tmp_path / 'a.mat', {'time': time, 'force': force, 'gate': gate})
-    book = openpyxl.Workbook()
-    book.create_sheet('leg').append(['time [s]', 'force [N]', 'gate'])
-    for row in zip(time.tolist(), force.tolist(), gate.tolist(), strict=True):
-        book['leg'].append(row)
-    book.save(tmp_path / 'a.xlsx')
-    lines = [f'{t}\t{f}\t{g}' for t, f, g in zip(time, force, gate, strict=True)]
-    head = 'Interval=\t0.001 s\nChannelTitle=\tForce\tGate\nUnitName=\tN\tV\n'
-    (tmp_path / 'a.txt').write_text(head + '\n'.join([*lines, head.rstrip('\n'), *lines]))
-    options: dict[str, dict[str, Any]] = {
-        'a.mat': {},
-        'a.xlsx': {'sheet': 'leg'},
-        'a.txt': {'block': 2},
-    }
-    for name, given in options.items():
-        session = rpms_ros.load(tmp_path / name, **given)
-        assert session_hash(session.recording) == session_hash(expected)
-    with pytest.raises(RpmsError, match='got 2: block= 1 to 2 decides'):
-        rpms_ros.load(tmp_path / 'a.txt')
-
-
 def test_exports_are_loaded(simulated: Session, tmp_path: Path) -> None:
     simulated.save(tmp_path / 'kept')
     for kind in ('csv', 'mat'):
@@ -210,18 +161,6 @@ def test_a_part_may_have_an_open_end(simulated: Session) -> None:
     assert len(end.force) == len(simulated.between(5.0, 1e300).force) == 10_000
     assert len(simulated.between(-infinity, np.float32(5.0)).force) == 5001
     assert len(simulated.between(-infinity, infinity).pulses) == len(simulated.pulses)
-
-
-@pytest.mark.parametrize('pulse_unit', [None, 'samples'])
-def test_a_whole_number_is_an_intensity_too(tmp_path: Path, pulse_unit: str | None) -> None:
-    path = tmp_path / 'leg.mat'
-    numbers = np.arange(20, 1980, 50)
-    gate = np.isin(np.arange(2000), numbers) * 5.0
-    pulse = gate if pulse_unit is None else numbers
-    savemat(path, {'fs': 1000.0, 'force': np.sin(np.arange(2000.0)), 'trigger': pulse})
-    session = rpms_ros.load(path, intensity=1, pulse_unit=pulse_unit)
-    assert session.pulses.intensity.dtype == np.float64
-    assert session.identify('recursive').result.pulses == len(numbers)
 
 
 def test_arrays_become_a_session(simulated: Session) -> None:

@@ -12,7 +12,6 @@ import pytest
 import rpms_ros
 from rpms_ros import api
 
-CLASSES = [one for one in (getattr(api, name) for name in api.__all__) if inspect.isclass(one)]
 FUNCTIONS = [
     one for one in (getattr(api, name) for name in api.__all__) if inspect.isfunction(one)
 ]
@@ -64,19 +63,3 @@ def test_every_parameter_is_described(one: object) -> None:
     listed = {name for line in described for name in line.split(', ')}
     # a method of two plain numbers may say in its sentence what they are
     assert all(name in listed or f'`{name}`' in text for name in names), (names, listed)
-
-
-@pytest.mark.parametrize('one', [*FUNCTIONS, *METHODS], ids=lambda one: one.__qualname__)
-def test_every_name_is_typed(one: object) -> None:
-    signature = inspect.signature(one)  # type: ignore[arg-type]
-    assert signature.return_annotation is not inspect.Signature.empty
-    for name, parameter in signature.parameters.items():
-        assert name == 'self' or parameter.annotation is not inspect.Parameter.empty, name
-
-
-@pytest.mark.parametrize('one', CLASSES, ids=lambda one: one.__name__)
-def test_every_member_is_described(one: type) -> None:
-    assert inspect.getdoc(one)
-    for name, member in vars(one).items():
-        if not name.startswith('_') and (callable(member) or isinstance(member, property)):
-            assert inspect.getdoc(member), name

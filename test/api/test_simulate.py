@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated sessions are those of the command, and reproducible."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ import rpms_ros
 from rpms_ros import RpmsError
 from rpms_ros.cli import main
 from rpms_ros.muscle import Subject
-from rpms_ros.pulses import ForceTrace
 from rpms_ros.recording import session_hash
 from rpms_ros.stimulation import paper_sinusoid
 
@@ -43,12 +41,6 @@ def test_a_recording_of_the_command_has_the_truth_of_the_session(
         assert written.truth.subject == session.subject
         np.testing.assert_array_equal(written.truth.stamp_ns, session.truth.stamp_ns)
         np.testing.assert_allclose(written.truth.curve, session.truth.curve, rtol=1e-6)
-
-
-def test_a_scenario_is_taken_by_its_name() -> None:
-    steady = rpms_ros.simulate('sinusoid', duration=4.0)
-    restless = rpms_ros.simulate('sinusoid', duration=4.0, scenario='restless')
-    assert np.abs(steady.force.force - restless.force.force).max() > 0.01
 
 
 def test_a_muscle_and_a_schedule_of_ones_own() -> None:
@@ -89,13 +81,3 @@ def test_a_session_is_drawn_as_it_was_recorded() -> None:
     np.testing.assert_array_equal(force, session.force.force)
     assert above.get_ylabel() == 'force [N]'
     assert len(below.collections[0].get_segments()) == len(session.pulses) == 60  # type: ignore[attr-defined]
-
-
-def test_a_session_without_force_is_drawn_too() -> None:
-    session = rpms_ros.simulate(duration=1.0)
-    silent = replace(
-        session.recording, forces=ForceTrace(session.force.stamp_ns[:0], session.force.force[:0])
-    )
-    above, below = replace(session, recording=silent).plot(Figure()).axes
-    assert len(above.lines[0].get_xdata()) == 0
-    assert below.get_xlabel() == 'time [s]'

@@ -65,14 +65,6 @@ def test_several_recordings_follow_one_another_and_their_remarks_are_collapsed(
     assert 'rpms: rpms-1, fes-1: there is no steady force' in err
 
 
-def test_figures_and_json_are_written(rpms: Rpms, magnetic: Path, tmp_path: Path) -> None:
-    code, _, err = rpms('analyze', magnetic, '--out', tmp_path / 'results')
-    assert code == 0
-    names = sorted(path.name for path in (tmp_path / 'results').iterdir())
-    assert names == ['result.json', 'twitches.png']
-    assert 'result.json, twitches.png' in err
-
-
 def test_several_recordings_get_a_folder_each(
     rpms: Rpms, magnetic: Path, electrical: Path, tmp_path: Path
 ) -> None:
@@ -106,34 +98,6 @@ def test_a_recording_that_tells_nothing_is_told_apart(
     assert code == 1
     assert '1 modulated train' in out
     assert 'use `rpms identify` for them' in err
-
-
-def test_no_pulses_are_an_error(rpms: Rpms, magnetic: Path, tmp_path: Path) -> None:
-    forces = read_recording(magnetic).forces
-    write_recording(tmp_path / 'silent', PulseTrain.of([]), forces)
-    code, _, err = rpms('analyze', tmp_path / 'silent')
-    assert code == 2
-    assert 'expected messages on topic /pulses' in err
-
-
-def test_no_recording_is_an_error(rpms: Rpms, tmp_path: Path) -> None:
-    code, out, err = rpms('analyze', tmp_path / 'missing')
-    assert (code, out) == (2, '')
-    assert err.startswith('rpms: error: expected')
-
-
-@pytest.mark.parametrize('name', ['twitches', 'trains', 'recruitment', 'muscle'])
-def test_protocols_are_written(rpms: Rpms, name: str, tmp_path: Path) -> None:
-    code, out, _ = rpms('protocol', name, '--out', tmp_path / f'{name}.yaml')
-    assert code == 0
-    assert 'pulses in' in out
-    assert (tmp_path / f'{name}.yaml').read_text().startswith(f'name: {name}')
-
-
-def test_a_protocol_takes_another_rate(rpms: Rpms, tmp_path: Path) -> None:
-    code, out, _ = rpms('protocol', 'recruitment', '--rate', 20, '--out', tmp_path / 'r.yaml')
-    assert code == 0
-    assert 'at most 20 Hz' in out
 
 
 @pytest.mark.skipif(not TRIAL.exists(), reason='no recordings (set RPMS_RECORDINGS)')

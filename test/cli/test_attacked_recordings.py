@@ -59,15 +59,6 @@ def test_links_are_followed_where_they_lead_to_files(
         refused(rpms, folder, 'expected .mcap or .db3 files at ')
 
 
-def test_devices_are_not_read(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
-    refused(rpms, Path('/dev/zero'), 'expected .mcap or .db3 files at /dev/zero')
-    path = tmp_path / 'bag'
-    shutil.copytree(short_session, path)
-    (path / 'metadata.yaml').unlink()
-    (path / 'metadata.yaml').symlink_to('/dev/zero')
-    assert read_facts(path).faults == {'damaged_metadata': 1}
-
-
 @contextmanager
 def without_rights() -> Iterator[None]:
     """Be somebody who may read only what everybody may."""
@@ -143,17 +134,3 @@ def test_a_recording_that_grows_is_read_up_to_where_it_is(
     facts = read_facts(path)
     assert facts.faults == {}
     assert facts.topics[0].count >= max(counts)
-
-
-@pytest.mark.parametrize('named', ['rosbag_v2', '[]', '1.5'])
-def test_a_storage_of_another_name_is_told(
-    rpms: Rpms, short_session: Path, tmp_path: Path, named: str
-) -> None:
-    path = tmp_path / 'bag'
-    shutil.copytree(short_session, path)
-    (path / SUMS_NAME).unlink()
-    metadata = path / 'metadata.yaml'
-    metadata.write_text(metadata.read_text().replace('identifier: mcap', f'identifier: {named}'))
-    assert read_facts(path).faults == {'damaged_metadata': 1}
-    (path / 'short_0.mcap').rename(path / 'short_0.bag')
-    refused(rpms, path, 'expected .mcap or .db3 files at ')

@@ -7,16 +7,13 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
-from rpms_ros import __version__
 from rpms_ros.cli import COMMANDS, main, options
 from rpms_ros.identification import estimator_by_name
-from rpms_ros.report.text import collapsed, labelled, noted, with_interval
+from rpms_ros.report.text import noted, with_interval
 
-Rpms = Callable[..., tuple[int, str, str]]
 NAMES = list(COMMANDS)
 
 
@@ -54,10 +51,6 @@ def test_a_shell_completes_commands_options_and_choices(typed: str, offered: lis
         check=True,
     )
     assert answer.stdout.splitlines() == offered
-
-
-def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exits(capsys, '--version') == (0, f'rpms_ros {__version__}\n', '')
 
 
 def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
@@ -128,25 +121,6 @@ def test_a_star_that_stands_for_many_recordings_is_not_answered_with_their_names
     )
 
 
-def test_an_identification_fits_into_a_terminal(
-    rpms: Rpms, short_session: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for columns in (80, 200):
-        monkeypatch.setenv('COLUMNS', str(columns))
-        _, out, _ = rpms('identify', short_session, '--estimator', 'tracking')
-        lines = [line for line in out.splitlines() if str(short_session) not in line]
-        assert max(map(len, lines)) <= min(columns, 100)
-
-
-def test_a_number_at_its_bound_is_at_most_something() -> None:
-    found = {'value': 0.0, 'lower': 0.0, 'upper': 6.4e-4}
-    assert with_interval(found, 1e3, ' ms') == 'at most 0.64 ms'
-    found = {'value': 1e-4, 'lower': 0.0, 'upper': 6.4e-4}
-    assert with_interval(found, 1e3, ' ms') == '0.10 ms (0.00 to 0.64)'
-    found = {'value': 8e-3, 'lower': 0.0, 'upper': 0.123}
-    assert with_interval(found, 1e3, ' ms') == 'at most 123 ms'
-
-
 @pytest.mark.parametrize(
     ('numbers', 'text'),
     [
@@ -164,37 +138,8 @@ def test_a_number_has_the_decimals_of_its_interval(
     assert with_interval(found, unit=' N') == text
 
 
-def test_a_long_text_goes_on_below_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv('COLUMNS', '29')
-    assert labelled([('a', '1'), ('bcd', 'one two three four five')]) == (
-        '  a    1\n  bcd  one two three four\n       five'
-    )
-    assert noted([('note', 'one two three four five six')]) == (
-        '  note: one two three four\n    five six'
-    )
-
-
-def test_a_long_word_is_not_cut_in_two(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv('COLUMNS', '40')
-    word = 'abcdefghijklmnopqrstuvwxyz0123'
-    assert labelled([('label of a row', word), ('b', f'one {word}')]) == (
-        f'  label of a row\n    {word}\n  b\n    one {word}'
-    )
-
-
 def test_a_text_cannot_command_the_terminal() -> None:
     assert noted([('note', 'red \x1b[31m and \x07')]) == '  note: red ?[31m and ?'
-
-
-def test_what_many_recordings_have_in_common_is_one_line() -> None:
-    findings = [(f'trial_{k}', f'{k} of 60 pulses are late') for k in range(36)]
-    findings += [('trial_1', 'no force'), ('trial_2', 'no force')]
-    assert collapsed(findings) == [
-        'trial_0 and 35 more: 0 of 60 pulses are late',
-        'trial_1, trial_2: no force',
-    ]
-    of_one = [('warning', 'gap of 1 s'), ('warning', 'gap of 2 s')]
-    assert collapsed(of_one) == ['warning: gap of 1 s', 'warning: gap of 2 s']
 
 
 def test_that_it_compiles_is_said_on_stderr_terminal_or_not(

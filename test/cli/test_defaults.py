@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-import rpms_ros
 from rpms_ros.nodes.identifier import IdentifierParameters, build_estimator
 
 # Of `rpms simulate`: steady force at full intensity, and peak of the response to one pulse [N].
@@ -36,15 +35,6 @@ def test_a_short_sinusoid_with_noise_is_right_or_is_said_not_to_be(
     assert code == 3
     assert 'no: ' in out
     assert 'steady force' not in out
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('seed', range(6))
-def test_a_minute_of_the_sinusoid_is_right_with_every_noise(seed: int) -> None:
-    session = rpms_ros.simulate('sinusoid', duration=60.0, noise=0.02, seed=seed)
-    found = session.identify(most_estimates=1)
-    assert found.force_at(1.0).value == pytest.approx(FULL, rel=NEAR_FULL)
-    assert found.response.force.max() == pytest.approx(PEAK, rel=NEAR_PEAK)
 
 
 def test_the_sample_of_the_readme_has_the_saturation_that_it_was_made_with(

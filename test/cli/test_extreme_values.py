@@ -67,33 +67,6 @@ def test_identify_ends_as_documented(
             assert 'NaN' not in out
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('name', list(CASES))
-def test_analyze_and_report_end_as_documented(rpms: Rpms, tmp_path: Path, name: str) -> None:
-    path = recording_of(tmp_path / 'bag', name)
-    for command in (('analyze', path), ('report', path, '--out', tmp_path / 'report')):
-        code, out, err = rpms(*command, '--quiet')
-        assert code in (0, 1, 2, 3)
-        if code == 2:
-            assert refused_in_one_line(out, err)
-
-
-@pytest.mark.parametrize(
-    ('name', 'reason'),
-    [
-        ('half of the intensities', '20 of 40 pulses'),
-        ('no intensity', '40 of 40 pulses'),
-        ('infinite intensities', '40 of 40 pulses'),
-    ],
-)
-def test_what_is_wrong_with_the_intensities_is_the_reason_of_the_verdict(
-    rpms: Rpms, tmp_path: Path, name: str, reason: str
-) -> None:
-    code, out, _ = rpms('identify', recording_of(tmp_path / 'bag', name), '--quiet')
-    assert code == 3
-    assert f'the intensity of {reason}' in ' '.join(out.split())
-
-
 def test_pulses_that_can_all_not_be_decoded_leave_a_verdict(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'bag'
     pulses = PulseTrain.regular(INTENSITY, 20.0, int(STAMP_NS[0]))

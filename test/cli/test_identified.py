@@ -42,12 +42,6 @@ def test_fewer_estimates_are_among_all_of_them(
     np.testing.assert_array_equal(few.prediction, every.prediction)
 
 
-def test_the_batch_makes_one_estimate_however_many_are_asked_for(short_session: Path) -> None:
-    recording = read_recording(short_session)
-    options = IdentificationOptions('batch')
-    assert len(identified(recording, options, most_estimates=50).estimates) == 1
-
-
 @pytest.mark.long
 def test_a_muscle_that_changed_is_followed_in_place_of_a_mixture(
     rpms: Rpms, tmp_path: Path

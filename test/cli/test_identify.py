@@ -16,7 +16,6 @@ import pytest
 from scipy.integrate import trapezoid
 
 import rpms_ros
-from rpms_ros.cli import main
 from rpms_ros.identification import IdentificationStream, estimator_by_name
 from rpms_ros.identification.stream.stream import load
 from rpms_ros.muscle import twitch
@@ -35,27 +34,6 @@ KEYS = [
 ]
 
 
-def test_json_is_one_object_and_nothing_else(rpms: Rpms, short_session: Path) -> None:
-    code, out, err = rpms('identify', short_session, '--json')
-    assert (code, err) == (0, '')
-    assert out.count('\n') == 1
-    document = json.loads(out)
-    assert list(document) == KEYS
-    assert document['estimator'] == 'batch'
-    assert document['samples'] == 10_000
-    assert document['pulses'] == 200
-    assert document['duration_s'] == 9.999
-    assert document['rate_hz'] == 20.0
-    assert list(document['recruitment']) == ['u_thr', 'u_sat', 'alpha_sat', 'alpha_thr']
-    assert len(document['curve']['force']) == 101
-    np.testing.assert_allclose(document['curve']['intensity'], np.linspace(0, 1, 101))
-    response = document['impulse_response']
-    assert len(response['time_s']) == len(response['force']) > 10
-    assert 0 < document['output_error_n'] < 1
-    assert 0 < document['output_error_of_range'] < 0.1
-    assert document['faults'] == {}
-
-
 def test_certainty_is_told_by_the_estimators_that_have_it(
     as_json: AsJson, short_session: Path
 ) -> None:
@@ -72,16 +50,6 @@ def test_certainty_is_told_by_the_estimators_that_have_it(
         assert value['lower'] <= value['value'] <= value['upper'], name
 
 
-def test_certainty_is_shown_in_the_table(rpms: Rpms, short_session: Path) -> None:
-    code, out, _ = rpms('identify', short_session, '--estimator', 'tracking')
-    assert code == 0
-    for words in (
-        r'threshold u_thr +0\.4\d+ \(0\.4\d+ to 0\.4\d+\) of the',
-        r'time constant T_a +\S+ ms \(',
-    ):
-        assert re.search(words, out), out
-
-
 def test_no_latency_is_below_zero(rpms: Rpms, as_json: AsJson, short_session: Path) -> None:
     """The simulated muscle answers at once: the estimate lies at its bound."""
     found = as_json('identify', short_session, '--json')['physiology']
@@ -90,14 +58,6 @@ def test_no_latency_is_below_zero(rpms: Rpms, as_json: AsJson, short_session: Pa
     assert found['latency_s']['value'] < 1e-4
     _, out, _ = rpms('identify', short_session)
     assert re.search(r'delay of the model +at most \d\.\d+ ms\n', out), out
-
-
-def test_curve_scales_with_the_rate_it_is_stated_for(as_json: AsJson, short_session: Path) -> None:
-    at_20 = as_json('identify', short_session, '--json', *PAPER)
-    at_10 = as_json('identify', short_session, '--json', '--rate-hz', 10, *PAPER)
-    np.testing.assert_allclose(
-        at_10['curve']['force'], 0.5 * np.array(at_20['curve']['force']), rtol=1e-12
-    )
 
 
 def test_table_and_files(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
@@ -193,13 +153,6 @@ def test_bad_options(rpms: Rpms, short_session: Path, options: list[str], messag
     assert err.count('\n') == 1
 
 
-def test_folder_that_cannot_be_made(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
-    (tmp_path / 'file').write_text('')
-    code, _, err = rpms('identify', short_session, '--out', tmp_path / 'file' / 'results')
-    assert code == 2
-    assert 'rpms: error: expected to write' in err
-
-
 def test_the_sample_is_what_its_script_makes(tmp_path: Path) -> None:
     source = Path(__file__).parents[2] / 'bags' / 'make_sample.py'
     scope: dict[str, Any] = {'__name__': 'make_sample', '__file__': str(source)}
@@ -210,14 +163,6 @@ def test_the_sample_is_what_its_script_makes(tmp_path: Path) -> None:
     assert made.forces.stamp_ns.tolist() == kept.forces.stamp_ns.tolist()
     # Exponentials of another C library may differ in their last bit.
     np.testing.assert_allclose(made.forces.force, kept.forces.force, rtol=1e-9, atol=1e-12)
-
-
-def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ([], ['simulate'], ['info'], ['identify'], ['import']):
-        with pytest.raises(SystemExit) as done:
-            main([*command, '--help'])
-        assert done.value.code == 0
-        assert f'rpms {command[0] if command else "simulate"} ' in capsys.readouterr().out
 
 
 @pytest.mark.long
@@ -269,16 +214,6 @@ def test_the_verdict_begins_the_text_and_decides_the_exit_code(
     document = json.loads(rpms('identify', tmp_path / 'session', '--json')[1])
     assert word.startswith(document['verdict']['grade'])
     assert word.split(': ')[1] in document['verdict']['reasons'][0]
-
-
-def test_a_strong_muscle_can_be_expected(rpms: Rpms, short_session: Path, tmp_path: Path) -> None:
-    recording = read_recording(short_session)
-    forces = ForceTrace(recording.forces.stamp_ns, 50.0 * recording.forces.force)
-    write_recording(tmp_path / 'leg', recording.pulses, forces)
-    assert rpms('identify', tmp_path / 'leg')[0] == 1
-    assert rpms('identify', tmp_path / 'leg', '--expected-force', '900')[0] == 0
-    code, _, err = rpms('identify', tmp_path / 'leg', '--expected-force', '0')
-    assert (code, err) == (2, 'rpms: error: expected a largest force above 0 N, got 0.0\n')
 
 
 @pytest.mark.long
@@ -361,26 +296,6 @@ def test_trains_of_one_intensity_give_their_dynamics(rpms: Rpms, tmp_path: Path)
         assert lower <= value <= upper
 
 
-def test_single_pulses_of_one_intensity_give_their_response(rpms: Rpms, tmp_path: Path) -> None:
-    """A pulse a second: what was measured, and not what a law says of pulses at 20 Hz."""
-    begin = 1.0 + np.arange(8)
-    time = np.arange(10_000) / 1000
-    force = twitch(time[:, None] - begin - 9e-3, 30e-3, 3).sum(axis=1)
-    force += 1e-3 * np.random.default_rng(1).standard_normal(len(force))
-    onset = np.round(1e9 * begin).astype(np.int64)
-    pulses = PulseTrain(onset, np.full(8, 0.8), np.arange(8), np.full(8, 1e-4))
-    forces = ForceTrace(1_000_000 * np.arange(10_000), force)
-    write_recording(tmp_path / 'single', pulses, forces)
-    first = ForceTrace(forces.stamp_ns[:1900], force[:1900])
-    write_recording(tmp_path / 'first', pulses[:1], first)
-    assert '1900 samples, 1 pulse, 1.899 s' in rpms('identify', tmp_path / 'first')[1]
-    document = json.loads(rpms('identify', tmp_path / 'single', '--json')[1])
-    assert document['curve'] is None
-    assert 'dynamics' not in document
-    # the grid of the response has 5 ms; the law would make 0.954 of it
-    assert max(document['impulse_response']['force']) == pytest.approx(1.0, abs=0.015)
-
-
 def test_what_is_known_is_saved_and_started_from(
     rpms: Rpms, as_json: AsJson, short_session: Path, tmp_path: Path
 ) -> None:
@@ -413,24 +328,6 @@ def test_a_history_law_comes_from_a_file(rpms: Rpms, short_session: Path, tmp_pa
     code, _, err = rpms('identify', short_session, *options)
     assert code == 2
     assert 'expected a facilitation of at least 0, got -0.5' in err
-
-
-@pytest.mark.long
-def test_an_estimator_that_follows_tells_whether_the_muscle_stayed_the_same(
-    rpms: Rpms, short_session: Path
-) -> None:
-    code, out, _ = rpms('identify', short_session, '--estimator', 'tracking', '--json')
-    assert code == 0
-    document = json.loads(out)
-    assert document['steadiness'].startswith('The muscle stayed the same within')
-    rate = document['rates']['force_percent']
-    assert rate['lower'] < rate['value'] < rate['upper']
-    # ten seconds of a steady muscle do not look like one that tires within minutes
-    assert abs(rate['value']) < 10.0
-    assert 'changes' not in document
-    _, out, _ = rpms('identify', short_session, '--estimator', 'tracking')
-    assert 'the muscle' in out
-    assert 'The muscle stayed the same within' in out
 
 
 def test_what_was_not_predicted_is_no_error_of_prediction(rpms: Rpms, tmp_path: Path) -> None:

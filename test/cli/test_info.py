@@ -5,7 +5,6 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 Rpms = Callable[..., tuple[int, str, str]]
 
@@ -31,14 +30,6 @@ def test_text(rpms: Rpms, short_session: Path) -> None:
     assert max(map(len, lines)) <= 100
 
 
-def test_json(as_json: Callable[..., dict[str, Any]], short_session: Path) -> None:
-    document = as_json('info', short_session, '--json')
-    assert document['storage'] == 'mcap'
-    assert [topic['messages'] for topic in document['topics']] == [10_000, 200]
-    assert document['topics'][1]['duration_s'] == 9.95
-    assert document['faults'] == {}
-
-
 def test_what_is_wrong_is_said_and_the_exit_code_tells(
     rpms: Rpms, short_session: Path, tmp_path: Path
 ) -> None:
@@ -48,11 +39,3 @@ def test_what_is_wrong_is_said_and_the_exit_code_tells(
     code, out, _ = rpms('info', path)
     assert code == 1
     assert '  warning: cut.mcap has no end: ' in out
-
-
-def test_nothing_there(rpms: Rpms, tmp_path: Path) -> None:
-    code, out, err = rpms('info', tmp_path / 'bag')
-    assert (code, out) == (2, '')
-    assert err == (
-        f'rpms: error: expected a recording at {tmp_path / "bag"}, got no such file or folder\n'
-    )

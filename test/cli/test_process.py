@@ -23,20 +23,6 @@ def run(*arguments: object, **options: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.long
-def test_from_simulation_to_result(tmp_path: Path) -> None:
-    path = tmp_path / 'session'
-    done = run('simulate', '--out', path, '--duration', 3)
-    assert (done.returncode, done.stderr) == (0, '')
-    done = run('identify', path, '--json')
-    assert (done.returncode, done.stderr) == (0, '')
-    assert json.loads(done.stdout)['pulses'] == 60
-    done = run('identify', tmp_path / 'nothing', '--json')
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr.startswith('rpms: error: expected a recording at')
-    assert done.stderr.count('\n') == 1
-
-
-@pytest.mark.long
 def test_works_where_there_is_no_ros(short_session: Path) -> None:
     code = (
         'import sys\n'

@@ -82,30 +82,3 @@ def test_what_cannot_be_is_refused_in_one_line(
     assert expected in err
     assert err.count('\n') == 1
     assert not page.exists()
-
-
-def test_a_page_that_cannot_be_written_is_an_error(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
-    code, _, err = rpms('report', short_session, '--out', tmp_path)
-    assert code == 2
-    assert 'expected to write' in err
-
-
-def test_a_report_compares_with_an_earlier_one(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
-    earlier, page = tmp_path / 'earlier.json', tmp_path / 'report.html'
-    earlier.write_text(rpms('identify', short_session, '--json')[1])
-    rpms('report', short_session, '--out', page, '--previous', earlier)
-    assert 'Since the last session.' in page.read_text()
-    earlier.write_text('time,force')
-    code, _, err = rpms('report', short_session, '--out', page, '--previous', earlier)
-    assert code == 2
-    assert 'as `rpms report --json` prints it, got something else' in err
-    earlier.write_text('[1]')
-    code, _, err = rpms('report', short_session, '--out', page, '--previous', earlier)
-    assert (code, err) == (
-        2,
-        f'rpms: error: expected one JSON object in {earlier}, got list\n',
-    )

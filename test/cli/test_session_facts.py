@@ -8,7 +8,6 @@ Besides, what hostile messages of nodes do to a report, and that reading stays w
 import hashlib
 import json
 import math
-from array import array
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -131,38 +130,6 @@ def test_a_report_holds_hash_and_schedule_and_takes_widths_that_are_no_number(
     assert width['value'] is None
 
 
-STATUS = 'rpms_msgs/msg/DriverStatus'
-
-
-def status_bytes(names: list[str], counts: list[int]) -> bytes:
-    """A status whose names and counts of faults need not fit each other."""
-    store = known_types()
-    fields = store.fielddefs[STATUS][1]
-    zero = {'string': '', 'bool': False, 'float64': 0.0}
-    values = []
-    for name, (kind, detail) in fields:
-        if name == 'header':
-            values.append(header(10**18))
-        elif kind.name in ('ARRAY', 'SEQUENCE'):
-            values.append({'fault_names': names, 'button_names': []}.get(name))
-            if values[-1] is None:
-                given = counts if name == 'fault_counts' else []
-                values[-1] = np.array(given, np.uint64 if given is counts else np.uint8)
-        else:
-            values.append(zero.get(detail[0], 0))
-    return serialised(STATUS, *values)
-
-
-def test_a_status_that_contradicts_itself_is_counted_not_believed(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
-    odd = status_bytes(['a', 'b'], [1])
-    path = with_messages(short_session, tmp_path / 'bag', STATUS, odd)
-    code, _, err = rpms('report', path, '--out', tmp_path / 'page.html')
-    assert code == 0
-    assert '1 messages of nodes could not be decoded' in err
-
-
 def test_every_command_that_reads_keeps_to_its_memory(
     rpms: Rpms, short_session: Path, tmp_path: Path
 ) -> None:
@@ -184,43 +151,3 @@ def test_every_command_that_reads_keeps_to_its_memory(
     code, _, err = rpms('study', short_session, '--out', tmp_path / 'study', '--jobs', 1, *bound)
     assert code == 1
     assert refused in err
-
-
-@pytest.mark.long
-def test_the_second_scan_of_a_report_keeps_to_the_memory_too(
-    rpms: Rpms, short_session: Path, tmp_path: Path
-) -> None:
-    kind = 'rpms_msgs/msg/MuscleEstimate'
-    estimate = estimate_bytes()
-    path = with_messages(
-        short_session, tmp_path / 'bag', kind, *[estimate] * 1000, compression='zstd'
-    )
-    # Pulses and force take 1 MB and a chunk less than 1.2 MB; a thousand estimates take 8 MB.
-    code, _, err = rpms('report', path, '--out', tmp_path / 'page.html', '--max-memory', '0.01')
-    assert code == 2
-    assert 'expected a recording that can be read within 0.01 GB' in err
-    code, _, _ = rpms('report', path, '--out', tmp_path / 'page.html', '--max-memory', '0.1')
-    assert code == 0
-
-
-def estimate_bytes() -> bytes:
-    from rpms_ros import estimate_messages
-    from rpms_ros.identification import StreamSettings
-    from rpms_ros.identification.catalogue import estimator_by_name
-    from rpms_ros.identification.session import identify
-    from rpms_ros.pulses import ForceTrace, PulseTrain
-
-    stamps = np.arange(2000, dtype=np.int64) * 1_000_000
-    forces = ForceTrace(stamps, 1.0 - np.cos(stamps * 1e-8))
-    pulses = PulseTrain.regular([0.2, 0.5, 0.8, 1.0] * 10, 20.0)
-    session = identify(
-        estimator_by_name('recursive', 'paper_table_4', 0, 20.0), pulses, forces, StreamSettings()
-    )
-    store = known_types()
-    message = estimate_messages.estimate_message(session.last, store.types, 'muscle')
-    # rosbags writes arrays of NumPy only
-    numbers = {
-        name: np.array(value) for name, value in vars(message).items() if isinstance(value, array)
-    }
-    message = replace(message, **numbers)
-    return bytes(store.serialize_cdr(message, 'rpms_msgs/msg/MuscleEstimate'))

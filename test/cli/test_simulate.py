@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """rpms simulate: what it writes is what was asked for."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from rosbags.rosbag2 import Reader
 
 from rpms_ros.estimate_messages import truth_of
 from rpms_ros.muscle import Contraction, simulation_subject
-from rpms_ros.recording import read_facts, read_recording
+from rpms_ros.recording import read_recording
 from rpms_ros.recording.rosbag.definitions import known_types
 from rpms_ros.stimulation import paper_random
 
@@ -48,43 +47,6 @@ def test_the_same_options_make_the_same_recording(rpms: Rpms, tmp_path: Path) ->
     assert contents[0] == contents[1]
 
 
-@pytest.mark.parametrize(
-    ('schedule', 'pulses', 'span'),
-    [
-        ('uniform_random', 120, 1.0),
-        ('sinusoid', 120, 1.0),
-        ('staircase', 120, 1.0),
-        ('constant', 120, 0),
-    ],
-)
-def test_schedules_by_name(
-    rpms: Rpms, tmp_path: Path, schedule: str, pulses: int, span: float
-) -> None:
-    path = tmp_path / 'session'
-    half = ('--intensity', 0.5) if schedule == 'constant' else ()
-    rpms('simulate', '--out', path, '--schedule', schedule, '--duration', 6, *half)
-    intensity = read_recording(path).pulses.intensity
-    assert len(intensity) == pulses
-    # 120 random numbers leave less than 5 % at either end, but for one seed in a million.
-    assert span - 0.1 <= np.ptp(intensity) <= span
-
-
-def test_schedule_from_a_file(rpms: Rpms, tmp_path: Path) -> None:
-    schedule = tmp_path / 'schedule.yaml'
-    schedule.write_text(
-        'name: probe\nsegments:\n'
-        '- {kind: constant, rate_hz: 10.0, duration_s: 1.0, intensity: 0.7}\n'
-        '- {kind: pause, duration_s: 0.5}\n'
-    )
-    path = tmp_path / 'session'
-    code, _, _ = rpms('simulate', '--out', path, '--schedule', schedule, '--rate', 200)
-    recording = read_recording(path)
-    assert code == 0
-    assert recording.pulses.intensity.tolist() == [0.7] * 10
-    assert len(recording.forces) == 300
-    assert read_facts(path).custom['schedule'] == 'probe'
-
-
 def test_a_file_says_itself_how_long_and_how_fast(rpms: Rpms, tmp_path: Path) -> None:
     path = tmp_path / 'schedule.yaml'
     assert rpms('protocol', 'sinusoid', '--duration', 1, '--out', path)[0] == 0
@@ -95,15 +57,6 @@ def test_a_file_says_itself_how_long_and_how_fast(rpms: Rpms, tmp_path: Path) ->
         assert code == 2
         assert f'expected a schedule by its name with {option}, got --schedule' in err
         assert not (tmp_path / 'session').exists()
-
-
-def test_truth_is_noted(rpms: Rpms, tmp_path: Path) -> None:
-    path = tmp_path / 'session'
-    rpms('simulate', '--out', path, '--duration', 1, '--subject', 'fes', '--drift', 0.5)
-    custom = read_facts(path).custom
-    assert json.loads(custom['subject'])['latency'] == 24.4e-3
-    assert json.loads(custom['disturbances']) == {'drift': 0.5}
-    assert custom['seed'] == '1'
 
 
 @pytest.mark.parametrize(
@@ -155,21 +108,3 @@ def test_a_scenario_is_recorded_with_its_truth(rpms: Rpms, tmp_path: Path) -> No
     assert len(truths) == 40
     assert [truth.state.gain for truth in truths] == [1.0] * 20 + [0.5] * 20
     assert truths[0].curve_force[-1] == pytest.approx(10.0)
-
-
-def test_the_muscle_of_a_scenario_differs_from_the_steady_one(rpms: Rpms, tmp_path: Path) -> None:
-    forces = {}
-    for name in ('steady', 'fatigue'):
-        path = tmp_path / name
-        rpms('simulate', '--out', path, '--duration', 20, '--scenario', name, '--noise', 0.001)
-        forces[name] = read_recording(path).forces.force
-    late = slice(15_000, 20_000)
-    assert forces['fatigue'][late].mean() < 0.95 * forces['steady'][late].mean()
-
-
-def test_a_scenario_that_is_not_there_is_refused(rpms: Rpms, tmp_path: Path) -> None:
-    path = tmp_path / 'session'
-    code, out, err = rpms('simulate', '--out', path, '--scenario', 'nowhere')
-    assert (code, out) == (2, '')
-    assert 'expected a scenario of bad-sensor, coil-moved' in err
-    assert not path.exists()

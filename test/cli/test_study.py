@@ -126,18 +126,6 @@ def test_interrupted_study_keeps_what_is_done(
     assert len(list((tmp_path / 'rows').iterdir())) == 1
 
 
-def test_no_process_to_work(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
-    code, _, err = rpms('study', sessions, '--out', tmp_path, '--jobs', 0)
-    assert (code, err) == (2, 'rpms: error: expected at least one job, got 0\n')
-
-
-def test_folder_that_cannot_be_made(rpms: Rpms, sessions: Path, tmp_path: Path) -> None:
-    (tmp_path / 'file').write_text('')
-    code, _, err = rpms('study', sessions, '--out', tmp_path / 'file' / 'table')
-    assert code == 2
-    assert err.startswith('rpms: error: expected to write into ')
-
-
 def test_recordings_are_found_once_and_in_order(sessions: Path) -> None:
     second = sessions / 'session_1'
     found = found_recordings([second, sessions, second / 'session_1_0.mcap'])

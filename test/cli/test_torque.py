@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A dynamometer measures a torque: every number of every command is then in N m."""
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -143,23 +142,3 @@ def test_a_torque_is_replayed(recording: Path, capfd: pytest.CaptureFixture[str]
     document = json.loads(capfd.readouterr().out)
     assert (code, document['off_line']['exact']) == (0, True)
     assert document['off_line']['compared'] > 50
-
-
-def test_analyze_shows_newton_metres(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(['analyze', '--quiet', str(recording), *OPTIONS, '--out', str(tmp_path)])
-    said = capsys.readouterr().out
-    assert re.search(r'torque +2500 samples at 250 Hz, noise 0\.0\d+ N m', said)
-    assert json.loads((tmp_path / 'result.json').read_text())['unit'] == 'N m'
-
-
-def test_a_study_reads_the_torque(recording: Path, tmp_path: Path) -> None:
-    out = tmp_path / 'study'
-    options = ['--quiet', '--jobs', '1', '--out', str(out), *OPTIONS]
-    assert main(['study', str(recording), *options]) in (0, 1)
-    with (out / 'results.csv').open(newline='') as file:
-        (row,) = csv.DictReader(file)
-    assert row['unit'] == 'N m'
-    # noise of 0.2 % of the range, ten seconds
-    assert float(row['steady_force_100']) == pytest.approx(ARM * 10.0, rel=0.02)

@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -120,16 +119,6 @@ def test_pulses_on_another_clock_are_a_fault(rpms: Rpms, tmp_path: Path) -> None
     # folded at the width of the terminal
     assert f'warning: {text}' in ' '.join(out.split())
     assert load(tmp_path / 'bag').info()['remarks'] == [text]
-
-
-def test_intensities_in_percent_are_guessed(rpms: Rpms, tmp_path: Path) -> None:
-    pulses, forces = session()
-    percent = replace(pulses, intensity=np.linspace(5.0, 99.8, len(pulses)))
-    write_recording(tmp_path / 'bag', percent, forces)
-    code, out, _ = rpms('verify', tmp_path / 'bag')
-    assert code == 1
-    text = '20 intensities outside 0 to 1, up to 99.8: percent?'
-    assert lines_of(out)['values'] == f'FAULT    {text}\n'
 
 
 def test_a_recording_without_checksums_is_told_by_identify_too(

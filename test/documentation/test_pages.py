@@ -25,7 +25,6 @@ PAGES = [
     for path in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted(DOCS.rglob('*.md')))
     if 'generated' not in path.parts
 ]
-NOTEBOOKS = sorted((DOCS / 'notebooks').glob('*.ipynb'))
 LINK = re.compile(
     r'(?P<image>!?)\[[^\]\n]*\]\((?!https?:|mailto:)(?P<path>[^)#\s]*)(?:#[^)\s]*)?\)'
 )
@@ -70,20 +69,6 @@ def test_the_list_of_decisions_names_every_page_once() -> None:
     folder = DOCS / 'decisions'
     listed = [target for _, target in links(folder / 'README.md')]
     assert sorted(listed) == sorted({path.name for path in folder.glob('*.md')} - {'README.md'})
-
-
-def test_every_figure_is_on_a_page() -> None:
-    shown = {Path(target).name for path in PAGES for image, target in links(path) if image}
-    assert drawn() <= shown
-    assert len(drawn()) >= 3
-
-
-@pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.name)
-def test_notebooks_are_kept_without_what_they_computed(path: Path) -> None:
-    cells = json.loads(path.read_text(encoding='utf-8'))['cells']
-    code = [cell for cell in cells if cell['cell_type'] == 'code']
-    assert len(code) >= 4
-    assert all(cell['outputs'] == [] and cell['execution_count'] is None for cell in code)
 
 
 def test_the_reference_holds_every_command_parameter_and_message() -> None:

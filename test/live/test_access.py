@@ -5,7 +5,7 @@
 import pytest
 
 from rpms_ros.errors import LiveError
-from rpms_ros.live.server import HEADERS, Access, token_of
+from rpms_ros.live.server import Access, token_of
 
 TOKEN = 'correct horse battery'
 
@@ -65,11 +65,6 @@ def test_a_token_that_can_be_guessed_or_is_none_is_refused(token):
         Access(token)
 
 
-def test_a_token_is_printable():
-    with pytest.raises(LiveError, match='expected a token of printable ASCII'):
-        Access('tokentoken\ntokentoken')
-
-
 def test_a_token_file_is_of_its_owner_alone(tmp_path):
     path = tmp_path / 'token'
     path.write_text(f'{TOKEN}\n')
@@ -83,10 +78,3 @@ def test_a_token_file_is_of_its_owner_alone(tmp_path):
         token_of(path)
     with pytest.raises(LiveError, match='expected a file with a token, got'):
         token_of(tmp_path)
-
-
-def test_nothing_may_come_from_elsewhere():
-    policy = HEADERS['Content-Security-Policy']
-    assert "default-src 'none'" in policy
-    assert 'unsafe' not in policy
-    assert 'http' not in policy

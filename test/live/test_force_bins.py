@@ -4,7 +4,6 @@
 
 import hypothesis.strategies as st
 import numpy as np
-import pytest
 from hypothesis import given
 
 from rpms_ros.live.force_course import BIN_NS, KEPT, ForceBins
@@ -23,22 +22,6 @@ def test_each_bin_has_the_smallest_and_largest_sample(start_ns):
     np.testing.assert_array_equal(low, parts.min(axis=1))
     np.testing.assert_array_equal(high, parts.max(axis=1))
     assert np.isnan(modelled).all()
-
-
-def test_a_hole_in_the_force_is_a_hole_in_the_line(start_ns):
-    bins = ForceBins()
-    for index in (0, 1, 10, 11):
-        bins.add(start_ns + index * BIN_NS, 1.0)
-    low = bins.since(bins.oldest, bins.newest)[0]
-    assert np.isnan(low).tolist() == [False, False, *[True] * 8, False]
-
-
-def test_what_is_not_finite_is_counted_and_not_drawn(start_ns):
-    bins = ForceBins()
-    for index, value in enumerate((1.0, float('nan'), float('inf'), 2.0)):
-        bins.add(start_ns + index * BIN_NS, value)
-    assert bins.not_finite == 2
-    assert bins.last == 2.0
 
 
 def test_one_stray_stamp_changes_nothing_and_a_jump_of_the_clock_begins_anew(start_ns):
@@ -75,15 +58,6 @@ def test_whatever_comes_the_bins_stay_whole(samples):
         known = ~np.isnan(low)
         assert (low[known] <= high[known]).all()
         assert np.isfinite(high[known]).all()
-
-
-@pytest.mark.parametrize('behind', [1, 100])
-def test_a_sample_that_comes_late_does_not_move_the_line(start_ns, behind):
-    bins = ForceBins()
-    for index in range(200):
-        bins.add(start_ns + index * BIN_NS, 1.0)
-    bins.add(start_ns + (199 - behind) * BIN_NS, 9.0)
-    assert bins.since(bins.oldest, bins.newest)[1].max() == 1.0
 
 
 def in_blocks(samples, sizes):

@@ -28,11 +28,6 @@ def test_a_topic_of_another_type(topic):
     assert topic.view(1.0)['text'] == f'expected type {PULSE}, got std_msgs/msg/Float64'
 
 
-def test_a_publisher_that_says_nothing(topic):
-    topic.endpoints([Endpoint('/mine', PULSE, True)])
-    assert topic.view(1.0)['text'] == '1 publisher, but nothing has come yet'
-
-
 def test_a_topic_that_falls_silent(topic):
     for step in range(100):
         topic.heard(10, 0.1 * step)
@@ -52,12 +47,6 @@ def test_silence_of_pulses_is_no_fault():
     topic.heard(0, 60.0)
     assert topic.view(60.0)['state'] == 'quiet'
     assert topic.view(60.0)['rate'] == 0.0
-
-
-def test_two_publishers_are_named(topic):
-    topic.heard(1, 0.0)
-    topic.endpoints([Endpoint('/b', PULSE, True), Endpoint('/a', PULSE, True)])
-    assert topic.view(0.0)['text'] == '2 publishers: /a, /b'
 
 
 def test_who_does_not_hear_whom_because_of_the_quality_of_service():

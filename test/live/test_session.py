@@ -8,14 +8,11 @@ import math
 import numpy as np
 import pytest
 
-from rpms_ros.identification.estimation.tracking import RATE_NAMES
 from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
-from rpms_ros.identification.stream.doubts import meaning_of_doubt
 from rpms_ros.live.force_course import BIN_NS, ModelledForce
 from rpms_ros.live.heard import LONGEST_TEXT, MOST_NAMES, Endpoint
-from rpms_ros.live.session import PARAMETERS, RATES, Cursor, LiveSession
+from rpms_ros.live.session import Cursor
 from rpms_ros.muscle.recruitment import (
-    PARAMETER_NAMES,
     RecruitmentParameters,
     identified_recruitment,
 )
@@ -46,18 +43,6 @@ def test_frames_one_after_another_are_the_whole_course(session, start_ns):
     # the last tenth of a second waits for pulses, the last bin for its end
     assert len(low) == 400 - 20 - 1
     assert low == pytest.approx([0.005 * index for index in range(len(low))])
-
-
-def test_a_browser_that_was_away_gets_what_it_lacks_in_one_frame(session, start_ns):
-    feed(session, start_ns, 0, 1000)
-    session.advance(0.0)
-    cursor, _ = session.frame(Cursor())
-    assert session.frame(cursor) == (cursor, None)
-    feed(session, start_ns, 1000, 5000)
-    session.advance(0.0)
-    _, frame = session.frame(cursor)
-    assert frame['force']['first'] == cursor.bin - session.bins.origin + 1
-    assert len(frame['force']['low']) == 800
 
 
 def test_a_jump_of_the_clock_tells_the_browser_to_begin_anew(session, start_ns):
@@ -94,25 +79,6 @@ def test_the_modelled_force_is_the_sum_of_the_responses(make_estimate, start_ns)
     np.testing.assert_allclose(model.at(stamps), expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize('longest', [1e9, 1e300])
-def test_a_response_without_an_end_is_not_modelled(make_estimate, start_ns, longest):
-    model = ModelledForce()
-    stamps = start_ns + np.arange(2) * BIN_NS
-    for time in ([0.0, longest], [-longest, 0.1]):
-        model.estimate(make_estimate(response_time=np.array(time), response_force=np.ones(2)))
-        assert np.isnan(model.at(stamps)).all()
-
-
-def test_an_estimator_of_another_form_is_modelled_by_its_curve(make_estimate, start_ns):
-    model = ModelledForce()
-    model.estimate(make_estimate(nonlinear_names=(), nonlinear=np.empty(0), linear_names=()))
-    model.pulse(start_ns, 0.25)
-    estimate = make_estimate()
-    stamps = start_ns + np.array([BIN_NS * 8])
-    # its curve is a straight line through zero
-    assert model.at(stamps) == pytest.approx(0.25 * estimate.response_force[8])
-
-
 def test_parameters_have_their_band_and_what_the_data_lack_is_not_printed(session, make_estimate):
     session.estimate(
         make_estimate(
@@ -126,15 +92,6 @@ def test_parameters_have_their_band_and_what_the_data_lack_is_not_printed(sessio
     assert rows[0][:4] == ['threshold u_thr', 0.3, pytest.approx(0.2804), pytest.approx(0.3196)]
     assert [row[4] for row in rows] == ['settled', 'still moving', 'not in the data', '']
     assert rows[2][1:4] == [None, None, None]
-
-
-def test_a_confidence_that_rounds_to_one_has_no_band(session, make_estimate):
-    # the largest number below 1: half of it and a half are 1
-    session.estimate(
-        make_estimate(nonlinear_covariance=np.eye(4), confidence=float(np.nextafter(1.0, 0.0)))
-    )
-    rows = valid(session.frame(Cursor())[1])['estimate']['parameters']
-    assert rows[0][2:4] == [None, None]
 
 
 def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start_ns):
@@ -166,16 +123,6 @@ def test_changes_rates_doubts_and_faults_are_there(session, make_estimate, start
     assert view['reasons'] == ['one intensity only']
 
 
-def test_the_reason_of_a_doubt_is_said_once(session, make_estimate):
-    reason = meaning_of_doubt('residuals_alike')
-    session.estimate(
-        make_estimate(doubts=('residuals_alike',), reasons=('one intensity only', reason))
-    )
-    view = valid(session.frame(Cursor())[1])['estimate']
-    assert view['doubts'] == [['residuals_alike', reason]]
-    assert view['reasons'] == ['one intensity only']
-
-
 def test_quantities_have_words_and_units(session, make_estimate):
     values = np.array([0.045, 0.008, 3.0, 2.5])
     session.estimate(
@@ -204,11 +151,6 @@ def test_quantities_have_words_and_units(session, make_estimate):
     assert view['faults'] == [
         ['force_out_of_bounds', 1, 'force samples beyond largest_force, dropped']
     ]
-
-
-def test_every_quantity_of_the_estimators_has_words():
-    assert {*PARAMETER_NAMES, *PHYSIOLOGY_NAMES} == set(PARAMETERS)
-    assert set(RATE_NAMES) == set(RATES)
 
 
 def test_the_disturbance_is_a_course_of_its_own(session, make_estimate, start_ns):
@@ -280,15 +222,6 @@ def test_an_estimate_of_any_size_makes_a_small_frame(session, make_estimate):
     assert len(frame['estimate']['reasons']) == len(frame['estimate']['faults']) == MOST_NAMES
     assert len(frame['estimate']['estimator']) <= LONGEST_TEXT + 2
     assert frame['estimate']['curve']['along'][0::100] == [0.0, 1.0]
-
-
-@pytest.mark.parametrize('lengths', [(3, 5), (0, 5), (5, 0)])
-def test_a_response_that_cannot_be_drawn_is_left_out(session, make_estimate, lengths):
-    time, force = (np.arange(length, dtype=float) for length in lengths)
-    session.estimate(make_estimate(response_time=time, response_force=force))
-    session.advance(0.0)
-    frame = valid(session.frame(Cursor())[1])
-    assert frame['estimate']['response'] is None
 
 
 def test_a_driver_that_is_not_heard_any_more_confirms_no_stop(session, make_status):
@@ -370,16 +303,6 @@ def test_before_the_first_curve_the_page_says_how_long_it_takes(session, make_es
     assert top_at(session, 192.0)['waiting'] == ''
 
 
-def test_the_title_is_the_name_of_the_muscle(session):
-    topics = session.topics
-    assert top_at(session, 0.0)['title'] == 'stimulated muscle'
-    assert LiveSession('/left_leg', topics).title == 'left leg'
-    session.call('muscle')
-    assert top_at(session, 1.0)['title'] == 'stimulated muscle'
-    session.call('tibialis anterior')
-    assert top_at(session, 2.0)['title'] == 'tibialis anterior'
-
-
 def test_a_button_is_called_by_its_node_and_the_page_by_itself(session, make_status):
     unnamed = '030f78fd' * 4
     told = []
@@ -393,12 +316,3 @@ def test_a_button_is_called_by_its_node_and_the_page_by_itself(session, make_sta
         ('emergency stop is pressed (/live_page_2)', '/live_page_2'),
         ('emergency stop is pressed (a button not named yet)', 'a button not named yet'),
     ]
-
-
-def test_at_rest_no_error_is_stated(session, make_estimate, start_ns):
-    session.estimate(make_estimate())
-    assert valid(session.frame(Cursor())[1])['estimate']['output_error'] is None
-    session.pulse(Pulse(start_ns + 500 * MILLISECOND, 0.5, 1))
-    assert valid(session.frame(Cursor())[1])['estimate']['output_error'] == 0.01
-    session.estimate(make_estimate(stamp_ns=start_ns + 3000 * MILLISECOND))
-    assert valid(session.frame(Cursor())[1])['estimate']['output_error'] is None

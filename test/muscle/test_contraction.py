@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stream of Eq. (11) against the direct sum over all pulses."""
 
-import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -14,8 +13,6 @@ from rpms_ros.muscle import Contraction, Subject, average_subject, twitch
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
 
 MILLISECOND = 1_000_000
-# As many nanoseconds as have passed since 1970: what `header.stamp` really holds.
-EPOCH_NS = 1_700_000_000 * NANOSECONDS_PER_SECOND
 
 subjects = st.builds(
     Subject,
@@ -136,41 +133,6 @@ def test_a_pulse_from_before_the_window_acts_at_its_own_time() -> None:
     np.testing.assert_allclose(stream.force(stamp_ns), expected, rtol=1e-12, atol=1e-12)
 
 
-def test_a_pulse_from_before_the_window_counts_as_alone() -> None:
-    subject = average_subject()
-    stream = Contraction(subject, window=0.1)
-    stream.add_pulses([0, 50 * MILLISECOND], [0.0, 0.0])
-    before = stream.force(grid(0.3, 0.301))
-    stream.add_pulses(20 * MILLISECOND, 1.0)
-    added = stream.force(grid(0.3, 0.301)) - before
-    lag = 0.28 - subject.latency
-    expected = subject.pulse_weight(1.0, 0.0) * twitch(lag, subject.time_constant)
-    # The force before is four orders smaller than what is added.
-    np.testing.assert_allclose(added, [expected], rtol=1e-11)
-
-
-def test_the_epoch_changes_no_bit() -> None:
-    def run(start_ns: int) -> FloatArray:
-        train = regular_train(3.0, start_ns)
-        contraction = Contraction(average_subject(), window=0.4)
-        contraction.add_pulses(train.onset_ns, train.intensity)
-        blocks = np.split(start_ns + grid(0.0, 3.0), 10)
-        return np.concatenate([contraction.force(block) for block in blocks])
-
-    np.testing.assert_array_equal(run(EPOCH_NS), run(0))
-
-
-def test_state_does_not_grow_with_the_history() -> None:
-    contraction = Contraction(average_subject(), window=0.5)
-    sizes = []
-    for second in range(60):
-        train = regular_train(1.0, EPOCH_NS + second * NANOSECONDS_PER_SECOND)
-        contraction.add_pulses(train.onset_ns, train.intensity)
-        contraction.force(train.onset_ns + 49 * MILLISECOND)
-        sizes.append(len(pickle.dumps(contraction)))
-    assert sizes[1] == sizes[-1]
-
-
 @pytest.mark.parametrize('rate_hz', [15.0, 20.0, 25.0, 35.0])
 def test_a_long_train_reaches_the_steady_mean_force(rate_hz: float) -> None:
     subject = average_subject()
@@ -184,22 +146,6 @@ def test_a_long_train_reaches_the_steady_mean_force(rate_hz: float) -> None:
     mean = contraction.force(phase + round(subject.latency * 1e9)).mean()
     # The mean of a periodic smooth function over equal steps; the rounding to 1 ns remains.
     assert mean == pytest.approx(float(subject.steady_force(0.9, rate_hz)), rel=1e-6)
-
-
-def test_an_interval_counts_as_one_millisecond_at_least() -> None:
-    subject = average_subject()
-
-    def added(second_ns: int) -> float:
-        contraction = Contraction(subject)
-        contraction.add_pulses([0, second_ns], [0.0, 1.0])
-        alone = Contraction(subject)
-        alone.add_pulses(0, 0.0)
-        stamp_ns = second_ns + 90 * MILLISECOND
-        return float((contraction.force(stamp_ns) - alone.force(stamp_ns))[0])
-
-    # The force of the first pulse, four orders smaller, has been taken off.
-    assert added(200_000) == pytest.approx(added(MILLISECOND), rel=1e-12)
-    assert added(0) == pytest.approx(added(MILLISECOND), rel=1e-12)
 
 
 @pytest.mark.parametrize('intensity', [-0.01, 1.01, float('nan'), float('inf')])

@@ -27,14 +27,6 @@ def measured(disturbances: Disturbances, seed: int = 0) -> FloatArray:
     return Sensor(disturbances, seed).measure(STAMP_NS, FORCE, ONSET_NS, INTENSITY)
 
 
-def test_only_what_is_set_is_added() -> None:
-    np.testing.assert_array_equal(measured(Disturbances()), FORCE)
-    np.testing.assert_array_equal(measured(Disturbances(offset=-0.25)), FORCE - 0.25)
-    silent = Sensor(Disturbances(artifact=2.0)).measure(STAMP_NS, FORCE, *NO_PULSES)
-    np.testing.assert_array_equal(silent, FORCE)
-    assert np.abs(measured(EVERYTHING)).max() == EVERYTHING.saturation
-
-
 @given(st.lists(st.integers(0, SAMPLES), max_size=6))
 def test_block_length_changes_no_bit(cuts: list[int]) -> None:
     sensor = Sensor(EVERYTHING, seed=7)
@@ -71,17 +63,3 @@ def test_artifact_follows_its_pulse_and_grows_with_the_intensity() -> None:
     # The first sample after each pulse comes 0.7 ms later.
     np.testing.assert_allclose(artifact[1::50], 2.0 * INTENSITY * np.exp(-0.7 / 0.5), rtol=1e-12)
     np.testing.assert_allclose(artifact[2::50], artifact[1::50] * np.exp(-2.0), rtol=1e-12)
-
-
-def test_the_sensor_saturates_in_both_directions() -> None:
-    shown = measured(Disturbances(saturation=0.5))
-    np.testing.assert_array_equal(shown, np.clip(FORCE, -0.5, 0.5))
-    assert shown.max() == 0.5
-    assert shown.min() == -0.5
-
-
-def test_artifact_is_at_its_peak_on_the_onset() -> None:
-    onset_ns = STAMP_NS[10:11]
-    sensor = Sensor(Disturbances(artifact=2.0))
-    shown = sensor.measure(STAMP_NS[:11], np.zeros(11), onset_ns, np.array([0.5]))
-    np.testing.assert_array_equal(shown, [0.0] * 10 + [1.0])

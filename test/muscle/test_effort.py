@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from rpms_ros.muscle.scenario import Bump, Spasm, Tremor, VoluntaryEffort, total_effort
+from rpms_ros.muscle.scenario import Spasm, Tremor, VoluntaryEffort
 from rpms_ros.muscle.sensor import KINDS, FaultySensor, SensorFault
 from rpms_ros.pulses import ForceTrace
 
@@ -42,19 +42,6 @@ def test_a_tremor_has_its_frequency_and_ends() -> None:
     crossings = np.count_nonzero(np.diff(np.sign(force[1001:2999])) > 0)
     # 16 periods in two seconds
     assert crossings in (15, 16)
-
-
-def test_a_bump_is_half_a_sine() -> None:
-    force = Bump(at=0.5, peak=-5.0, duration=0.04).force(TIME)
-    assert force[520] == pytest.approx(-5.0)
-    assert np.count_nonzero(force) == 39
-
-
-def test_efforts_add() -> None:
-    efforts = (VoluntaryEffort(at=3.0, duration=1.5, peak=2.0), Tremor(0.3))
-    expected = efforts[0].force(TIME) + efforts[1].force(TIME)
-    np.testing.assert_array_equal(total_effort(efforts, TIME), expected)
-    assert not total_effort((), TIME).any()
 
 
 def shown(*faults: SensorFault) -> ForceTrace:

@@ -61,11 +61,3 @@ def test_it_is_the_recruitment_by_intensity_less_its_value_at_zero(
         rtol=0.0,
         atol=1e-14,
     )
-
-
-@given(parameters, st.sampled_from([(), (1,), (5,), (2, 3), (0,)]))
-def test_shapes_are_kept(theta: RecruitmentParameters, shape: tuple[int, ...]) -> None:
-    rho, gradient = identified_recruitment_with_gradient(theta, np.full(shape, 0.6))
-    assert rho.shape == shape
-    assert gradient.shape == (*shape, 4)
-    np.testing.assert_array_equal(identified_recruitment(theta, np.full(shape, 0.6)), rho)

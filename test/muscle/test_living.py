@@ -17,7 +17,6 @@ from rpms_ros.muscle.time_varying import (
     LivingContraction,
     LivingSettings,
     Potentiation,
-    Timeline,
 )
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, IntArray, PulseTrain
 
@@ -197,15 +196,6 @@ def test_a_late_pulse_acts_from_its_own_time() -> None:
     np.testing.assert_allclose(late.force(stamps), whole.force(stamps), rtol=1e-11)
 
 
-def test_changes_follow_each_other() -> None:
-    start = dict.fromkeys(('time_constant', 'latency', 'threshold', 'saturation'), 0.0)
-    changes = (Change(4.0, gain=2.0), Change(1.0, 2.0, gain=0.5), Change(2.0, 1.0, gain=1.0))
-    timeline = Timeline({**start, 'gain': 1.0}, changes)
-    at = np.array([-5.0, 0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 3.9, 4.1, 99.0])
-    expected = [1.0, 1.0, 1.0, 0.875, 0.75, 0.875, 1.0, 1.0, 2.0, 2.0]
-    np.testing.assert_allclose(timeline('gain', at), expected)
-
-
 @pytest.mark.parametrize(
     ('changes', 'found'),
     [
@@ -227,38 +217,3 @@ def test_threshold_and_saturation_stay_apart(changes: tuple[Change, ...], found:
     message = f'expected a saturation at least 0.05 above the threshold, got {found}'
     with pytest.raises(MuscleError, match=message):
         living(LivingSettings(changes=changes))
-
-
-def test_a_coil_may_move_by_much() -> None:
-    both = Change(1.0, 2.0, threshold=0.9, saturation=0.95)
-    back = Change(5.0, threshold=0.1, saturation=0.2)
-    apart = (Change(7.0, threshold=0.75), Change(7.0, saturation=0.8))
-    force = living(LivingSettings(changes=(both, back, *apart))).force(grid(9.0))
-    # bends that differ in sharpness make the curve dip by millinewtons, at most
-    assert force.min() > -0.01
-
-
-def test_times_only_go_forwards() -> None:
-    muscle = living(LivingSettings())
-    muscle.force(grid(1.0))
-    with pytest.raises(MuscleError, match='expected times from'):
-        muscle.force(grid(0.5))
-    with pytest.raises(MuscleError, match='expected ascending times'):
-        muscle.force(grid(2.0)[::-1])
-
-
-def test_a_pulse_that_comes_late_has_the_weight_of_its_own_interval() -> None:
-    stamps = EPOCH_NS + MILLISECOND * np.arange(600, dtype=np.int64)
-    onset = EPOCH_NS + MILLISECOND * np.array([100, 150, 200])
-    forces = []
-    for muscle in (
-        Contraction(simulation_subject()),
-        LivingContraction(simulation_subject(), LivingSettings(), EPOCH_NS),
-    ):
-        muscle.add_pulses(onset[[0, 2]], [1.0, 1.0])
-        before = muscle.force(stamps[:210])
-        muscle.add_pulses(onset[1], 1.0)
-        forces.append(np.concatenate((before, muscle.force(stamps[210:]))))
-    steady, changing = forces
-    # the one that overtook it has acted already, with the weight of a longer interval
-    assert np.abs(steady - changing).max() < 0.03 * steady.max()

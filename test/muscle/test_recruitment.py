@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from rpms_ros.muscle import IntensityRecruitment, RateRecruitment, RecruitmentField
+from rpms_ros.muscle import IntensityRecruitment, RateRecruitment
 
 EVERY_INTENSITY = np.linspace(0.0, 1.0, 1001)
 
@@ -28,11 +28,6 @@ def test_table_3_by_rate() -> None:
     # Four digits, as the expected values are given.
     expected = [-0.0004, 0.7849, 0.9990, 1.3819]
     np.testing.assert_allclose(RateRecruitment()([0.0, 15.0, 20.0, 35.0]), expected, atol=5e-5)
-
-
-def test_table_3_rises_with_the_intensity() -> None:
-    assert IntensityRecruitment().rises
-    assert (np.diff(IntensityRecruitment()(EVERY_INTENSITY)) > 0.0).all()
 
 
 @given(shapes)
@@ -69,13 +64,6 @@ def test_normalising_fixes_both_ends_and_keeps_the_shape(
     assert unit(intensity) == pytest.approx((value - low) / (high - low), rel=1e-10, abs=1e-12)
 
 
-@given(st.floats(0.0, 500.0), st.floats(0.0, 500.0))
-def test_more_rate_recruits_more(first: float, second: float) -> None:
-    slower, faster = RateRecruitment()(sorted((first, second)))
-    # Rounding of values up to 2 out of terms up to 30.
-    assert faster >= slower - 1e-14
-
-
 def test_rate_recruitment_levels_off() -> None:
     rate = RateRecruitment()
     # f - (f - f_sat) (1 - 1/(pi gamma (f - f_sat))) = f_sat + 1/(pi gamma), next term of order 1/f
@@ -88,11 +76,3 @@ def test_a_pulse_weighs_no_more_below_the_lowest_measured_rate() -> None:
     weights = RateRecruitment().per_pulse(rates)
     np.testing.assert_array_equal(weights, weights[-1])
     assert weights[-1] == RateRecruitment()(15.0) / 15.0
-
-
-def test_field_is_the_product() -> None:
-    field = RecruitmentField()
-    intensity = np.array([0.2, 0.6, 1.0])[:, None]
-    rates = np.array([15.0, 20.0, 35.0])
-    expected = np.outer(IntensityRecruitment()(intensity[:, 0]), RateRecruitment()(rates))
-    np.testing.assert_array_equal(field(intensity, rates), expected)

@@ -54,17 +54,3 @@ def test_the_truth_tells_what_happened() -> None:
     assert at[1.5].effort == pytest.approx(2.0, rel=1e-4)
     assert at[2.5].effort == 0.0
     assert at[1.5].curve_force[-1] == pytest.approx(10.0)
-
-
-def test_lost_samples_are_not_there() -> None:
-    trace, _ = session(SCENARIO)
-    assert len(trace) == 1000 * SECONDS - 100
-    frozen = trace.force[(trace.stamp_ns - START_NS) // 1_000_000 >= 3500][:200]
-    assert np.ptp(frozen) == 0.0
-
-
-def test_a_session_without_samples_is_empty() -> None:
-    muscle = muscle_of(simulation_subject(), LivingSettings())
-    trace, truths = simulate_session(muscle, Surroundings(Scenario()), PULSES, STAMP_NS[:0], 10.0)
-    assert len(trace) == 0
-    assert not truths

@@ -9,9 +9,7 @@ from hypothesis import given, strategies as st
 from rpms_ros.muscle import (
     SUBJECTS,
     Modality,
-    RateRecruitment,
     RecruitmentParameters,
-    Subject,
     average_subject,
     identified_recruitment,
     random_subject,
@@ -69,13 +67,6 @@ def test_slow_pulses_weigh_all_the_same(rate_hz: float) -> None:
     )
 
 
-def test_maximum_force_holds_even_if_20_hz_was_not_measured() -> None:
-    subject = Subject(rate_recruitment=RateRecruitment(offset=-1.1, lowest_rate=25.0))
-    expected = 10.0 * subject.recruitment(1.0)
-    # Rounding.
-    assert subject.steady_force(1.0, 20.0) == pytest.approx(float(expected), rel=1e-14)
-
-
 @pytest.mark.parametrize(
     ('modality', 'latency', 'time_constant'),
     [
@@ -98,13 +89,3 @@ def test_random_subjects_stay_within_the_tables(
     assert 4.5 <= subject.recruitment.threshold_slope <= 7.0
     assert 3.5 <= subject.recruitment.saturation_slope <= 17.0
     assert 5.0 <= subject.maximum_force <= 50.0
-
-
-def test_random_subjects_never_push() -> None:
-    for seed in range(300):
-        subject = random_subject(np.random.default_rng(seed))
-        force = subject.steady_force(EVERY_INTENSITY, 20.0)
-        # Rounding of forces up to 50 N where the curve is flat.
-        assert (np.diff(force) >= -1e-12).all()
-        assert force[0] == 0.0
-        assert force[-1] == pytest.approx(subject.maximum_force, rel=1e-12)

@@ -26,27 +26,6 @@ def test_the_peak_is_one_and_lies_after_n_minus_1_time_constants(
     assert around.max() <= 1.0 + 1e-13
 
 
-@given(time_constants, orders, st.floats(-1.0, 0.0, exclude_max=True))
-def test_nothing_happens_before_the_onset(time_constant: float, order: float, lag: float) -> None:
-    assert twitch(lag, time_constant, order) == 0.0
-
-
-@given(time_constants, orders, st.floats(1e-9, 2.0), st.floats(0.1, 10.0))
-def test_only_the_ratio_of_lag_and_time_constant_counts(
-    time_constant: float, order: float, lag: float, factor: float
-) -> None:
-    # Rounding of an exponent up to 2 s / 5 ms = 400: relative error 400 ulp.
-    assert twitch(factor * lag, factor * time_constant, order) == pytest.approx(
-        float(twitch(lag, time_constant, order)), rel=1e-12, abs=1e-300
-    )
-
-
-def test_one_pole_begins_at_its_peak() -> None:
-    np.testing.assert_array_equal(twitch([-1e-9, 0.0], 0.04, order=1), [0.0, 1.0])
-    # exp of a rounded ratio.
-    assert twitch(0.08, 0.04, order=1) == pytest.approx(math.exp(-2.0), rel=1e-14)
-
-
 @given(time_constants, orders)
 def test_area_is_the_integral(time_constant: float, order: float) -> None:
     integral = quad(

@@ -49,12 +49,3 @@ def test_lines_are_told_apart(sizes: ModuleType) -> None:
         'comments': 1,
         'all': 16,
     }
-
-
-def test_a_package_above_its_ceiling_is_told_by_how_much(sizes: ModuleType) -> None:
-    settings = '[tool.sizes]\ncode = 100\nmodules = 3\n'
-    assert sizes.above_ceiling(sizes.Size(modules=3, code=100), settings) == []
-    assert sizes.above_ceiling(sizes.Size(modules=4, code=101), settings) == [
-        'rpms_ros: expected at most 100 lines of code, got 101',
-        'rpms_ros: expected at most 3 modules, got 4',
-    ]

@@ -66,16 +66,6 @@ def test_the_order_written_is_the_order_read_where_the_clock_steps_back(
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_a_recording_written_topic_by_topic_is_merged_by_time(
-    tmp_path: Path, make: Any, storage: str
-) -> None:
-    topic_by_topic = [(True, 0), (True, 40), (False, 0), (False, 10), (False, 40), (False, 50)]
-    recording = written(tmp_path / 'bag', topic_by_topic, make, storage)
-    # A pulse comes before a sample of the same time.
-    assert recording.samples_before_pulse.tolist() == [0, 2]
-
-
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_arrays_with_a_clock_set_back_keep_their_order(tmp_path: Path, storage: str) -> None:
     stamp_ns = 10 * SECOND + np.arange(4000, dtype=np.int64) * 1_000_000
     stamp_ns[2000:] -= 3 * SECOND // 2

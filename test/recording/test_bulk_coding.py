@@ -116,18 +116,6 @@ def test_the_layout_follows_the_definition_in_the_recording() -> None:
     assert columns.number['flag'].tolist() == [7, 7]
 
 
-def test_missing_field_is_named() -> None:
-    channel = Channel('/pulses', PULSE, 'uint32 sequence\nfloat64 intensity\n')
-    with pytest.raises(RecordingError, match=r'expected fields width in the definition of rpms'):
-        Decoder(channel, ('sequence', 'width'))
-
-
-def test_other_serialization_is_refused() -> None:
-    channel = Channel('/pulses', PULSE, serialization='protobuf')
-    with pytest.raises(RecordingError, match='expected serialization cdr on topic /pulses, got p'):
-        Decoder(channel, ('sequence',))
-
-
 @given(
     frame_ids, st.lists(st.tuples(st.integers(0, 2**31 * 10**9 - 1), doubles, doubles), max_size=5)
 )

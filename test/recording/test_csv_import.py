@@ -23,18 +23,6 @@ def table(tmp_path: Path, rows: list[str], header: str = HEADER) -> Path:
     return path
 
 
-def test_rising_edges_become_pulses(tmp_path: Path) -> None:
-    gate = [0, 0, 8, 8, 0, 0, 8, 0]
-    rows = [f'{0.001 * i:.3f},{level},{0.5 * i}' for i, level in enumerate(gate)]
-    pulses, forces = read_csv(table(tmp_path, rows), *COLUMNS)
-    assert pulses.onset_ns.tolist() == [2 * MILLISECOND, 6 * MILLISECOND]
-    assert pulses.width.tolist() == [0.002, 0.001]
-    assert pulses.intensity.tolist() == [1.0, 1.0]
-    assert pulses.sequence.tolist() == [0, 1]
-    assert forces.stamp_ns.tolist() == [i * MILLISECOND for i in range(8)]
-    assert forces.force.tolist() == [0.5 * i for i in range(8)]
-
-
 @given(
     st.lists(st.tuples(st.integers(1, 9), st.integers(1, 9)), min_size=1, max_size=20),
     st.integers(0, 2**32 - 1),
@@ -64,13 +52,6 @@ def test_chatter_at_the_threshold_is_one_pulse() -> None:
     assert pulses.width.tolist() == [0.006]
 
 
-def test_threshold_can_be_chosen() -> None:
-    gate = np.array([0.0, 0.0, 2.0, 0.0, 8.0, 0.0])
-    stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
-    assert len(gate_pulses(stamp_ns, gate, ImportOptions())) == 1
-    assert len(gate_pulses(stamp_ns, gate, ImportOptions(threshold=1.0))) == 2
-
-
 def test_gate_that_is_up_at_the_ends() -> None:
     gate = np.array([8.0, 8.0, 0.0, 8.0, 8.0, 8.0])
     stamp_ns = np.arange(len(gate), dtype=np.int64) * MILLISECOND
@@ -97,37 +78,3 @@ def test_gate_that_is_up_at_the_ends() -> None:
 def test_bad_tables_are_refused(tmp_path: Path, rows: list[str], message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         read_csv(table(tmp_path, rows), *COLUMNS)
-
-
-def test_missing_column_names_those_that_are_there(tmp_path: Path) -> None:
-    path = table(tmp_path, ['0,0,1'])
-    with pytest.raises(
-        RecordingError, match=r"expected column 'F' in .*, got 'Time \[s\]', 'STIM \[ \]', 'fGM"
-    ):
-        read_csv(path, 'Time [s]', 'F', 'STIM [ ]')
-    with pytest.raises(RecordingError, match=r'expected a table in .*, got an empty file'):
-        read_csv(table(tmp_path, [], header=''), 'F', 'F', 'F')
-
-
-def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'expected a file at .*trial.csv, got no such file'):
-        read_csv(tmp_path / 'trial.csv', *COLUMNS)
-
-
-@pytest.mark.parametrize(
-    ('threshold', 'intensity', 'message'),
-    [
-        (None, 1.5, 'expected an intensity from 0 to 1, got 1.5'),
-        (None, float('nan'), 'expected an intensity from 0 to 1, got nan'),
-        (float('inf'), 1.0, 'expected a finite threshold, got inf'),
-    ],
-)
-def test_bad_gate_settings(threshold: float | None, intensity: float, message: str) -> None:
-    with pytest.raises(RecordingError, match=message):
-        ImportOptions(threshold=threshold, intensity=intensity)
-
-
-def test_a_whole_number_is_an_intensity_too() -> None:
-    stamp_ns = np.arange(3, dtype=np.int64) * MILLISECOND
-    pulses = gate_pulses(stamp_ns, np.array([0.0, 8.0, 0.0]), ImportOptions(intensity=1))
-    assert pulses.intensity.dtype == np.float64

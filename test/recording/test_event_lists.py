@@ -66,14 +66,6 @@ def test_numbers_of_samples_are_counted_from_1(tmp_path: Path, name: str, first:
     assert f'{len(PLACES)} numbers of samples, counted from 1, ' in told(found)
 
 
-def test_numbers_of_samples_with_a_0_are_counted_from_it(tmp_path: Path) -> None:
-    places = np.concatenate(([0], PLACES))
-    content = {'force': FORCE, 'fs': 1000.0, 'stim_idx': places}
-    found = imported(tmp_path / 'a.mat', content)
-    np.testing.assert_array_equal(found.pulses.onset_ns, found.forces.stamp_ns[places])
-    assert 'counted from 0, ' in told(found)
-
-
 def test_a_list_beside_a_column_of_times(tmp_path: Path) -> None:
     content = {'force': FORCE, 'stim_times': ONSETS + 7.0, 'time': TIME + 7.0}
     expect_the_session(imported(tmp_path / 'a.mat', content), 7.0)
@@ -81,18 +73,6 @@ def test_a_list_beside_a_column_of_times(tmp_path: Path) -> None:
     content['time'] = 1e3 * content['time']
     expect_the_session(imported(tmp_path / 'a.mat', content), 7.0)
     content = {'force': FORCE, 'time': TIME, 'stim_idx': PLACES + 1}
-    expect_the_session(imported(tmp_path / 'a.mat', content))
-
-
-def test_a_gate_and_a_faster_signal_go_before_a_list(tmp_path: Path) -> None:
-    gate = np.where(np.arange(COUNT) % 50 < 3, 5.0, 0.0)
-    content = {'force': FORCE, 'time': TIME, 'gate': gate, 'emg': np.tile(FORCE, 10)}
-    expect = imported(tmp_path / 'a.mat', content)
-    assert len(expect.pulses) == 79
-    assert dict(expect.facts)['time'].startswith("'time' in s")
-    content = {'force': FORCE, 'fs': 1000.0, 'stim': gate, 'stim_times': ONSETS}
-    assert len(imported(tmp_path / 'a.mat', content).pulses) == 79
-    content['stim'] = np.linspace(1.0, 0.5, len(ONSETS))
     expect_the_session(imported(tmp_path / 'a.mat', content))
 
 

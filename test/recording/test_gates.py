@@ -15,7 +15,6 @@ from rpms_ros.recording.importing import (
     ImportOptions,
     import_file,
 )
-from rpms_ros.recording.importing.gates import gate_pulses
 
 COUNT = 4000
 TIME = np.arange(COUNT) / 1000.0
@@ -52,27 +51,6 @@ def test_a_gate_that_rests_high_falls_with_a_pulse(tmp_path: Path) -> None:
     assert dict(found.facts)['pulses'] == "'Trigger', rising edges (--edge)"
 
 
-def test_a_gate_that_is_mostly_low_rises_unless_it_is_stated(tmp_path: Path) -> None:
-    found = imported(tmp_path / 'a.csv', gate(40) + NOISE)
-    assert places(found) == PLACES.tolist()
-    assert dict(found.facts)['pulses'] == "'Trigger'"
-    found = imported(tmp_path / 'a.csv', gate(40) + NOISE, edge='falling')
-    assert places(found) == (PLACES + 40).tolist()
-
-
-def test_edges_of_a_gate() -> None:
-    stamp_ns = np.arange(100, dtype=np.int64)
-    low = np.full(100, 5.0)
-    low[[20, 60]] = 0.0
-    assert gate_pulses(stamp_ns, low, ImportOptions()).onset_ns.tolist() == [20, 60]
-    rising = ImportOptions(edge='rising')
-    assert gate_pulses(stamp_ns, low, rising).onset_ns.tolist() == [21, 61]
-    with pytest.raises(RecordingError, match=r'a gate that falls through 9, got levels 0 to 5'):
-        gate_pulses(stamp_ns, low, ImportOptions(threshold=9.0, edge='falling'))
-    with pytest.raises(RecordingError, match=r"expected an edge rising or falling, got 'up'"):
-        ImportOptions(edge='up')
-
-
 def test_noise_is_no_gate(tmp_path: Path) -> None:
     with pytest.raises(
         Ambiguous,
@@ -88,13 +66,6 @@ def test_noise_is_no_gate(tmp_path: Path) -> None:
 def test_hum_does_not_hide_a_gate(tmp_path: Path) -> None:
     hum = 1.5 * np.sin(100.0 * np.pi * TIME)
     assert places(imported(tmp_path / 'a.csv', gate(1) + hum)) == PLACES.tolist()
-
-
-def test_pulses_to_both_sides_need_a_threshold(tmp_path: Path) -> None:
-    both = gate(1) - np.roll(gate(1), 1) + NOISE
-    with pytest.raises(Ambiguous, match='two levels'):
-        imported(tmp_path / 'a.csv', both)
-    assert places(imported(tmp_path / 'a.csv', both, threshold=2.5)) == PLACES.tolist()
 
 
 def test_a_trigger_that_bounces_is_told(tmp_path: Path) -> None:
@@ -124,11 +95,6 @@ def test_a_gate_of_a_whole_train_is_refused(tmp_path: Path, begin: int, end: int
     values[begin:end] = 5.0
     with pytest.raises(RecordingError, match=r'expected a gate that marks each pulse, for at mos'):
         imported(tmp_path / 'a.csv', values)
-
-
-def test_a_gate_that_is_long_for_a_pulse_is_told(tmp_path: Path) -> None:
-    found = imported(tmp_path / 'a.csv', gate(35))
-    assert 'the gate is up for 35 ms at a pulse' in dict(found.facts)['warning']
 
 
 SHARES = np.random.default_rng(2).uniform(0.1, 1.0, len(PLACES))

@@ -71,12 +71,6 @@ def test_tables_of_text(tmp_path: Path, encoding: str, separator: str, comma: bo
     expect_the_session(*imported(path))
 
 
-def test_a_row_of_units_counts(tmp_path: Path) -> None:
-    path = tmp_path / 'trial.txt'
-    path.write_text('\n'.join(['t\tF\tstim', 'ms\tmN\tV', *rows('\t', time=1000.0)]))
-    expect_the_session(*imported(path), scale=1e-3)
-
-
 def test_without_a_header_the_columns_are_numbered(tmp_path: Path) -> None:
     path = tmp_path / 'trial.csv'
     path.write_text('\n'.join(rows(';')))
@@ -101,31 +95,6 @@ def test_times_of_day_are_times(tmp_path: Path) -> None:
     path.write_text('\n'.join(['time;force;gate', *lines]))
     with pytest.raises(RecordingError, match=r'expected the times of one day in .* of 2 dates'):
         read_signals(path)
-
-
-def test_milliseconds_and_grams_are_told_from_the_names(tmp_path: Path) -> None:
-    path = tmp_path / 'trial.csv'
-    path.write_text('\n'.join(['time (ms),load (g),trigger', *rows(',', time=1000.0)]))
-    expect_the_session(*imported(path), scale=9.80665e-3)
-
-
-def test_a_unit_that_is_not_stated_is_guessed_and_shown(tmp_path: Path) -> None:
-    path = tmp_path / 'trial.csv'
-    path.write_text('\n'.join(['time,force,gate', *rows(',', time=1000.0)]))
-    guess = guessed(path)
-    assert (guess.time_unit, guess.force_unit) == ('ms', 'N')
-    reasons = dict(guess.reasons)
-    assert reasons['time'] == "'time' in ms, for 1000 samples a second then (--time-unit decides)"
-    assert reasons['force'] == "'force' in N, not stated (--force-unit decides)"
-
-
-def test_options_go_before_guesses(tmp_path: Path) -> None:
-    path = tmp_path / 'trial.csv'
-    path.write_text('\n'.join(['time,force,gate', *rows(',')]))
-    expect_the_session(*imported(path, force_unit='mN'), scale=1e-3)
-    expect_the_session(*imported(path, force_scale=-0.5), scale=-0.5)
-    _pulses, forces = imported(path, time_unit='ms')
-    assert forces.stamp_ns[-1] == pytest.approx(1e6 * TIME[-1], abs=1)
 
 
 @pytest.mark.parametrize(
@@ -292,13 +261,6 @@ def test_labchart_text(tmp_path: Path) -> None:
     expect_the_session(*imported(path, block=2))
 
 
-def test_labchart_text_whose_unit_is_that_of_the_range(tmp_path: Path) -> None:
-    path = tmp_path / 'session.txt'
-    head = LABCHART.replace('UnitName=\tN\tV\n', '').replace('10.000 V', '1.000 kg', 1)
-    path.write_text(head + '\n'.join(rows('\t')), encoding='latin-1')
-    expect_the_session(*imported(path), scale=9.80665)
-
-
 def counted(path: Path, name: str, above: str = '') -> Path:
     lines = [f'{place}\t{line.partition(chr(9))[2]}' for place, line in enumerate(rows('\t'))]
     path.write_text(f'{above}{name}\tForce\tStim\n' + '\n'.join(lines))
@@ -318,28 +280,12 @@ def test_a_counter_of_samples_is_no_time(tmp_path: Path, name: str) -> None:
     expect_the_session(*imported(counted(path, name, 'Sampling rate = 1 kHz\n')))
 
 
-def test_a_counter_without_a_name_is_no_time_either(tmp_path: Path) -> None:
-    path = counted(tmp_path / 'trial.txt', '')
-    path.write_text(path.read_text().partition('\n')[2])
-    with pytest.raises(RecordingError, match=r"got 'column 1', which counts them"):
-        import_file(path, ImportOptions())
-
-
 def test_volts_that_a_header_states_are_no_newtons(tmp_path: Path) -> None:
     above = 'Sample Frequency (Hz): 1000\nTest Data in Volts:\n'
     path = counted(tmp_path / 'trial.txt', 'Sample', above)
     with pytest.raises(Ambiguous, match=r"got 'Force' in V: --force-scale N-PER-UNIT"):
         import_file(path, ImportOptions())
     expect_the_session(*imported(path, force_scale=2.0), scale=2.0)
-
-
-def test_another_force_is_no_gate(tmp_path: Path) -> None:
-    path = tmp_path / 'trial.csv'
-    table = np.column_stack((TIME, FORCE, GATE))
-    for other in ('F32 (N)', 'F32'):
-        np.savetxt(path, table, delimiter=',', header=f'time,F31 (N),{other}', comments='')
-        with pytest.raises(Ambiguous, match=r'expected one gate, trigger or list of pulses in'):
-            import_file(path, ImportOptions(force='F31 (N)'))
 
 
 def test_spike2_text(tmp_path: Path) -> None:
@@ -419,18 +365,6 @@ def test_a_package_that_is_missing_is_named(
         read_signals(tmp_path / name)
 
 
-@pytest.mark.parametrize(
-    ('given', 'message'),
-    [
-        ({'force_scale': 0.0}, 'expected a finite force_scale that is not 0, got 0.0'),
-        ({'sampling_rate': -1.0}, 'expected a sampling rate above 0 Hz, got -1.0'),
-    ],
-)
-def test_choices_that_cannot_be(given: dict[str, float], message: str) -> None:
-    with pytest.raises(RecordingError, match=message):
-        ImportOptions(**given)
-
-
 def table(path: Path, **columns: np.ndarray) -> Path:
     """Write a table of the session with other columns."""
     known = {'time': TIME, 'force': FORCE, 'stim': GATE} | columns
@@ -463,18 +397,3 @@ def test_what_is_missing_or_not_stated_is_told(tmp_path: Path) -> None:
     assert found.guessed
     # everything is named, and the units stand in the names
     assert not import_file(table(tmp_path / 'whole.csv'), ImportOptions(**names)).guessed
-
-
-@pytest.mark.parametrize(
-    ('options', 'message'),
-    [
-        ({'sheet': 'Tabelle1'}, r'expected a workbook with --sheet, got .*trial\.csv'),
-        ({'block': 2}, r'expected a LabChart file with --block, got .*trial\.csv'),
-    ],
-)
-def test_options_of_other_files_are_refused(
-    tmp_path: Path, options: dict[str, Any], message: str
-) -> None:
-    path = table(tmp_path / 'trial.csv')
-    with pytest.raises(RecordingError, match=message):
-        import_file(path, ImportOptions(**options))

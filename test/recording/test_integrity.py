@@ -22,12 +22,10 @@ from rpms_ros.recording import (
     write_recording,
 )
 from rpms_ros.recording.rosbag.definitions import PULSE
-from rpms_ros.recording.rosbag.metadata import read_key
 
 Session = tuple[PulseTrain, ForceTrace]
 STORAGES = [('mcap', ''), ('mcap', 'lz4'), ('mcap', 'zstd'), ('sqlite3', '')]
 FLIPS = 40
-KEY = b'sixteen bytes or more'
 
 
 def storage_file(path: Path) -> Path:
@@ -90,14 +88,6 @@ def test_checksums_are_those_of_sha256sum(session: Session, tmp_path: Path) -> N
     subprocess.run(['sha256sum', '--check', '--strict', 'SHA256SUMS'], cwd=path, check=True)
 
 
-def test_a_key_that_protects_nothing_is_refused(tmp_path: Path) -> None:
-    (tmp_path / 'key').write_text(' short \n')
-    with pytest.raises(RecordingError, match=r'expected a key of 16 bytes or more in .*, got 5'):
-        read_key(tmp_path / 'key')
-    with pytest.raises(RecordingError, match=r'expected a key of 16 bytes or more in .*, got 0'):
-        read_key(tmp_path / 'nothing')
-
-
 def test_the_hash_is_that_of_the_session(session: Session, tmp_path: Path) -> None:
     found = set()
     for storage, compression in STORAGES:
@@ -117,20 +107,6 @@ def test_the_hash_is_that_of_the_session(session: Session, tmp_path: Path) -> No
         write_recording(path, *changed)
         found.add(session_hash(read_recording(path)))
     assert len(found) == 1 + len(changes)
-
-
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_every_cut_of_the_metadata_is_named(
-    session: Session, tmp_path: Path, storage: str
-) -> None:
-    path = tmp_path / 'bag'
-    write_recording(path, *short(session), storage=storage, custom={'seed': '7'})
-    file = path / 'metadata.yaml'
-    whole = file.read_bytes()
-    for size in range(0, len(whole), 7):
-        file.write_bytes(whole[:size])
-        faults = read_facts(path).faults
-        assert 'damaged_metadata' in faults or 'wrong_checksum' in faults
 
 
 def test_cut_metadata_of_other_writers_are_named(write_with_rosbags: Any, make: Any) -> None:

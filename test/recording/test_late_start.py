@@ -45,14 +45,6 @@ def test_a_beginning_amid_stimulation_is_seen(first: int, amid: bool, sign: floa
     assert begins_amid(*session(first, sign)) is amid
 
 
-def test_too_little_says_nothing() -> None:
-    pulses, forces = session(5020)
-    assert not begins_amid(pulses[:4], forces)
-    assert not begins_amid(pulses, ForceTrace(forces.stamp_ns[:2], forces.force[:2]))
-    unknown = np.where(forces.stamp_ns <= pulses.onset_ns[0], np.nan, forces.force)
-    assert not begins_amid(pulses, ForceTrace(forces.stamp_ns, unknown))
-
-
 def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(
     tmp_path: Path,
 ) -> None:
@@ -73,9 +65,3 @@ def test_nothing_is_learnt_from_the_force_of_pulses_that_are_not_in_the_file(
 
 def pulses_from_0(pulses: PulseTrain) -> PulseTrain:
     return PulseTrain(pulses.onset_ns, pulses.intensity, pulses.sequence - 1, pulses.width)
-
-
-def test_a_beginning_at_rest_is_nothing_to_speak_of(tmp_path: Path) -> None:
-    found = table(tmp_path / 'rest.csv', 0)
-    assert found.pulses.sequence[0] == 0
-    assert 'warning' not in dict(found.facts)

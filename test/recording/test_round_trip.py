@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.pulses import ForceTrace, PulseTrain
-from rpms_ros.recording import RecordingWriter, Topics, read_facts, read_recording, write_recording
+from rpms_ros.recording import Topics, read_recording, write_recording
 from rpms_ros.recording.rosbag.definitions import PULSE, WRENCH_STAMPED
 
 Session = tuple[PulseTrain, ForceTrace]
@@ -100,25 +100,6 @@ def test_topics_below_a_namespace(write_with_rosbags: WriteWithRosbags, make: An
     assert recording.forces.force.tolist() == [8.0]
 
 
-def test_a_storage_file_by_itself(session: Session, tmp_path: Path) -> None:
-    for storage, suffix in (('mcap', 'mcap'), ('sqlite3', 'db3')):
-        path = tmp_path / storage
-        write_recording(path, *session, storage=storage)
-        assert_same(path / f'{storage}_0.{suffix}', session)
-
-
-def test_facts_without_decoding(session: Session, tmp_path: Path) -> None:
-    path = tmp_path / 'bag'
-    write_recording(path, *session)
-    read: list[int] = []
-    force, pulses = read_facts(path, read.append).topics
-    assert (force.name, force.type_name, force.count) == ('/force', WRENCH_STAMPED, 2000)
-    assert (pulses.name, pulses.type_name, pulses.count) == ('/pulses', PULSE, 40)
-    assert force.first_ns == session[1].stamp_ns[0]
-    assert force.last_ns == session[1].stamp_ns[-1]
-    assert sum(read) == 2040
-
-
 @pytest.mark.parametrize('direction', ['x', 'y', '0.6,0,0.8', (0.0, -3.0, 4.0)])
 @pytest.mark.parametrize('sign', [1, -1])
 def test_force_is_found_along_the_axis_it_was_written_to(
@@ -129,16 +110,3 @@ def test_force_is_found_along_the_axis_it_was_written_to(
     force = read_recording(path, axis=direction, sign=sign).forces.force
     # Three products and two sums, each rounded once.
     np.testing.assert_allclose(force, sign * session[1].force, rtol=1e-15)
-
-
-def test_an_empty_recording_is_one(tmp_path: Path) -> None:
-    for storage in ('mcap', 'sqlite3'):
-        path = tmp_path / storage
-        with RecordingWriter(path, storage) as writer:
-            writer.add_topic('/pulses', PULSE)
-        facts = read_facts(path)
-        assert [(topic.name, topic.count) for topic in facts.topics] == [('/pulses', 0)]
-        with pytest.raises(RecordingError, match=r'expected messages in .*, got none'):
-            read_recording(path)
-        with Reader(path) as reader:
-            assert reader.message_count == 0

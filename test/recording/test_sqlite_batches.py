@@ -8,7 +8,6 @@ import apsw
 import pytest
 from hypothesis import given, strategies as st
 
-from rpms_ros.recording.rosbag import sqlite_files
 from rpms_ros.recording.rosbag.sqlite_files import batches
 
 ids = st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(0, 20_000))
@@ -41,21 +40,8 @@ def test_rows_come_in_the_order_of_their_ids(rows: dict[int, tuple[int, int, byt
     assert read(database(rows)) == [rows[key] for key in sorted(rows)]
 
 
-def test_large_messages_beside_small_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sqlite_files, '_LARGEST', 10_000)
-    rows = {key: (1, key, bytes(key % 7)) for key in range(100)}
-    rows[50] = (2, 50, bytes(60_000))
-    assert read(database(rows)) == list(rows.values())
-
-
 @pytest.mark.parametrize('value', ["'Käthe'", 'NULL'])
 def test_what_is_no_data_becomes_an_empty_message(value: str) -> None:
     connection = database({1: (1, 5, b'abc'), 2: (1, 6, b'')})
     connection.execute(f'UPDATE messages SET data = {value} WHERE id = 2')
     assert read(connection) == [(1, 5, b'abc'), (1, 6, b'')]
-
-
-def test_what_is_no_number_belongs_nowhere() -> None:
-    connection = database({1: (1, 5, b'abc'), 2: (1, 6, b'de')})
-    connection.execute('UPDATE messages SET topic_id = NULL, timestamp = NULL WHERE id = 1')
-    assert read(connection) == [(-1, -1, b'abc'), (1, 6, b'de')]

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from rpms_ros.errors import ReportError
 from rpms_ros.identification.analysis import analyze
 from rpms_ros.muscle import average_subject
 from rpms_ros.muscle.simulation import simulated_force
@@ -70,16 +69,6 @@ def test_every_part_has_its_figure(whole, tmp_path):
     assert [path.name for path in drawn] == ['twitches.png', 'trains.png', 'recruitment.png']
     for path in drawn:
         assert path.read_bytes().startswith(b'\x89PNG')
-
-
-def test_nothing_found_draws_nothing(empty, tmp_path):
-    assert draw_analysis(tmp_path, empty) == ()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_is_not_there_is_said(whole, tmp_path):
-    with pytest.raises(ReportError, match='expected a figure file to write'):
-        draw_analysis(tmp_path / 'missing', whole)
 
 
 @pytest.mark.parametrize(

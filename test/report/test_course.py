@@ -41,18 +41,6 @@ def test_what_is_not_known_is_left_out(made_up: ModuleType) -> None:
     assert not course.has_course
 
 
-def test_an_estimator_without_intervals_has_values_alone(made_up: ModuleType) -> None:
-    bare = {
-        'curve_lower': np.empty(0), 'curve_upper': np.empty(0), 'confidence': 0.0,
-        'nonlinear_covariance': np.empty((0, 0)), 'rate_names': (),
-    }  # fmt: skip
-    course = course_of(made_up.session_of(several(made_up, **bare)))
-    assert not course.force.has_interval
-    assert not course.parameter('u_thr').has_interval
-    assert course.force.known.all()
-    assert not course.follows
-
-
 def test_a_change_that_is_renamed_counts_once_under_its_last_name(made_up: ModuleType) -> None:
     told = [
         made_up.estimate(
@@ -63,15 +51,6 @@ def test_a_change_that_is_renamed_counts_once_under_its_last_name(made_up: Modul
     (change,) = course_of(made_up.session_of([*several(made_up, 8), *told])).changes
     assert (change.kind, change.time_s) == ('thresholds', pytest.approx(4.0))
     assert 'the coil probably moved' in change.reason
-
-
-def test_changes_that_have_left_the_newest_ten_are_kept(made_up: ModuleType) -> None:
-    first = {'changes': 1, 'change_kinds': ('gain',), 'change_ago': np.array([1.0])}
-    second = {'changes': 2, 'change_kinds': ('unknown',), 'change_ago': np.array([0.5])}
-    course = course_of(
-        made_up.session_of([made_up.estimate(4, **first), made_up.estimate(8, **second)])
-    )
-    assert [(one.kind, one.time_s) for one in course.changes] == [('gain', 1.0), ('unknown', 3.5)]
 
 
 def test_warnings_become_spans_and_short_breaks_do_not_end_them(made_up: ModuleType) -> None:

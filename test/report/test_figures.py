@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from rpms_ros.errors import ReportError
 from rpms_ros.identification import Estimate, IdentifiedSession, ModifiedRecursiveLM, identify
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
@@ -44,11 +43,6 @@ def test_a_figure_is_drawn(tmp_path: Path, low: float, known: bool) -> None:
     assert np.mean(np.any(picture < 0.9, axis=2)) > 0.02
 
 
-def test_a_figure_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(ReportError, match='expected a figure file to write'):
-        draw_session([tmp_path / 'missing' / 'session.png'], *session())
-
-
 def test_the_table_holds_truth_against_what_was_found() -> None:
     lines = truth_table(session()[0], of_subject(simulation_subject(), 20.0)).splitlines()
     cells = {line.split('  ')[1]: line.split() for line in lines[1:]}
@@ -56,13 +50,6 @@ def test_the_table_holds_truth_against_what_was_found() -> None:
     assert cells['alpha_thr'][1:] == ['6', '6']
     assert float(cells['steady force at 20 Hz / N'][-2]) == pytest.approx(10.0, abs=0.01)
     assert len({len(line) for line in lines if line.endswith('%')}) == 1
-
-
-def test_without_a_curve_none_is_shown() -> None:
-    only_one, _ = session(1.0)
-    truth = of_subject(simulation_subject(), 20.0)
-    assert 'steady force' not in truth_table(only_one, truth)
-    assert np.isnan(truth.error(only_one.last))
 
 
 def nudged(estimate: Estimate) -> Estimate:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rpms_ros.report.group import group_document, half_width
-from rpms_ros.report.page import as_group_page, embedded, link, stated
+from rpms_ros.report.page import as_group_page, embedded
 
 DAY_NS = 86_400_000_000_000
 START_NS = 1_700_000_000_000_000_000
@@ -137,11 +137,6 @@ def test_the_spread_of_several_recordings() -> None:
     assert (single['count'], single['deviation']) == (1, None)
 
 
-def test_a_number_without_an_interval() -> None:
-    assert stated({'value': 1.0, 'lower': None, 'upper': None}) == '1'
-    assert stated(None) == 'not known'
-
-
 def page(rows: list[dict[str, Any]], one_person: bool = False) -> str:
     return as_group_page(group_document(rows, HOSTILE, one_person), Path('out/study'))
 
@@ -193,17 +188,6 @@ def test_a_browser_shows_it_on_a_phone(beside: Callable[[str], Any], tmp_path: P
         assert browser.evaluate('document.querySelectorAll("details[open]").length') == 0
         browser.evaluate('document.querySelector("a[href=\\"#r2\\"]").click()')
         browser.wait_for('document.querySelectorAll("details[open]").length === 1')
-
-
-def test_links_are_relative_to_the_page(tmp_path: Path) -> None:
-    assert link(str(tmp_path / 'a b'), tmp_path / 'study') == './../a%20b'
-
-
-def test_rows_without_any_number() -> None:
-    none = dict.fromkeys(name for name in row(1) if name.startswith(('u_', 'steady', 'twitch')))
-    for one_person in (False, True):
-        text = page([{**row(1), **none}], one_person)
-        assert 'in no recording' in text
 
 
 def test_what_no_recording_has_is_left_out() -> None:

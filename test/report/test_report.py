@@ -21,7 +21,7 @@ from rpms_ros.recording import read_recording, write_recording
 from rpms_ros.report import course, page as pages
 from rpms_ros.report.dose import dose_of, load_of
 from rpms_ros.report.figures import draw
-from rpms_ros.report.page import CAPTIONS, as_page
+from rpms_ros.report.page import as_page
 from rpms_ros.report.residuals import FrozenFrom, boundary
 from rpms_ros.report.session import (
     ITEMS,
@@ -65,10 +65,7 @@ def test_the_held_out_fit_is_that_of_the_simulated_noise(report: SessionReport) 
     assert fit is not None
     assert (fit.learnt_s, fit.held_out_s) == pytest.approx((8.0, 2.0), abs=2e-3)
     # after 8 s the curve is known to some per cent: Table 4's set-up with 0.4 % noise
-    assert 0.002 < fit.relative_error < 0.06
-    residual = fit.force - fit.prediction
-    assert fit.explained_variance == pytest.approx(1 - residual.var() / fit.force.var())
-    assert fit.fit_percent < 100 * fit.explained_variance
+    assert 0.002 < np.linalg.norm(fit.force - fit.prediction) / np.linalg.norm(fit.force) < 0.06
 
 
 @pytest.mark.parametrize('share', [0.0, 1.0, -1.0, float('nan')])
@@ -221,7 +218,6 @@ def test_of_many_estimates_first_and_last_are_shown(
     shown = course.course_of(report.identified).shown
     assert len(set(shown.tolist())) == 10
     assert (shown[0], shown[-1]) == (0, count - 1)
-    assert plain(report)['time_courses']['time_s'][-1] == pytest.approx(9.999)
 
 
 def test_a_dead_force_still_gives_a_report(
@@ -260,11 +256,6 @@ def test_the_first_section_is_the_verdict_with_its_reasons(
     assert verdict.reasons[0] in page
     for text in ('Steady force at 50 % intensity', 'Steady force at 100 %', 'What to do next'):
         assert page.index(text) < page.index('<h2 id="recruitment-title">')
-
-
-def test_every_figure_has_a_sentence(page: str) -> None:
-    for text in CAPTIONS.values():
-        assert f'<figcaption>{text}</figcaption>' in page
 
 
 def test_the_methods_can_be_copied_and_done_again(document: dict[str, Any], page: str) -> None:
@@ -317,38 +308,6 @@ def test_effort_is_told_where_it_is_sure(
     assert with_last(disturbance=2.5, disturbance_deviation=2.0).headline.effort is None
 
 
-def test_the_difference_from_the_last_session_is_told(report: SessionReport) -> None:
-    half = json.loads(json.dumps(plain(report)))
-    half['result']['curve']['force'] = [0.5 * f for f in half['result']['curve']['force']]
-    first, second = headline_of(report.result, report.identified, half).previous
-    assert '(+100 %)' in first
-    assert '(+100 %)' in second
-    same = headline_of(report.result, report.identified, plain(report)['result']).previous
-    assert all('hardly a difference' in text for text in same)
-
-
-def test_intervals_decide_whether_there_is_a_difference(
-    report: SessionReport, with_last: Callable[..., SessionReport]
-) -> None:
-    force = report.identified.last.curve_force
-    bands = {'curve_lower': force - 0.5, 'curve_upper': force + 0.5, 'confidence': 0.95}
-    known = with_last(**bands)
-    for factor, words in ((1.0, 'no difference'), (0.3, 'more than the intervals allow for')):
-        earlier = json.loads(json.dumps(plain(known)))['result']
-        for name in ('force', 'lower', 'upper'):
-            earlier['curve'][name] = [factor * value for value in earlier['curve'][name]]
-        text = headline_of(known.result, known.identified, earlier).previous[-1]
-        assert text.endswith(f'{words}.')
-
-
-@pytest.mark.parametrize('previous', [{}, {'curve': {}, 'rate_hz': 20}, {'result': 3}])
-def test_something_else_than_an_earlier_session_is_refused(
-    report: SessionReport, previous: dict[str, Any]
-) -> None:
-    with pytest.raises(ReportError, match='expected what `rpms identify --json` or'):
-        headline_of(report.result, report.identified, previous)
-
-
 @pytest.mark.parametrize(
     ('reason', 'step'),
     [
@@ -364,13 +323,12 @@ def test_what_to_do_follows_from_the_reason(report: SessionReport, reason: str, 
 
 def test_the_first_screen_has_no_numbers_that_must_not_be_used(report: SessionReport) -> None:
     verdict = Verdict(grade='no', reasons=('the force comes out negative',))
-    headline = replace(report.headline, previous=['Force at full intensity: 3 N more.'])
     result = replace(report.result, verdict=verdict)
-    page = as_page(replace(report, result=result, headline=headline))
+    page = as_page(replace(report, result=result))
     first = page[page.index('id="summary"') : page.index('<h2 id="recruitment-title">')]
     assert 'What to do next' in first
     assert 'The numbers are not shown here: the verdict is no.' in first
-    for absent in ('Steady force at', 'Threshold', 'Error of prediction', '3 N more'):
+    for absent in ('Steady force at', 'Threshold', 'Error of prediction'):
         assert absent not in first
 
 

@@ -4,13 +4,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
 from rpms_ros.errors import ReportError
 from rpms_ros.pulses import PulseTrain
 from rpms_ros.report.residuals import (
     analyse_residuals,
-    correlation,
     ljung_box,
     stimulation_at,
 )
@@ -22,24 +20,6 @@ PULSES = PulseTrain.regular(np.random.default_rng(3).uniform(0.0, 1.0, 120), 20.
 
 def noise(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal(SAMPLES)
-
-
-@given(st.integers(0, 2**31), st.integers(2, 60), st.integers(0, 20), st.integers(0, 20))
-@settings(max_examples=50, deadline=None)
-def test_the_correlation_is_the_sum_that_defines_it(
-    seed: int, count: int, before: int, after: int
-) -> None:
-    before, after = min(before, count - 1), min(after, count - 1)
-    first, second = np.random.default_rng(seed).standard_normal((2, count))
-    scale = np.linalg.norm(first) * np.linalg.norm(second)
-    expected = [
-        sum(first[i] * second[i + k] for i in range(count) if 0 <= i + k < count) / scale
-        for k in range(-before, after + 1)
-    ]
-    # rounding of a transform of up to 80 numbers
-    np.testing.assert_allclose(
-        correlation(first, second, before, after), expected, atol=1e-13, rtol=0
-    )
 
 
 def test_white_residuals_look_white_as_often_as_the_band_says() -> None:
@@ -80,14 +60,6 @@ def test_muscle_that_the_model_lacks_shows_after_its_delay() -> None:
     assert found.cross_correlation[peak] > 3 * found.cross_correlation_band
 
 
-@given(st.floats(1e-3, 1e3))
-@settings(max_examples=20, deadline=None)
-def test_the_unit_of_force_changes_no_correlation(scale: float) -> None:
-    one, other = (analyse_residuals(STAMPS, factor * noise(5), PULSES) for factor in (1.0, scale))
-    np.testing.assert_allclose(one.autocorrelation, other.autocorrelation, atol=1e-12)
-    assert other.root_mean_square == pytest.approx(scale * one.root_mean_square)
-
-
 def test_ljung_box_is_the_published_sum() -> None:
     # Q = 100 * 102 * (0.04 / 99 + 0.01 / 98); for two degrees of freedom p = exp(-Q / 2)
     statistic, p_value = ljung_box(np.array([0.2, 0.1]), 100)
@@ -103,12 +75,6 @@ def test_a_pulse_counts_for_the_first_sample_that_it_can_act_on() -> None:
         np.full(5, 1e-4),
     )
     assert stimulation_at(STAMPS, train)[:4].tolist() == [0.2, 0.3, 0.0, 0.0]
-
-
-def test_without_pulses_there_is_no_cross_correlation() -> None:
-    found = analyse_residuals(STAMPS, noise(6), PULSES[:0])
-    assert not len(found.cross_correlation)
-    assert not len(found.cross_lag_s)
 
 
 @pytest.mark.parametrize(

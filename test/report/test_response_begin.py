@@ -6,26 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import rpms_ros
-from rpms_ros.muscle import twitch
-from rpms_ros.report.figures import begin_of_response, draw_response
-
-TIME = np.arange(80) * 0.005
-
-
-def test_a_response_that_is_zero_before_it_rises_is_determined() -> None:
-    assert begin_of_response(np.asarray(twitch(TIME, 0.04, 3))) == 0
-    assert begin_of_response(np.asarray(twitch(TIME - 0.012, 0.04, 3))) == 0
-    assert begin_of_response(np.zeros(80)) == 0
-    assert begin_of_response(-np.asarray(twitch(TIME, 0.04, 3))) == 0
-
-
-def test_a_swing_before_the_rise_is_not() -> None:
-    force = np.asarray(twitch(TIME, 0.04, 3)).copy()
-    force[:3] = 0.15, -0.04, -0.03
-    assert begin_of_response(force) == 2
-    # after the peak a force may fall below its baseline
-    force[70:] = -0.1
-    assert begin_of_response(force) == 2
+from rpms_ros.report.figures import draw_response
 
 
 def test_the_figure_marks_it() -> None:

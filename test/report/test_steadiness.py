@@ -33,13 +33,6 @@ def test_a_steady_muscle_stayed_the_same_within_what_the_intervals_allow(
     assert 'within 3 %' in told(made_up, wandering, 0.05)
 
 
-def test_a_force_of_nothing_at_the_start_is_not_divided_by(made_up: ModuleType) -> None:
-    forces = np.full(COUNT, 10.0)
-    forces[0] = 0.0
-    # a warning of NumPy is an error in these tests
-    assert 'stayed the same' in told(made_up, forces, 0.05)
-
-
 def test_a_change_that_intervals_hide_is_not_called_the_same(made_up: ModuleType) -> None:
     assert told(made_up, np.full(COUNT, 10.0), 2.0).startswith('The intervals are too wide')
     wandering = 10.0 + 1.5 * np.sin(np.linspace(0.0, 9.4, COUNT)) ** 2
@@ -57,21 +50,6 @@ def test_a_force_that_falls_is_told_with_its_interval(made_up: ModuleType) -> No
         'The force at full intensity fell by 23 % (22 to 24 %) between 8 and 40 s.'
     )
     assert 'rose by' in told(made_up, forces[::-1].copy())
-
-
-def test_a_slower_twitch_is_told_beside_a_force_that_stays(made_up: ModuleType) -> None:
-    def reading(index: int) -> dict[str, Any]:
-        constant = 0.038 * (1.0 + 0.003 * index)
-        return {
-            'physiology_names': ('twitch_time_constant_s', 'twitch_peak_n'),
-            'physiology': np.array([constant, 1.0]),
-            'physiology_lower': np.array([0.99 * constant, 0.99]),
-            'physiology_upper': np.array([1.01 * constant, 1.01]),
-        }
-
-    estimates = [made_up.estimate(index, **reading(index)) for index in range(1, COUNT + 1)]
-    text = steadiness(course_of(made_up.session_of(estimates)))
-    assert text.startswith('The twitch became slower by 18 % (17 to 20 %)')
 
 
 @pytest.mark.parametrize(
