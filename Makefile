@@ -20,6 +20,8 @@ STAMPS := $(VENV)/stamps
 
 # An environment of its own: a sourced ROS must not show through.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH CMAKE_PREFIX_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# With it, every process that a test starts would compile the package anew.
+unexport PYTHONDONTWRITEBYTECODE
 export PYTHON
 export VIRTUAL_ENV := $(VENV)
 export AMENT_PREFIX_PATH := $(VENV)

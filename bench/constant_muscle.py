@@ -19,7 +19,7 @@ import numpy as np
 
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.estimation.batch import unexplained
-from rpms_ros.identification.stream.doubts import NO_CONSTANT_MUSCLE
+from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.signal import butter, lfilter
 
 from rpms_ros.identification import StreamSettings, estimator_by_name, identify
-from rpms_ros.identification.stream.doubts import RESIDUALS_ALIKE
+from rpms_ros.identification.quality.doubts import RESIDUALS_ALIKE
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))

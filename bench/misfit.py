@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from rpms_ros.identification import IdentificationStream, StreamSettings, estimator_by_name
-from rpms_ros.identification.stream.doubts import RESPONSE_MISFIT
+from rpms_ros.identification.quality.doubts import RESPONSE_MISFIT
 from rpms_ros.muscle import simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 

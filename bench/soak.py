@@ -31,7 +31,7 @@ from soak_clinic import Clinic
 from soak_laboratory import FAULTS, STEP_NS, Laboratory
 
 from rpms_ros.identification import StreamSettings
-from rpms_ros.identification.stream import faults
+from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.recording import read_recording
 from rpms_ros.report.recorded import differences, recorded_messages
 from rpms_ros.report.result import IdentificationOptions, identified

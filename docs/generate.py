@@ -79,8 +79,7 @@ def _parameter_rows(settings: Any) -> Iterator[tuple[str, ...]]:
 
 
 def _faults() -> str:
-    from rpms_ros.identification.stream.doubts import REASON
-    from rpms_ros.identification.stream.faults import MEANING
+    from rpms_ros.identification.quality.doubts import MEANING, REASON
 
     parts = [
         '# Faults and doubts',

@@ -234,7 +234,7 @@ def _report(
     scenario: 'Scenario | None',
 ) -> int:
     """Identify the recording, print what came out, draw the figure; return the exit code."""
-    from rpms_ros.identification.stream.faults import PULSE_LATE
+    from rpms_ros.identification.quality.doubts import PULSE_LATE
     from rpms_ros.nodes.simulation_launcher import RECORDING
     from rpms_ros.recording import read_recording
     from rpms_ros.report.course import course_of, steadiness

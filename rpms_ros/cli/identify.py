@@ -85,7 +85,7 @@ def add_identify(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify the recording; return the exit code of the verdict."""
     from rpms_ros.identification.model.summation import TemporalSummation
-    from rpms_ros.identification.quality.stationarity import FOLLOWER
+    from rpms_ros.identification.quality.verdict import FOLLOWER
     from rpms_ros.report.result import identified, result_of, result_rows
     from rpms_ros.schema import plain
 

@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpms_ros.identification.model.estimate import Estimate
-from rpms_ros.identification.stream.doubts import meaning_of_doubt
-from rpms_ros.identification.stream.faults import MEANING
+from rpms_ros.identification.quality.doubts import MEANING, meaning_of_doubt
 from rpms_ros.live.force_course import BIN_NS, ForceBins, ModelledForce
 from rpms_ros.live.heard import (
     MOST_NAMES,

@@ -49,9 +49,8 @@ from rpms_ros.identification.estimation.prior import warm_start
 from rpms_ros.identification.model.estimate import HIGHEST_RATE, LOWEST_RATE
 from rpms_ros.identification.model.settings import PEOPLE_PRESET, check_preset
 from rpms_ros.identification.model.summation import TemporalSummation
-from rpms_ros.identification.stream import faults
-from rpms_ros.identification.stream.doubts import stated_doubt
-from rpms_ros.identification.stream.recorded_order import add_in_order
+from rpms_ros.identification.quality import doubts as faults
+from rpms_ros.identification.quality.doubts import stated_doubt
 from rpms_ros.identification.stream.sensor_checks import monitors_by_name
 from rpms_ros.identification.stream.stream import load, save
 from rpms_ros.identification.warm_up import warm_up
@@ -584,7 +583,7 @@ class Identifier(Node):
         if len(forces):
             self._heard = time.monotonic()
         # In the order of arrival, as a recorder writes them and a replay reads them.
-        add_in_order(self.stream, pulses, forces, before)
+        self.stream.add(pulses, forces, before)
 
     def _process(self) -> None:
         self._take()

@@ -28,7 +28,7 @@ from rpms_msgs.msg import MuscleEstimate, Pulse
 from rpms_ros import estimate_messages, messages
 from rpms_ros.errors import NodeError
 from rpms_ros.identification import Estimate
-from rpms_ros.identification.stream.recorded_order import feed
+from rpms_ros.identification.session import feed
 from rpms_ros.nodes.common import qos, topics
 from rpms_ros.nodes.common.runner import free_domain, use_fast_discovery
 from rpms_ros.nodes.identifier import Identifier, IdentifierParameters, build_stream

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from scipy.io import savemat
+import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import RecordingError
 from rpms_ros.printable import printable, spreadsheet_text
@@ -252,7 +252,9 @@ def write_matlab(path: Path, session: SessionExport) -> None:
         columns = dict(zip(names, (*texts, *table.numbers.values()), strict=True))
         content['estimates'] = {TIME: seconds(table.stamp_ns, origin), **columns}
     try:
-        savemat(path, content, do_compression=True, long_field_names=True, oned_as='column')
+        scipy.io.savemat(
+            path, content, do_compression=True, long_field_names=True, oned_as='column'
+        )
     except (OverflowError, ValueError) as error:
         raise RecordingError(
             f'expected a session that fits into a MATLAB file, got {error}; --to csv takes any'

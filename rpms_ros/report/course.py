@@ -12,9 +12,8 @@ from scipy.special import ndtri
 
 from rpms_ros.axis import QUANTITIES
 from rpms_ros.identification import NOT_INFORMED, Estimate, IdentifiedSession
+from rpms_ros.identification.quality.doubts import MEANING, NO_CONSTANT_MUSCLE, REASON
 from rpms_ros.identification.quality.explained_force import informed_physiology
-from rpms_ros.identification.stream.doubts import NO_CONSTANT_MUSCLE, REASON
-from rpms_ros.identification.stream.faults import MEANING
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.schema import documented
 

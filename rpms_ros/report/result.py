@@ -34,14 +34,15 @@ from rpms_ros.identification.catalogue import estimator_by_name
 from rpms_ros.identification.estimation.prior import warm_start
 from rpms_ros.identification.model.settings import PEOPLE_PRESET
 from rpms_ros.identification.model.summation import TemporalSummation
+from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE
 from rpms_ros.identification.quality.explained_force import (
     informed_parameters,
     informed_physiology,
     weight_at_own_rate,
 )
-from rpms_ros.identification.quality.stationarity import FOLLOWER, is_mixture
 from rpms_ros.identification.quality.verdict import (
     DOUBTFUL,
+    FOLLOWER,
     GOOD,
     Verdict,
     VerdictSettings,
@@ -145,7 +146,7 @@ def identified(
     session = _followed(recording, options, settings, progress)
     # a preset of the paper is chosen for its model
     chosen = options.estimator == 'batch' and options.preset == PEOPLE_PRESET
-    if chosen and is_mixture(session.last):
+    if chosen and NO_CONSTANT_MUSCLE in session.last.doubts:
         most = None if most_estimates is None else max(most_estimates, _COURSE)
         many = StreamSettings(estimate_period=_period(recording, most))
         other = _followed(recording, replace(options, estimator=FOLLOWER), many, None)

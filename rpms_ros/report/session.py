@@ -27,7 +27,7 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import ReportError
 from rpms_ros.identification import Estimator, IdentifiedSession, identify
 from rpms_ros.identification.analysis import SummationAnalysis
-from rpms_ros.identification.stream.faults import MEANING
+from rpms_ros.identification.quality.doubts import MEANING
 from rpms_ros.printable import counted
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray
 from rpms_ros.recording import Recording

@@ -15,8 +15,7 @@ from types import ModuleType
 import pytest
 
 from rpms_ros.cli import COMMANDS
-from rpms_ros.identification.stream.doubts import REASON
-from rpms_ros.identification.stream.faults import MEANING
+from rpms_ros.identification.quality.doubts import MEANING, REASON
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'

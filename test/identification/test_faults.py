@@ -4,8 +4,8 @@
 
 import pytest
 
-from rpms_ros.identification.stream import faults
-from rpms_ros.identification.stream.faults import FaultCounter
+from rpms_ros.identification.quality import doubts as faults
+from rpms_ros.identification.quality.doubts import FaultCounter
 
 
 def test_counts_are_kept_in_one_order_whatever_came_first() -> None:
@@ -20,8 +20,3 @@ def test_counts_are_kept_in_one_order_whatever_came_first() -> None:
 def test_only_known_faults_are_counted() -> None:
     with pytest.raises(KeyError, match=r'expected a fault of force_not_finite, .* got rain'):
         FaultCounter().add('rain')
-
-
-def test_every_name_has_a_meaning() -> None:
-    names = {value for name, value in vars(faults).items() if name.isupper() and name != 'MEANING'}
-    assert names == set(faults.MEANING)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rpms_ros.identification import FixedSizeRecursion, identify
-from rpms_ros.identification.stream.doubts import REASON
+from rpms_ros.identification.quality.doubts import REASON
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import ForceTrace, PulseTrain
 

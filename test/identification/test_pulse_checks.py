@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from rpms_ros.identification import StreamSettings, estimator_by_name, identify
+from rpms_ros.identification.quality.doubts import (
+    CLOCKS_DIFFER,
+    FORCE_WITHOUT_PULSES,
+    stated_doubt,
+)
 from rpms_ros.identification.quality.verdict import reasons_of_data, verdict_of
-from rpms_ros.identification.stream.doubts import CLOCKS_DIFFER, FORCE_WITHOUT_PULSES, stated_doubt
 from rpms_ros.identification.stream.pulse_checks import no_overlap, of_one_intensity, range_outside
 from rpms_ros.muscle import Contraction, simulation_subject
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, ForceTrace, PulseTrain

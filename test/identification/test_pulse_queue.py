@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from rpms_ros.identification.stream.faults import FaultCounter
+from rpms_ros.identification.quality.doubts import FaultCounter
 from rpms_ros.identification.stream.pulse_queue import PulseQueue
 from rpms_ros.pulses import Pulse, PulseTrain
 

@@ -10,7 +10,7 @@ import pytest
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification import StreamSettings, estimator_by_name, identify
-from rpms_ros.identification.stream.doubts import RESPONSE_MISFIT, ResponseMisfit
+from rpms_ros.identification.quality.doubts import RESPONSE_MISFIT, ResponseMisfit
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
 

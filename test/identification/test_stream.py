@@ -20,6 +20,7 @@ from rpms_ros.identification import (
     StreamSettings,
 )
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples
+from rpms_ros.identification.stream.stream import MOST_WAITING
 from rpms_ros.pulses import FloatArray, ForceTrace, PulseTrain
 
 MILLISECOND = 1_000_000
@@ -318,7 +319,7 @@ def test_pulses_that_outrun_a_jump_of_the_clock_are_used(record) -> None:
 
 def test_samples_that_hardly_advance_are_bounded() -> None:
     run = Run()
-    count = 250_000
+    count = MOST_WAITING + 50_000
     run.feed(ForceTrace(START_NS + np.arange(count, dtype=np.int64), np.zeros(count)))
     assert run.stream.fault_counts == {'force_queue_full': 50_000}
 

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy  # its parts are loaded when they are asked for
 from scipy.special import stdtrit
 
 from rpms_ros.errors import IdentificationError
@@ -335,7 +335,8 @@ def _fitted(
     for thresholds in _STARTS:
         start = CENTRE.copy()
         start[1:3] = thresholds
-        found.append(least_squares(residual, start[free], bounds=bounds, x_scale='jac'))
+        fit = scipy.optimize.least_squares(residual, start[free], bounds=bounds, x_scale='jac')
+        found.append(fit)
     best = min(found, key=lambda result: float(result.cost))
     theta = CENTRE.copy()
     theta[free] = best.x

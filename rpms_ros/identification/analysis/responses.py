@@ -17,7 +17,7 @@ from enum import Enum
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import label, median_filter
+import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.stream.stream import LARGEST_FORCE
@@ -253,7 +253,7 @@ def _saturated(force: FloatArray) -> BoolArray:
     if force.max() == force.min():
         return result
     for end in (force.max(), force.min()):
-        run_of, _ = label(force == end)
+        run_of, _ = scipy.ndimage.label(force == end)
         long = np.bincount(run_of) >= _SATURATED_RUN
         result |= long[run_of] & (run_of > 0)
     return result
@@ -398,7 +398,7 @@ def find_artifacts(trace: CleanTrace, onset_ns: IntArray, search: float) -> Arti
         if part.stop - part.start < _MEDIAN_SPAN:
             continue
         force = trace.force[part]
-        standing = force - median_filter(force, _MEDIAN_SPAN, mode='nearest')
+        standing = force - scipy.ndimage.median_filter(force, _MEDIAN_SPAN, mode='nearest')
         best = int(np.argmax(standing))
         if standing[best] > least:
             moment = trace.stamp_ns[part.start + best]

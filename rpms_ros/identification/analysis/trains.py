@@ -23,8 +23,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from scipy.optimize import least_squares, nnls
-from scipy.sparse import block_diag, coo_array, hstack
+import scipy  # its parts are loaded when they are asked for
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.responses import Response
@@ -344,7 +343,7 @@ def fit_gains(response: Response, order: int, start: TrainFit) -> TrainFit:
         ones = np.ones((len(columns), 1))
         # the baseline may have either sign: a column and its negative
         design = np.hstack((columns, ones, -ones))
-        return nnls(design[response.usable], force)[0], design
+        return scipy.optimize.nnls(design[response.usable], force)[0], design
 
     def residual(theta: FloatArray) -> FloatArray:
         found, design = gains(theta)
@@ -365,7 +364,7 @@ def _line(shape: FloatArray, force: FloatArray) -> tuple[float, float]:
 
 def _search(residual: Callable[[FloatArray], FloatArray], start: FloatArray) -> FloatArray:
     inside = np.clip(start, np.array(_LOWEST) + 1e-6, np.array(_HIGHEST) - 1e-6)
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         residual, inside, bounds=(_LOWEST, _HIGHEST), x_scale=_TIME_SCALE, max_nfev=60
     )
     return np.asarray(found.x)
@@ -430,9 +429,13 @@ def fit_history(trains: Sequence[Response], equal: Sequence[TrainFit], order: in
     lowest, highest = np.tile(_LOWEST, count), np.tile(_HIGHEST, count)
     lengths = [int(train.usable.sum()) for train in trains]
     # the law acts on every residual, latency and T_a on those of their train
-    own: Any = block_diag([*(np.ones((k, 2)) for k in lengths), np.zeros((_NUMBERS, 0))])
-    sparsity = hstack((coo_array(np.ones((own.shape[0], _NUMBERS))), own))
-    found = least_squares(
+    own: Any = scipy.sparse.block_diag(
+        [*(np.ones((k, 2)) for k in lengths), np.zeros((_NUMBERS, 0))]
+    )
+    sparsity = scipy.sparse.hstack(
+        (scipy.sparse.coo_array(np.ones((own.shape[0], _NUMBERS))), own)
+    )
+    found = scipy.optimize.least_squares(
         residual,
         np.concatenate((centre, np.clip(np.ravel(start), lowest + 1e-6, highest))),
         bounds=(

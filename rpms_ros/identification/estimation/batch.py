@@ -49,7 +49,7 @@ from rpms_ros.identification.estimation.window_fit import (
     gauss_newton_steps,
 )
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
-from rpms_ros.identification.stream.doubts import NO_CONSTANT_MUSCLE, REASON
+from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 
 _FIRST_FIT_NS = NANOSECONDS_PER_SECOND

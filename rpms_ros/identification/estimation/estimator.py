@@ -49,7 +49,7 @@ from rpms_ros.identification.estimation.uncertainty import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis, transition_generator
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
-from rpms_ros.identification.stream.faults import FACTORISATION_FAILED, FaultCounter
+from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, FaultCounter
 from rpms_ros.muscle.recruitment import (
     RecruitmentParameters,
     arctan_recruitment,

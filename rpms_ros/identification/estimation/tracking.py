@@ -75,8 +75,7 @@ from rpms_ros.identification.estimation.window_fit import (
 )
 from rpms_ros.identification.model.basis import LaguerreBasis
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate
-from rpms_ros.identification.stream.doubts import REASON, RESIDUALS_ALIKE
-from rpms_ros.identification.stream.faults import PULSES_TOO_FREQUENT
+from rpms_ros.identification.quality.doubts import PULSES_TOO_FREQUENT, REASON, RESIDUALS_ALIKE
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import Restorable
 

@@ -1,3 +1,3 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether an estimate can be trusted: doubts, stationarity, verdict."""
+"""Whether an estimate can be trusted: doubts, verdict."""

@@ -16,6 +16,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy.special import ndtri
 
@@ -103,13 +104,32 @@ def simulated_force(
         weight = weight * _rate_weights(estimate.repetition_rate, pulses.onset_ns, by_rate)
     first = np.searchsorted(stamp_ns, pulses.onset_ns)
     last = np.searchsorted(stamp_ns, pulses.onset_ns + reach_ns, side='right')
-    for index in np.flatnonzero(last > first):
-        part = slice(int(first[index]), int(last[index]))
-        lag = (stamp_ns[part] - pulses.onset_ns[index]) / NANOSECONDS_PER_SECOND
-        force[part] += weight[index] * np.interp(
-            lag, estimate.response_time, estimate.response_force
-        )
+    response = estimate.response_time, estimate.response_force
+    _add_responses(force, stamp_ns, pulses.onset_ns, weight, first, last, *response)
     return force
+
+
+@numba.njit(cache=True)
+def _add_responses(
+    force: FloatArray,
+    stamp_ns: IntArray,
+    onset_ns: IntArray,
+    weight: FloatArray,
+    first: IntArray,
+    last: IntArray,
+    time: FloatArray,
+    response: FloatArray,
+) -> None:
+    """Add the responses (times,) of pulses to force (samples,), each from `first` to `last`."""
+    for pulse in range(len(onset_ns)):
+        knot = 0
+        for sample in range(first[pulse], last[pulse]):
+            lag = (stamp_ns[sample] - onset_ns[pulse]) / NANOSECONDS_PER_SECOND
+            while knot + 2 < len(time) and lag >= time[knot + 1]:
+                knot += 1
+            slope = (response[knot + 1] - response[knot]) / (time[knot + 1] - time[knot])
+            value = response[knot] + slope * max(lag - time[knot], 0.0)
+            force[sample] += weight[pulse] * value
 
 
 def weight_at_own_rate(
@@ -159,19 +179,27 @@ def _held(stated: FloatArray, stamp_ns: IntArray, force: FloatArray) -> Simulate
     residual = force - stated - np.mean(force - stated)
     noise = white_noise(force)
     signal, error = float(np.var(force)), float(np.mean(np.square(residual)))
-    spread = float(time @ time)
-    slope = float(time @ residual) / spread if spread > 0.0 else 0.0
+    spread = product(time, time)
+    slope = product(time, residual) / spread if spread > 0.0 else 0.0
     moved = stated - stated.mean()
-    energy = float(moved @ moved)
+    energy = product(moved, moved)
     return SimulatedFit(
         explained=_explained(force, residual, noise),
         explained_straight=_explained(force - slope * time, residual - slope * time, noise),
-        gain=float(moved @ force) / energy if energy > 0.0 else float('nan'),
+        gain=product(moved, force) / energy if energy > 0.0 else float('nan'),
         error=float(np.sqrt(error)),
         slope=slope,
         noise=noise,
         signal=float(np.sqrt(signal)),
     )
+
+
+def product(one: FloatArray, other: FloatArray) -> float:
+    """Return the scalar product of two courses (samples,).
+
+    Not by BLAS, the last bits of which depend on its threads; and these wait by turning.
+    """
+    return float(np.sum(one * other))
 
 
 def _explained(force: FloatArray, residual: FloatArray, noise: float) -> float:

@@ -18,19 +18,21 @@ from rpms_ros.axis import QUANTITIES
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.analysis.dynamics import TrainDynamics
 from rpms_ros.identification.model.estimate import NOT_INFORMED, Estimate
+from rpms_ros.identification.quality.doubts import (
+    CLOCKS_DIFFER,
+    FORCE_UNEXPLAINED,
+    NO_CONSTANT_MUSCLE,
+    OF_TIME,
+    PULSE_INTENSITY_INVALID,
+    SAMPLES_EXCLUDED,
+    stated_doubt,
+)
 from rpms_ros.identification.quality.explained_force import (
     SimulatedFit,
     simulated_fit,
     white_noise,
 )
-from rpms_ros.identification.quality.stationarity import FOLLOWER, change_over
 from rpms_ros.identification.session import IdentifiedSession, settled
-from rpms_ros.identification.stream.doubts import CLOCKS_DIFFER, OF_TIME, stated_doubt
-from rpms_ros.identification.stream.faults import (
-    FORCE_UNEXPLAINED,
-    PULSE_INTENSITY_INVALID,
-    SAMPLES_EXCLUDED,
-)
 from rpms_ros.identification.stream.pulse_checks import no_overlap, outside_shares, range_outside
 from rpms_ros.identification.stream.stream import StreamSettings
 from rpms_ros.printable import percent_explained
@@ -80,9 +82,6 @@ class VerdictSettings:
         with the final one, or this share of the range of the force.
     largest_drift : float
         Change of the baseline over the time that is judged, as a share of the range of the force.
-    largest_change : float
-        Change of the force that pulses cause over a session that is explained by one muscle, as a
-        share of it.
     widest_interval : float
         Half the interval of the curve at the highest intensity that was used, as a share of it.
 
@@ -103,7 +102,6 @@ class VerdictSettings:
     held_out_times: float = 3.0
     largest_held_out: float = 0.05
     largest_drift: float = 0.1
-    largest_change: float = 0.05
     widest_interval: float = 0.2
 
     def __post_init__(self) -> None:
@@ -121,8 +119,8 @@ _SPAN_NS = 20 * NANOSECONDS_PER_SECOND
 _AFTER_NS = NANOSECONDS_PER_SECOND // 2
 # The estimate after this share of the session has to predict the rest.
 _LEARNT_SHARE = 0.8
-# A force that rose by more than this share of itself was none before [1].
-_FROM_NOTHING = 10.0
+FOLLOWER = 'tracking'
+"""The estimator that follows a muscle that changes."""
 _HINT = f'; --estimator {FOLLOWER} tells a muscle that changes, efforts and tremor apart'
 _DYNAMICS_ONLY = 'dynamics only: one intensity shows no recruitment curve'
 # With so many estimates there is one close to that time.
@@ -206,9 +204,7 @@ def verdict_of(
     found = simulated_fit(session.last, pulses, session.stamp_ns[part], session.force[part])
     span = float(np.ptp(session.force[session.usable]))
     reasons += _of_the_estimate(session.last, found, span, settings)
-    changed = list(_of_one_muscle(session, pulses, settings))
-    hint = '' if changed or session.last.rate_names else _HINT
-    reasons += changed
+    hint = '' if session.last.rate_names else _HINT
     reasons += _of_the_fit(session, pulses, part, found, settings, hint)
     explained = found.explained >= settings.good_explained
     reasons += _of_the_estimator(session, pulses, settings, explained)
@@ -263,29 +259,6 @@ def _looked_at(session: IdentifiedSession, pulses: PulseTrain) -> BoolArray:
         begin = end - span_ns
     part: BoolArray = session.in_order & (stamps >= begin) & (stamps <= end)
     return part
-
-
-def _of_one_muscle(
-    session: IdentifiedSession, pulses: PulseTrain, settings: VerdictSettings
-) -> Iterator[Reason]:
-    """Yield a reason if one estimate is made of a session in which the muscle changed."""
-    last = session.last
-    change = change_over(session, pulses)
-    if change is None or abs(change.share) < settings.largest_change:
-        return
-    how = f'{"fell" if change.share < 0.0 else "rose"} by {100 * abs(change.share):.0f} %'
-    if change.share > _FROM_NOTHING:
-        how = 'rose from next to nothing'
-    when = 'over the session'
-    if change.sudden_at_s is not None:
-        when = f'at about {change.sudden_at_s:.0f} s'
-    text = (
-        f'the muscle changed: the {QUANTITIES[last.unit]} that pulses cause '
-        f'{how} {when}, '
-        f'and {last.estimator} takes the muscle for constant; '
-        f'--estimator {FOLLOWER} follows it'
-    )
-    yield DOUBTFUL, text
 
 
 def _of_the_fit(
@@ -446,8 +419,9 @@ def _of_time(pulses: PulseTrain, forces: ForceTrace) -> Iterator[tuple[str, str]
 
 def _rate(stamp_ns: IntArray) -> float:
     """Return the rate of stamps (n,) [Hz]; 0 if there are fewer than two."""
-    steps = np.diff(np.sort(stamp_ns))
-    steps = steps[steps > 0]
+    steps = np.diff(stamp_ns)
+    if (steps <= 0).any():
+        steps = np.diff(np.unique(stamp_ns))
     return NANOSECONDS_PER_SECOND / float(np.median(steps)) if len(steps) else 0.0
 
 
@@ -522,7 +496,8 @@ def _of_the_estimator(
             cause = invalid_intensities(pulses)
             yield DOUBTFUL, f'{cause}; where these act nothing is learnt ({SAMPLES_EXCLUDED})'
             continue
-        yield DOUBTFUL, stated_doubt(last, name)
+        hint = f'; --estimator {FOLLOWER} follows it' if name == NO_CONSTANT_MUSCLE else ''
+        yield DOUBTFUL, stated_doubt(last, name) + hint
     if not last.curve_known:
         return
     if first is not last and first.samples and np.array_equal(first.nonlinear, last.nonlinear):

@@ -17,6 +17,7 @@ from rpms_ros.identification.model.estimate import (
     recruiting_range,
 )
 from rpms_ros.identification.model.settings import TABLE_4, RecursiveSettings
+from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
 from rpms_ros.identification.recursion.paper_kernel import (
     NONLINEAR,
     SCALARS,
@@ -26,8 +27,6 @@ from rpms_ros.identification.recursion.paper_kernel import (
     process,
     workspace,
 )
-from rpms_ros.identification.stream.doubts import PlausibilityCheck
-from rpms_ros.identification.stream.faults import FACTORISATION_FAILED
 from rpms_ros.muscle.recruitment import (
     PARAMETER_NAMES,
     RecruitmentParameters,

@@ -37,6 +37,7 @@ from rpms_ros.identification.estimation.settings import ProjectionSettings
 from rpms_ros.identification.estimation.uncertainty import Counters, EstimateBuilder, ResidualSums
 from rpms_ros.identification.model.estimate import DEFAULT_RATE, Estimate, recruiting_range
 from rpms_ros.identification.model.levenberg_marquardt import Ending
+from rpms_ros.identification.quality.doubts import FACTORISATION_FAILED, PlausibilityCheck
 from rpms_ros.identification.recursion.people_kernel import (
     BLOCKS,
     KNOTS,
@@ -58,8 +59,6 @@ from rpms_ros.identification.recursion.people_kernel import (
     scale_memory,
     take,
 )
-from rpms_ros.identification.stream.doubts import PlausibilityCheck
-from rpms_ros.identification.stream.faults import FACTORISATION_FAILED
 from rpms_ros.muscle.recruitment import RecruitmentParameters, identified_recruitment
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, nanoseconds
 from rpms_ros.saved_state import Restorable, RestorableWithSettings, State, described, expect

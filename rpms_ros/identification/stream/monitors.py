@@ -4,7 +4,7 @@
 
 Monitors receive the stream in cells: consecutive intervals of a fixed grid of the stamps, 0.1 s
 long or shorter, each once and complete.  For an estimator that learns at the end of a recording
-ten of them at a time are examined, and then processed.
+several at a time are examined, and then processed: ten, and later fifty.
 """
 
 from collections import Counter
@@ -17,8 +17,8 @@ import numpy as np
 
 from rpms_ros.errors import IdentificationError
 from rpms_ros.identification.model.estimate import Estimate
-from rpms_ros.identification.stream import faults
-from rpms_ros.identification.stream.faults import FaultCounter
+from rpms_ros.identification.quality import doubts as faults
+from rpms_ros.identification.quality.doubts import FaultCounter
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import Restorable, State, expect, remembered
 
@@ -161,7 +161,7 @@ class Monitor(Restorable):
     ----------
     faults : mapping of str to str
         Further faults that the monitor counts besides those of
-        `rpms_ros.identification.stream.faults`, each with its meaning.
+        `rpms_ros.identification.quality.doubts`, each with its meaning.
     doubtful : mapping of str to float
         Faults that make estimates doubtful if they affect a larger share of the samples than
         this, of the last half minute or of all.
@@ -219,6 +219,10 @@ class Monitor(Restorable):
 CELL_NS = 100_000_000
 # With a shorter delay there are no samples around one before it is used.
 LEAST_DELAY_NS = 20_000_000
+# Cells of a block of a recording: for the first 20 s, in which outliers are to be found as soon as
+# the force is predicted, and then.
+_SHORT_CELLS, _LONG_CELLS = 10, 50
+_SHORT_FOR_NS = 20_000_000_000
 # Each fault is one bit in the marks of a sample.
 _MOST_FAULTS = 62
 _MONITORS = 'monitors'
@@ -242,11 +246,12 @@ class Pipeline(Restorable):
         are predicted.
     counter : FaultCounter
         Where faults are counted.
-    cells : int
-        So many cells are examined at a time.
+    on_line : bool
+        Whether cells are examined one by one.
     """
 
     _names: list[str]
+    _long_from_ns: int
     _block: int | None
     _marks: IntArray
     _before: tuple[IntArray, FloatArray]
@@ -259,7 +264,7 @@ class Pipeline(Restorable):
         delay_ns: int,
         look_ahead_ns: int,
         counter: FaultCounter,
-        cells: int = 1,
+        on_line: bool = True,
     ) -> None:
         self._named = tuple(monitors)
         self._monitors = [*monitors, *sinks]
@@ -269,10 +274,10 @@ class Pipeline(Restorable):
         self._predicts = self._examines and look_ahead_ns >= LEAST_DELAY_NS // 2
         if self._predicts:
             self.cell_ns = min(self.cell_ns, look_ahead_ns)
-        self.block_ns = cells * self.cell_ns
-        self._cells = cells
+        self._on_line = on_line
         self._look_ahead_ns = look_ahead_ns
         self._names = []
+        self._long_from_ns = 0
         self._block = None
         self._marks = np.empty(0, dtype=np.int64)
         self._before = np.empty(0, dtype=np.int64), np.empty(0)
@@ -302,6 +307,22 @@ class Pipeline(Restorable):
             fits = fits and len(part[0]) > 0 and len(part[4]) == len(part[5])
         expect(fits, 'Pipeline', 'columns of one length')
 
+    def begin(self, stamp_ns: int) -> None:
+        """Take the stamp of the first sample of a time line [ns]."""
+        self._long_from_ns = stamp_ns + _SHORT_FOR_NS
+
+    def blocks_of(self, stamp_ns: IntArray) -> IntArray:
+        """Return where the blocks of cells begin to which stamps (samples,) belong [ns]."""
+        if self._on_line:
+            return stamp_ns // self.cell_ns * self.cell_ns
+        long_ns, short_ns = _LONG_CELLS * self.cell_ns, _SHORT_CELLS * self.cell_ns
+        begin_ns = stamp_ns // long_ns * long_ns
+        return np.where(begin_ns >= self._long_from_ns, begin_ns, stamp_ns // short_ns * short_ns)
+
+    def block_of(self, stamp_ns: int) -> int:
+        """Return where the block of cells begins to which a stamp belongs [ns]."""
+        return int(self.blocks_of(np.array([stamp_ns]))[0])
+
     def examine(
         self,
         stamp_ns: IntArray,
@@ -317,15 +338,15 @@ class Pipeline(Restorable):
         """
         if not self._examines:
             return np.zeros(last - first, dtype=np.int64)
-        block = int(stamp_ns[first]) // self.block_ns
-        if block != self._block:
-            self._block = block
-            self._marks = self._marks_of(self._window(stamp_ns, force, first, predicted))
+        grid_ns = self._grid_ns(int(stamp_ns[first]))
+        if int(grid_ns[0]) != self._block:
+            self._block = int(grid_ns[0])
+            self._marks = self._marks_of(self._window(stamp_ns, force, first, grid_ns, predicted))
         before = (
             np.concatenate((self._before[0], stamp_ns[first:last])),
             np.concatenate((self._before[1], force[first:last])),
         )
-        kept = int(np.searchsorted(before[0], (block + 1) * self.block_ns - 2 * self.cell_ns))
+        kept = int(np.searchsorted(before[0], grid_ns[-1] - 2 * self.cell_ns))
         self._before = before[0][kept:], before[1][kept:]
         marks, self._marks = self._marks[: last - first], self._marks[last - first :]
         return marks
@@ -351,14 +372,15 @@ class Pipeline(Restorable):
         """Keep processed samples until their block is complete; see `ProcessedSamples`."""
         self._parts.append((stamp_ns, force, prediction, usable, onset_ns, intensity))
 
-    def flush(self) -> int:
-        """Pass the complete block to the monitors; return how many samples it had."""
+    def flush(self) -> tuple[int, int]:
+        """Pass the complete block to the monitors; return how many samples and cells it had."""
         if not self._parts:
-            return 0
+            return 0, 0
         columns: list[Any] = [np.concatenate(parts) for parts in zip(*self._parts, strict=True)]
         self._parts = []
         stamps, force, prediction, usable, onset_ns, intensity = columns
-        edges = np.searchsorted(stamps, self._grid_ns(int(stamps[0])))
+        grid_ns = self._grid_ns(int(stamps[0]))
+        edges = np.searchsorted(stamps, grid_ns)
         edges = np.append(edges[:-1][np.diff(edges) > 0], len(stamps))
         known_ns = stamps[edges[1:-1] - 1] + self._look_ahead_ns
         inner = np.searchsorted(onset_ns, known_ns, side='right')
@@ -370,7 +392,7 @@ class Pipeline(Restorable):
             none: Mapping[str, int] = {}
             for name, count in self._ask(monitor, monitor.processed_all, whole, none).items():
                 self._counter.add(name, int(count))
-        return len(stamps)
+        return len(stamps), len(grid_ns) - 1
 
     def estimated(self, estimate: Estimate) -> None:
         """Pass an estimate to the monitors."""
@@ -390,10 +412,10 @@ class Pipeline(Restorable):
         stamp_ns: IntArray,
         force: FloatArray,
         first: int,
+        grid_ns: IntArray,
         predicted: Callable[[IntArray], FloatArray | None],
     ) -> Window:
         """Return the block that begins with sample `first`, and a cell before and after it."""
-        grid_ns = self._grid_ns(int(stamp_ns[first]))
         high = int(np.searchsorted(stamp_ns, grid_ns[-1] + self.cell_ns))
         low = int(np.searchsorted(self._before[0], grid_ns[0] - self.cell_ns))
         stamps = np.concatenate((self._before[0][low:], stamp_ns[first:high]))
@@ -408,8 +430,12 @@ class Pipeline(Restorable):
 
     def _grid_ns(self, stamp_ns: int) -> IntArray:
         """Return where the cells of the block of a stamp begin, and where the last one ends."""
-        begin_ns = stamp_ns // self.block_ns * self.block_ns
-        return begin_ns + self.cell_ns * np.arange(self._cells + 1, dtype=np.int64)
+        begin_ns, cells = self.block_of(stamp_ns), 1
+        if not self._on_line:
+            long_ns = _LONG_CELLS * self.cell_ns
+            long = stamp_ns // long_ns * long_ns >= self._long_from_ns
+            cells = _LONG_CELLS if long else _SHORT_CELLS
+        return begin_ns + self.cell_ns * np.arange(cells + 1)
 
     def _marks_of(self, window: Window) -> IntArray:
         marks = np.zeros(window.last - window.first, dtype=np.int64)

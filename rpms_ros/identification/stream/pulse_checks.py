@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from rpms_ros.identification.model.estimate import SMALLEST_INTENSITY_SPAN, recruiting_range
-from rpms_ros.identification.stream.doubts import CLOCKS_DIFFER, FORCE_WITHOUT_PULSES
+from rpms_ros.identification.quality.doubts import CLOCKS_DIFFER, FORCE_WITHOUT_PULSES
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
 from rpms_ros.saved_state import Restorable, expect
 

@@ -15,8 +15,8 @@ from collections import deque
 
 import numpy as np
 
-from rpms_ros.identification.stream import faults
-from rpms_ros.identification.stream.faults import FaultCounter
+from rpms_ros.identification.quality import doubts as faults
+from rpms_ros.identification.quality.doubts import FaultCounter
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, PulseTrain
 from rpms_ros.saved_state import Restorable
 

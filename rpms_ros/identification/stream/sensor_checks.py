@@ -17,13 +17,12 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import entry_points
-from typing import ClassVar
 
 import numba
 import numpy as np
 
 from rpms_ros.errors import IdentificationError
-from rpms_ros.identification.stream import faults
+from rpms_ros.identification.quality import doubts as faults
 from rpms_ros.identification.stream.monitors import Monitor, ProcessedSamples, Window
 from rpms_ros.pulses import BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import expect
@@ -57,8 +56,6 @@ _TOP, _TOP_COUNT, _NEXT, _NEXT_COUNT, _RUN, _LONGEST_RUN = range(6)
 
 class FrozenSensor(Monitor):
     """Finds `force_frozen`: one value is repeated although the force varied just before."""
-
-    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_FROZEN: 0.01}
 
     _step: float
     _begun_ns: int
@@ -119,8 +116,6 @@ class ClippedSensor(Monitor):
     A force that comes to rest also stays at one value, so the end counts towards which pulses
     pull.  Until they show it, that is the one away from the force at the beginning.
     """
-
-    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CLIPPED: 0.01}
 
     _highest: FloatArray
     _lowest: FloatArray
@@ -194,8 +189,6 @@ def _cut_off(record: FloatArray, span: float) -> bool:
 class ConstantForce(Monitor):
     """Finds `force_constant`: the force has been exactly constant for three seconds."""
 
-    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_CONSTANT: 0.0}
-
     _value: float
     _since_ns: int
 
@@ -265,8 +258,6 @@ _STEPS = 6.0
 
 class Spikes(Monitor):
     """Finds `force_spike`."""
-
-    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_SPIKE: 0.01}
 
     def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return the samples of excursions."""
@@ -361,8 +352,6 @@ class UsualResiduals(Monitor):
 class Outliers(UsualResiduals):
     """Finds `force_outlier`."""
 
-    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_OUTLIER: 0.01}
-
     _before: float
     _begun_ns: int | None
     _count: int
@@ -456,8 +445,6 @@ _LIMIT_OF_FEW = 0.12
 class Alternation(Monitor):
     """Finds `force_alternating`."""
 
-    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_ALTERNATING: 0.002}
-
     def examine_all(self, window: Window) -> Mapping[str, BoolArray]:
         """Return all samples of the cells that alternate between two courses."""
         sizes = window.edges[3:] - window.edges[:-3]
@@ -525,8 +512,6 @@ class Unexplained(UsualResiduals):
     The usual residual is the median over three seconds: a lasting change is reported for half of
     that time.
     """
-
-    doubtful: ClassVar[Mapping[str, float]] = {faults.FORCE_UNEXPLAINED: 0.002}
 
     def processed_all(self, samples: ProcessedSamples) -> Mapping[str, int]:
         """Return the number of used samples if residuals are far larger than usual."""

@@ -24,9 +24,13 @@ from rpms_ros.identification.model.estimate import (
     PredictingEstimator,
     RestorableEstimator,
 )
-from rpms_ros.identification.stream import faults
-from rpms_ros.identification.stream.doubts import RESPONSE_MISFIT, Doubts, ResponseMisfit
-from rpms_ros.identification.stream.faults import FaultCounter
+from rpms_ros.identification.quality import doubts as faults
+from rpms_ros.identification.quality.doubts import (
+    RESPONSE_MISFIT,
+    Doubts,
+    FaultCounter,
+    ResponseMisfit,
+)
 from rpms_ros.identification.stream.monitors import Monitor, Pipeline
 from rpms_ros.identification.stream.pulse_checks import Alignment
 from rpms_ros.identification.stream.pulse_queue import FAR_NS, PulseQueue, StrayPulses
@@ -107,7 +111,7 @@ class StreamSettings:
 
 
 # Most samples that may wait: a block of the batch at 100 kHz, and the delays before and after it.
-MOST_WAITING = 200_000
+MOST_WAITING = 600_000
 # So many samples out of order within this time are treated as a fault that lasts [1], [ns].
 _DISORDER = 3
 _DISORDER_NS = NANOSECONDS_PER_SECOND
@@ -172,13 +176,16 @@ class ForceIntake(Restorable):
             believed: BoolArray = np.abs(force) <= self._largest_force
         return believed
 
+    @property
+    def first_ns(self) -> int | None:
+        """Stamp of the first sample that waits [ns]."""
+        return int(self._waiting[0][0][0]) if self._waiting else None
+
     def take(self, until_ns: int) -> tuple[IntArray, FloatArray, int]:
         """Return all waiting samples (samples,), and how many have stamps up to `until_ns` [ns].
 
-        The latter are removed.
+        The latter are removed; some have to wait.
         """
-        if not self._waiting:
-            return np.empty(0, dtype=np.int64), np.empty(0), 0
         stamps = np.concatenate([stamps for stamps, _ in self._waiting])
         values = np.concatenate([values for _, values in self._waiting])
         due = int(np.searchsorted(stamps, until_ns, side='right'))
@@ -346,7 +353,7 @@ class IdentificationStream(RestorableWithSettings):
             self._reorder_delay_ns,
             self._pulse_look_ahead_ns,
             self._counter,
-            1 if estimator.on_line else _NOTE_CELLS,
+            estimator.on_line,
         )
         self._cell = None
         self._block = None
@@ -400,7 +407,32 @@ class IdentificationStream(RestorableWithSettings):
         if held_ns is not None and newest_ns is not None:
             self.exclude(held_ns, newest_ns + self._memory_ns)
 
-    def takes_early(self, pulses: PulseTrain, forces: ForceTrace, before: IntArray) -> bool:
+    def add(self, pulses: PulseTrain, forces: ForceTrace, before: IntArray) -> None:
+        """Add samples, and pulses in the order in which they came between them.
+
+        Parameters
+        ----------
+        pulses, forces : PulseTrain, ForceTrace
+            In the order of arrival.
+        before : ndarray of int64 (pulses,)
+            How many of the samples had arrived before each pulse, ascending.
+        """
+        stamps, values = forces.stamp_ns, forces.force
+        if not len(pulses) or (len(stamps) and self._takes_early(pulses, forces, before)):
+            # None of them is late, so their place among the samples makes no difference.
+            self.add_pulses(pulses)
+            self.add_forces(forces)
+            return
+        begin = 0
+        for end in np.unique(before).tolist():
+            self.add_forces(ForceTrace(stamps[begin:end], values[begin:end]))
+            begin = end
+            first, last = np.searchsorted(before, (end, end + 1)).tolist()
+            for index in range(first, last):
+                self.add_pulses(pulses[index : index + 1])
+        self.add_forces(ForceTrace(stamps[begin:], values[begin:]))
+
+    def _takes_early(self, pulses: PulseTrain, forces: ForceTrace, before: IntArray) -> bool:
         """Return whether pulses may be added before samples that arrived before them.
 
         They may if the forces (samples,) can be forces and have no gap or jump, and no pulse is
@@ -484,11 +516,7 @@ class IdentificationStream(RestorableWithSettings):
     def advance(self) -> list[Estimate]:
         """Process the samples that have waited long enough; return the estimates due."""
         if self._intake.newest_ns is not None:
-            until_ns = self._intake.newest_ns - self._reorder_delay_ns
-            if not self.estimator.on_line:
-                # complete blocks alone
-                until_ns = until_ns // self._pipeline.block_ns * self._pipeline.block_ns - 1
-            self._release(until_ns)
+            self._release(self._intake.newest_ns - self._reorder_delay_ns, complete=True)
         finished, self._finished = self._finished, []
         return finished
 
@@ -539,15 +567,21 @@ class IdentificationStream(RestorableWithSettings):
         self._count_postponed(None)
         self._flush()
 
-    def _release(self, until_ns: int) -> None:
-        """Process the waiting samples with stamps up to `until_ns`."""
+    def _release(self, until_ns: int, complete: bool = False) -> None:
+        """Process the waiting samples with stamps up to `until_ns`; off line `complete` blocks."""
+        first_ns = self._intake.first_ns
+        if first_ns is None:
+            return
+        if self._cell is None:
+            self._queue.begin(first_ns)
+            self._pipeline.begin(first_ns)
+        if complete and not self.estimator.on_line:
+            until_ns = self._pipeline.block_of(until_ns) - 1
         stamps, values, due = self._intake.take(until_ns)
         if not due:
             return
-        if self._cell is None:
-            self._queue.begin(int(stamps[0]))
         cell = stamps[:due] // self._period_ns
-        block = stamps[:due] // self._pipeline.block_ns
+        block = self._pipeline.blocks_of(stamps[:due])
         starts = np.flatnonzero((np.diff(cell) != 0) | (np.diff(block) != 0)) + 1
         for first, last in zip((0, *starts.tolist()), (*starts.tolist(), due), strict=True):
             self._cross_into(int(cell[first]), int(block[first]))
@@ -574,12 +608,13 @@ class IdentificationStream(RestorableWithSettings):
         self._pipeline.estimated(estimate)
 
     def _flush(self) -> None:
-        self._samples += self._pipeline.flush()
-        self._cells += 1
-        if self._cells % _NOTE_CELLS == 0 or not self.estimator.on_line:
-            self._doubts.note(self._samples, self._counter.counts())
-        blocks = _ALIGN_CELLS if self.estimator.on_line else 2 * _ALIGN_CELLS // _NOTE_CELLS
-        if self._cells % blocks == 0:
+        samples, cells = self._pipeline.flush()
+        self._samples += samples
+        before, self._cells = self._cells, self._cells + cells
+        if self._cells // _NOTE_CELLS > before // _NOTE_CELLS:
+            self._doubts.note(self._cells, self._samples, self._counter.counts())
+        align = _ALIGN_CELLS if self.estimator.on_line else 2 * _ALIGN_CELLS
+        if self._cells // align > before // align:
             self._alignment.judge(self._last_ns)
 
     def _process(self, stamps: IntArray, values: FloatArray, marks: IntArray) -> None:
@@ -600,10 +635,9 @@ class IdentificationStream(RestorableWithSettings):
 
     def _settle(self, stamp_ns: int) -> tuple[IntArray, FloatArray]:
         """Pass settled pulses to the estimator; return those since the last sample."""
-        block_ns = self._pipeline.block_ns
+        begun_ns = self._pipeline.block_of(stamp_ns)
         onset, intensity = self._queue.settle(
-            stamp_ns + self._pulse_look_ahead_ns,
-            stamp_ns // block_ns * block_ns + self._pulse_look_ahead_ns,
+            stamp_ns + self._pulse_look_ahead_ns, begun_ns + self._pulse_look_ahead_ns
         )
         self.estimator.add_pulses(onset, intensity)
         before, self._settled_early = self._settled_early, (onset[:0], intensity[:0])

@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from rpms_ros.identification import StreamSettings, estimator_by_name, identify
-from rpms_ros.identification.stream.doubts import REASON, RESIDUALS_ALIKE
+from rpms_ros.identification.quality.doubts import REASON, RESIDUALS_ALIKE
 from rpms_ros.pulses import ForceTrace, PulseTrain
 
 pytestmark = pytest.mark.long

@@ -1,16 +1,17 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Faults that make an estimate doubtful, because they affect too many of its samples.
+"""Faults of the data and doubts of an estimate: names, sentences and when they apply.
+
+Faults are counted.  One that affects too many samples makes an estimate doubtful, because the
+curve may be wrong by more than its interval.  Further doubts follow from a comparison:
 
 Whether prediction errors follow the pulses: then the model's response is not the muscle's.
-
 Noise, tremor and effort do not know of the pulses.  A response that begins too early, is too slow
 for the functions of the model, or has become weaker does: its errors are the larger the stronger
 the pulse was, and have the same course after each.  So they are regressed on the intensity of the
 pulse before, apart for each 5 ms after it, and on the predicted force.
 
 Whether a curve and a response are possible for the muscle that was measured.
-
 An estimator can explain the force by impossible parameters: a recursion that forgets within a
 tenth of a second does so under a slow sinusoid, with an output error of 1 %.  But a muscle does
 not push, and the twitch of one pulse is not larger than the largest force that was measured while
@@ -21,30 +22,195 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
 from rpms_ros.identification.model.estimate import Estimate
-from rpms_ros.identification.stream import faults
-from rpms_ros.identification.stream.faults import MEANING
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray
 from rpms_ros.saved_state import Restorable, expect
 
-# Share of the samples above which the curve may be wrong by more than its interval.
-SHARES: Mapping[str, float] = {
-    faults.FORCE_NOT_FINITE: 0.1,
-    faults.FORCE_OUT_OF_BOUNDS: 0.01,
-    faults.FORCE_CONFLICT: 0.002,
-    faults.FORCE_STAMP_NOT_AFTER_LAST: 0.01,
-    faults.FORCE_STAMP_ALONE: 0.01,
-    faults.FORCE_QUEUE_FULL: 0.01,
-    faults.SAMPLES_EXCLUDED: 0.5,
+FORCE_NOT_FINITE = 'force_not_finite'
+FORCE_OUT_OF_BOUNDS = 'force_out_of_bounds'
+FORCE_DUPLICATE = 'force_duplicate'
+FORCE_CONFLICT = 'force_conflict'
+FORCE_STAMP_NOT_AFTER_LAST = 'force_stamp_not_after_last'
+FORCE_STAMP_ALONE = 'force_stamp_alone'
+FORCE_GAP = 'force_gap'
+FORCE_QUEUE_FULL = 'force_queue_full'
+FORCE_SPIKE = 'force_spike'
+FORCE_OUTLIER = 'force_outlier'
+FORCE_ARTIFACT = 'force_artifact'
+FORCE_ALTERNATING = 'force_alternating'
+FORCE_FROZEN = 'force_frozen'
+FORCE_CLIPPED = 'force_clipped'
+FORCE_CONSTANT = 'force_constant'
+FORCE_UNEXPLAINED = 'force_unexplained'
+FORCE_PUBLISHERS = 'force_publishers'
+CLOCK_JUMP = 'clock_jump'
+PULSE_INTENSITY_INVALID = 'pulse_intensity_invalid'
+PULSE_LOST = 'pulse_lost'
+PULSE_LATE = 'pulse_late'
+PULSE_DUPLICATE = 'pulse_duplicate'
+PULSE_TOO_CLOSE = 'pulse_too_close'
+PULSE_FAR_AHEAD = 'pulse_far_ahead'
+PULSE_SEQUENCE_RESTART = 'pulse_sequence_restart'
+PULSE_SEQUENCE_STUCK = 'pulse_sequence_stuck'
+PULSE_PUBLISHERS = 'pulse_publishers'
+SAMPLES_EXCLUDED = 'samples_excluded'
+MONITOR_FAILED = 'monitor_failed'
+PULSES_TOO_FREQUENT = 'pulses_too_frequent'
+FACTORISATION_FAILED = 'factorisation_failed'
+
+MEANING: Mapping[str, str] = {
+    FORCE_NOT_FINITE: 'force samples that were NaN or infinite, dropped',
+    FORCE_OUT_OF_BOUNDS: 'force samples beyond `largest_force`, dropped',
+    FORCE_DUPLICATE: 'force samples that came twice, stamp and value; the second is dropped',
+    FORCE_CONFLICT: 'force samples with the stamp of the one before and another value; neither is '
+    'learnt from',
+    FORCE_STAMP_NOT_AFTER_LAST: 'force samples stamped before their predecessor, dropped; from '
+    'three a second on, as two sensors on one topic make them, learning waits',
+    FORCE_STAMP_ALONE: 'force samples stamped far from those before and after them, dropped',
+    FORCE_GAP: 'gaps in the force longer than allowed; learning waits for one memory after it',
+    FORCE_QUEUE_FULL: 'force samples for which there was no room while they waited, dropped',
+    FORCE_SPIKE: 'force samples that leave the course of their neighbours for less than 10 ms; '
+    'not learnt from',
+    FORCE_OUTLIER: 'force samples that jump away from their prediction and back within 20 ms '
+    'while it was good before; not learnt from',
+    FORCE_ARTIFACT: 'the same within 10 ms after a pulse, as a stimulation artifact; not learnt '
+    'from',
+    FORCE_ALTERNATING: 'force samples that jump between two courses, as two sensors on one topic '
+    'do; not learnt from',
+    FORCE_FROZEN: 'force samples of a sensor that repeats one value where it varied before; not '
+    'learnt from',
+    FORCE_CLIPPED: 'force samples at the end of the range of the sensor; not learnt from',
+    FORCE_CONSTANT: 'force samples that had not changed in any bit for three seconds',
+    FORCE_UNEXPLAINED: 'force samples far from their prediction while it was good before: a '
+    'disturbance, or the muscle has changed',
+    FORCE_PUBLISHERS: 'further publishers of the force on the graph of a node; all are heard',
+    CLOCK_JUMP: 'jumps of the stamps back in time; pulses that still acted are forgotten',
+    PULSE_INTENSITY_INVALID: 'pulses whose intensity was not within 0..1; treated as lost',
+    PULSE_LOST: 'pulses missing in the sequence; learning stops while they could act',
+    PULSE_LATE: 'pulses that came after their samples were used; treated as lost',
+    PULSE_DUPLICATE: 'pulses that came twice; the second is dropped',
+    PULSE_TOO_CLOSE: 'pulses less than 0.2 ms after another, or beyond 10,000 within a second, as '
+    'no stimulator gives them; treated as lost',
+    PULSE_FAR_AHEAD: 'pulses stamped more than 10 s after the force, which did not follow within '
+    '10 s, or beyond 100,000 of them within a second of the force; dropped',
+    PULSE_SEQUENCE_RESTART: 'sequences that started anew, as after a restart of the driver; '
+    'learning waits if it happens twice within 10 s, as with two drivers',
+    PULSE_SEQUENCE_STUCK: 'pulses of a driver that does not count them; losses cannot show',
+    PULSE_PUBLISHERS: 'further publishers of the pulses on the graph of a node; all are heard',
+    SAMPLES_EXCLUDED: (
+        'force samples that were predicted but not learnt from; so at the start of a stream whose '
+        'first pulse has another sequence number than 0, with no rest before it: earlier pulses '
+        'still act'
+    ),
+    MONITOR_FAILED: 'monitors that raised an exception and were taken out',
+    PULSES_TOO_FREQUENT: 'pulses between two samples for which the window has no room, dropped',
+    FACTORISATION_FAILED: 'steps of an estimator that were not taken: matrix not positive',
 }
+
+LARGEST_SHARES: Mapping[str, float] = {
+    FORCE_NOT_FINITE: 0.1,
+    FORCE_OUT_OF_BOUNDS: 0.01,
+    FORCE_CONFLICT: 0.002,
+    FORCE_STAMP_NOT_AFTER_LAST: 0.01,
+    FORCE_STAMP_ALONE: 0.01,
+    FORCE_QUEUE_FULL: 0.01,
+    FORCE_SPIKE: 0.01,
+    FORCE_OUTLIER: 0.01,
+    FORCE_ALTERNATING: 0.002,
+    FORCE_FROZEN: 0.01,
+    FORCE_CLIPPED: 0.01,
+    FORCE_CONSTANT: 0.0,
+    FORCE_UNEXPLAINED: 0.002,
+    SAMPLES_EXCLUDED: 0.5,
+}
+"""Share of the samples that each fault may have without a doubt; monitors may add others."""
+
+CURVE_NEGATIVE = 'curve_negative'
+CURVE_BEYOND_FORCE = 'curve_beyond_force'
+RESPONSE_BEYOND_FORCE = 'response_beyond_force'
+RESPONSE_NEGATIVE = 'response_negative'
+BAND_WIDER_THAN_CURVE = 'band_wider_than_curve'
+NO_CONSTANT_MUSCLE = 'no_constant_muscle'
+RESPONSE_MISFIT = 'response_misfit'
+RESIDUALS_ALIKE = 'residuals_alike'
+CLOCKS_DIFFER = 'clocks_differ'
+FORCE_WITHOUT_PULSES = 'force_without_pulses'
+OF_TIME = (CLOCKS_DIFFER, FORCE_WITHOUT_PULSES)
+"""Doubts whether pulses and force belong together."""
+
+REASON: Mapping[str, str] = {
+    CURVE_NEGATIVE: 'the curve is negative: a muscle does not push',
+    CURVE_BEYOND_FORCE: 'the curve is far above the largest force that was measured',
+    RESPONSE_BEYOND_FORCE: 'the response to one pulse is far above the largest force that was '
+    'measured',
+    RESPONSE_NEGATIVE: 'the response to one pulse is far below zero: the data do not show how '
+    'it runs, or it begins before the functions of the model',
+    BAND_WIDER_THAN_CURVE: 'the interval of the curve is wider than the curve is high',
+    NO_CONSTANT_MUSCLE: 'no constant muscle explains the whole recording: it tired, the coil '
+    'moved or the patient tensed it, and the numbers are a mixture',
+    RESPONSE_MISFIT: 'the prediction errors follow the pulses: the response is not one of the '
+    'model, or the muscle changes',
+    RESIDUALS_ALIKE: 'what the muscle leaves of neighbouring samples is alike, as with a '
+    'sensor that filters its noise: the curve may be wrong by more than its interval',
+    CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',
+    FORCE_WITHOUT_PULSES: 'the force goes on at the rate of the pulses where there are none',
+}
+"""Explanation of each doubt, by its name."""
+
+
+class FaultCounter(Restorable):
+    """Counts faults by name, at once or when the samples before them are processed.
+
+    Parameters
+    ----------
+    further : mapping of str to str
+        Faults besides `MEANING` that may be counted, with what they mean.
+    """
+
+    _counts: dict[str, int]
+    _postponed: dict[tuple[int, str], int]
+
+    def __init__(self, further: Mapping[str, str] | None = None) -> None:
+        self._meaning = {**MEANING, **(further or {})}
+        self._counts = {}
+        self._postponed = {}
+
+    def _check_restored(self) -> None:
+        expect(set(self._counts) <= set(self._meaning), 'FaultCounter', 'known faults')
+
+    def add(self, name: str, count: int = 1) -> None:
+        """Count `count` more faults of a known kind."""
+        if name not in self._meaning:
+            raise KeyError(f'expected a fault of {", ".join(self._meaning)}, got {name}')
+        if count:
+            self._counts[name] = self._counts.get(name, 0) + count
+
+    def postpone(self, name: str, after_ns: int | None) -> None:
+        """Keep a fault that was found after a stamp [ns]; None: before the first."""
+        # without one, earlier than any stamp
+        key = (-(2**63) if after_ns is None else after_ns, name)
+        self._postponed[key] = self._postponed.get(key, 0) + 1
+
+    def count_until(self, until_ns: int | None) -> None:
+        """Count what was found after stamps up to `until_ns`; None: everything."""
+        for key in [key for key in self._postponed if until_ns is None or key[0] <= until_ns]:
+            self.add(key[1], self._postponed.pop(key))
+
+    def counts(self, postponed: bool = False) -> dict[str, int]:
+        """Return the counts so far, in the order of the names; with `postponed`, those not due."""
+        total = dict(self._counts)
+        for (_, name), count in self._postponed.items() if postponed else ():
+            total[name] = total.get(name, 0) + count
+        return {name: total[name] for name in self._meaning if name in total}
+
+
 # A share is taken of at least so many samples [1].
 _LEAST_SAMPLES = 1000
-# Counts that are kept, one a second [1].
-_NOTES = 30
+# Counts are kept for so many cells of 0.1 s [1].
+_RECENT_CELLS = 300
 
 
 class Doubts(Restorable):
@@ -58,26 +224,28 @@ class Doubts(Restorable):
         Whether a doubt stays until the end, as for an estimator that forgets nothing.
     """
 
-    _notes: deque[tuple[int, dict[str, int]]]
+    _notes: deque[tuple[int, int, dict[str, int]]]
     _found: set[str]
 
     def __init__(self, shares: Mapping[str, float], lasting: bool) -> None:
-        self._shares = {**SHARES, **shares}
+        self._shares = {**LARGEST_SHARES, **shares}
         self._lasting = lasting
-        self._notes = deque([(0, {})], maxlen=_NOTES)
+        self._notes = deque([(0, 0, {})])
         self._found = set()
 
-    def note(self, samples: int, counts: Mapping[str, int]) -> None:
-        """Store the total counts after so many samples; to be called once a second."""
+    def note(self, cells: int, samples: int, counts: Mapping[str, int]) -> None:
+        """Store the total counts after so many cells and samples."""
         if self._lasting:
             found = self.names(samples, counts)
             # what was not learnt from does no harm later
-            self._found.update(name for name in found if name != faults.SAMPLES_EXCLUDED)
-        self._notes.append((samples, dict(counts)))
+            self._found.update(name for name in found if name != SAMPLES_EXCLUDED)
+        self._notes.append((cells, samples, dict(counts)))
+        while self._notes[0][0] <= cells - _RECENT_CELLS:
+            self._notes.popleft()
 
     def names(self, samples: int, counts: Mapping[str, int]) -> tuple[str, ...]:
         """Return the faults whose share is too large, in the order of the counts."""
-        before, earlier = self._notes[0]
+        _, before, earlier = self._notes[0]
         recent = max(samples - before, _LEAST_SAMPLES)
         return tuple(
             name
@@ -220,41 +388,6 @@ class ResponseMisfit(Restorable):
         """Whether the errors follow the pulses."""
         shape, gain = self.sizes
         return shape > _SHAPE or gain > _GAIN
-
-
-CURVE_NEGATIVE = 'curve_negative'
-CURVE_BEYOND_FORCE = 'curve_beyond_force'
-RESPONSE_BEYOND_FORCE = 'response_beyond_force'
-RESPONSE_NEGATIVE = 'response_negative'
-BAND_WIDER_THAN_CURVE = 'band_wider_than_curve'
-NO_CONSTANT_MUSCLE = 'no_constant_muscle'
-RESPONSE_MISFIT = 'response_misfit'
-RESIDUALS_ALIKE = 'residuals_alike'
-CLOCKS_DIFFER = 'clocks_differ'
-FORCE_WITHOUT_PULSES = 'force_without_pulses'
-OF_TIME = (CLOCKS_DIFFER, FORCE_WITHOUT_PULSES)
-"""Doubts whether pulses and force belong together."""
-
-REASON: Mapping[str, str] = MappingProxyType(
-    {
-        CURVE_NEGATIVE: 'the curve is negative: a muscle does not push',
-        CURVE_BEYOND_FORCE: 'the curve is far above the largest force that was measured',
-        RESPONSE_BEYOND_FORCE: 'the response to one pulse is far above the largest force that was '
-        'measured',
-        RESPONSE_NEGATIVE: 'the response to one pulse is far below zero: the data do not show how '
-        'it runs, or it begins before the functions of the model',
-        BAND_WIDER_THAN_CURVE: 'the interval of the curve is wider than the curve is high',
-        NO_CONSTANT_MUSCLE: 'no constant muscle explains the whole recording: it tired, the coil '
-        'moved or the patient tensed it, and the numbers are a mixture',
-        RESPONSE_MISFIT: 'the prediction errors follow the pulses: the response is not one of the '
-        'model, or the muscle changes',
-        RESIDUALS_ALIKE: 'what the muscle leaves of neighbouring samples is alike, as with a '
-        'sensor that filters its noise: the curve may be wrong by more than its interval',
-        CLOCKS_DIFFER: 'the stamps of force and pulses do not belong together',
-        FORCE_WITHOUT_PULSES: 'the force goes on at the rate of the pulses where there are none',
-    }
-)
-"""Explanation of each doubt, by its name."""
 
 
 def stated_doubt(estimate: Estimate, name: str) -> str:

@@ -7,7 +7,7 @@ import pytest
 
 from rpms_ros.identification import estimator_by_name
 from rpms_ros.identification.estimation.batch import is_constant, unexplained
-from rpms_ros.identification.stream.doubts import NO_CONSTANT_MUSCLE, REASON
+from rpms_ros.identification.quality.doubts import NO_CONSTANT_MUSCLE, REASON
 
 pytestmark = pytest.mark.long
 
