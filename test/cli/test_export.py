@@ -184,7 +184,7 @@ def test_nothing_is_replaced_and_nothing_is_half_written(
     def full(*_: object, **__: object) -> None:
         raise OSError('disk full')
 
-    name = {'csv': 'estimate_columns', 'mat': 'savemat'}[kind]
+    name = {'csv': 'estimate_columns', 'mat': 'scipy.io.savemat'}[kind]
     monkeypatch.setattr(f'rpms_ros.recording.export.{name}', full)
     code, _, err = rpms('export', session, '--to', kind, '--out', place)
     assert code == 2
