@@ -52,7 +52,6 @@ setup(
     zip_safe=False,
     # The lower bounds are what Ubuntu 24.04 ships.
     install_requires=[
-        'apsw',
         'argcomplete>=3.1',
         'backports.zstd; python_version < "3.14"',
         # only speed: without it zlib computes the checksums; it has no wheels for other machines

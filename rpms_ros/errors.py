@@ -5,6 +5,7 @@
 Every message reads ``expected <condition>, got <value>`` and names the thing that was wrong.
 """
 
+import math
 from numbers import Integral
 
 LARGEST_SEED = 2**53
@@ -51,3 +52,39 @@ def check_seed(seed: object, error: type[RpmsError]) -> None:
     """Raise `error` unless `seed` is one: what NumPy says names neither it nor the range."""
     if not isinstance(seed, Integral) or not 0 <= int(seed) <= LARGEST_SEED:
         raise error(f'expected a seed, a whole number from 0 to 2^53, got {seed!r}')
+
+
+def check_number(
+    error: type[RpmsError],
+    name: str,
+    value: float,
+    least: float = -math.inf,
+    most: float = math.inf,
+    *,
+    above: bool = False,
+    unit: str = '',
+) -> None:
+    """Raise `error` unless a number is finite and lies within bounds.
+
+    Parameters
+    ----------
+    error : type
+        What is raised.
+    name : str
+        What it is, for the message.
+    value : float
+        The number.
+    least, most : float
+        Bounds, included.
+    above : bool
+        Whether `least` itself is refused.
+    unit : str
+        Of all three, for the message.
+    """
+    inside = least < value if above else least <= value
+    if math.isfinite(value) and inside and value <= most:
+        return
+    low = f' {"above" if above else "from" if most < math.inf else "of at least"} {least:g}'
+    high = f'{" up" if above else ""} to {most:g}' if most < math.inf else ''
+    text = f'{name}{low if least > -math.inf else ""}{high} {unit}'.rstrip()
+    raise error(f'expected a finite {text}, got {value}')

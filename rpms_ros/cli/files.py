@@ -214,13 +214,12 @@ def _session(arguments: argparse.Namespace) -> tuple['SessionExport', list[tuple
     """Return what is exported, and what was wrong with it."""
     from rpms_ros.recording import session_hash
     from rpms_ros.recording.export import SessionExport
-    from rpms_ros.recording.rosbag.reading import held_bytes
     from rpms_ros.report.recorded import estimate_table, recorded_messages
 
     path = arguments.bag
     name = path.resolve().name
     recording = read(path, arguments)
-    nodes = recorded_messages(path, memory=arguments.max_memory, held=held_bytes(recording))
+    nodes = recorded_messages(path, memory=arguments.max_memory)
     findings = [('warning', remark) for remark in recording.facts.remarks]
     if nodes.unreadable:
         findings.append(('warning', f'{nodes.unreadable} messages could not be decoded'))

@@ -67,16 +67,13 @@ def add_replay(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay the recording; return 1 if estimates differ or are missing."""
     from rpms_ros.nodes.replay import replay
-    from rpms_ros.recording.rosbag.reading import held_bytes
     from rpms_ros.report.recorded import compare, recorded_messages
 
     parameters = identifier_parameters(arguments)
     # what the file says goes before the option, as for the estimator
     arguments.quantity = parameters['quantity']
     recording = read(arguments.bag, arguments)
-    recorded = recorded_messages(
-        arguments.bag, memory=arguments.max_memory, held=held_bytes(recording)
-    ).estimates
+    recorded = recorded_messages(arguments.bag, memory=arguments.max_memory).estimates
     total = len(recording.pulses) + len(recording.forces)
     with progress('replaying', total, 'messages', arguments.quiet) as advance:
         done = replay(recording, parameters, arguments.factor, advance)

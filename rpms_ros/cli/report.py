@@ -110,7 +110,6 @@ def stated_items(texts: list[str]) -> dict[str, str]:
 
 def _report(arguments: argparse.Namespace) -> 'SessionReport':
     from rpms_ros.recording.importing import is_foreign
-    from rpms_ros.recording.rosbag.reading import held_bytes
     from rpms_ros.report.recorded import RecordedMessages, recorded_messages
     from rpms_ros.report.result import identified, result_of
     from rpms_ros.report.session import ReportSettings, report_of
@@ -126,8 +125,7 @@ def _report(arguments: argparse.Namespace) -> 'SessionReport':
     recording = read(arguments.bag, arguments)
     messages = RecordedMessages([], None, 0)
     if not is_foreign(arguments.bag):
-        held = held_bytes(recording)
-        messages = recorded_messages(arguments.bag, memory=arguments.max_memory, held=held)
+        messages = recorded_messages(arguments.bag, memory=arguments.max_memory)
     noted = recording.facts.custom.get('muscle', '').strip()
     title = arguments.title or noted or arguments.bag.resolve().name
     compile_estimator(options.build, arguments.quiet)

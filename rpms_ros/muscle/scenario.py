@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from rpms_ros.errors import MuscleError
+from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.muscle.sensor import Disturbances, SensorFault
 from rpms_ros.muscle.time_varying import Change, Fatigue, LivingSettings, Potentiation
 from rpms_ros.pulses import FloatArray
@@ -64,7 +64,7 @@ class _HalfSine:
 
     def __post_init__(self) -> None:
         _require_event(self.at, self.duration, self.every)
-        _require_finite('peak', self.peak)
+        check_number(MuscleError, 'peak', self.peak)
 
     def force(self, time: FloatArray) -> FloatArray:
         """Return the force [N] (samples,)."""
@@ -118,9 +118,8 @@ class Spasm:
 
     def __post_init__(self) -> None:
         _require_event(self.at, self.rise, self.every, 'rise')
-        _require_finite('peak', self.peak)
-        if not 0.0 < self.decay < math.inf:
-            raise MuscleError(f'expected a finite decay above 0 s, got {self.decay}')
+        check_number(MuscleError, 'peak', self.peak)
+        check_number(MuscleError, 'decay', self.decay, 0, above=True, unit='s')
 
     def force(self, time: FloatArray) -> FloatArray:
         """Return the force [N] (samples,)."""
@@ -154,9 +153,8 @@ class Tremor:
 
     def __post_init__(self) -> None:
         _require_event(self.at, 1.0 if self.duration is None else self.duration, None)
-        _require_finite('amplitude', self.amplitude)
-        if not 0.0 < self.frequency <= 1000.0:
-            raise MuscleError(f'expected a frequency above 0 up to 1000 Hz, got {self.frequency}')
+        check_number(MuscleError, 'amplitude', self.amplitude)
+        check_number(MuscleError, 'frequency', self.frequency, 0, 1000, above=True, unit='Hz')
 
     def force(self, time: FloatArray) -> FloatArray:
         """Return the force [N] (samples,)."""
@@ -193,17 +191,10 @@ def _require_event(
     at: float, duration: float, every: float | None, name: str = 'duration'
 ) -> None:
     """Raise `MuscleError` unless an event is possible; `name` is the key of its length."""
-    if not 0.0 <= at < math.inf:
-        raise MuscleError(f'expected a finite at of at least 0 s, got {at}')
-    if not 0.0 < duration < math.inf:
-        raise MuscleError(f'expected a finite {name} above 0 s, got {duration}')
-    if every is not None and not duration <= every < math.inf:
-        raise MuscleError(f'expected a finite every of at least {duration:g} s, got {every}')
-
-
-def _require_finite(name: str, value: float) -> None:
-    if not math.isfinite(value):
-        raise MuscleError(f'expected a finite {name}, got {value}')
+    check_number(MuscleError, 'at', at, 0, unit='s')
+    check_number(MuscleError, name, duration, 0, above=True, unit='s')
+    if every is not None:
+        check_number(MuscleError, 'every', every, duration, unit='s')
 
 
 @dataclass(frozen=True)

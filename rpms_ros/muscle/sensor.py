@@ -5,14 +5,13 @@
 Each disturbance is reproducible: noise by its seed, drift and artifact by the time stamps alone.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.errors import MuscleError, check_seed
+from rpms_ros.errors import MuscleError, check_number, check_seed
 from rpms_ros.pulses import NANOSECONDS_PER_SECOND, FloatArray, ForceTrace, IntArray
 
 
@@ -53,14 +52,12 @@ class Disturbances:
     saturation: float = float('inf')
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.noise < math.inf:
-            raise MuscleError(f'expected a noise of at least 0 N, got {self.noise}')
+        check_number(MuscleError, 'noise', self.noise, 0, unit='N')
         for name in ('drift_period', 'artifact_decay', 'saturation'):
             if not getattr(self, name) > 0:
                 raise MuscleError(f'expected a {name} above 0, got {getattr(self, name)}')
         for name in ('offset', 'drift', 'artifact'):
-            if not math.isfinite(getattr(self, name)):
-                raise MuscleError(f'expected a finite {name}, got {getattr(self, name)}')
+            check_number(MuscleError, name, getattr(self, name))
 
 
 class Sensor:
@@ -173,12 +170,9 @@ class SensorFault:
     def __post_init__(self) -> None:
         if self.fault not in KINDS:
             raise MuscleError(f'expected a fault of {", ".join(KINDS)}, got {self.fault!r}')
-        if not 0.0 <= self.at < math.inf:
-            raise MuscleError(f'expected a finite at of at least 0 s, got {self.at}')
-        if not 0.0 < self.duration < math.inf:
-            raise MuscleError(f'expected a finite duration above 0 s, got {self.duration}')
-        if not math.isfinite(self.value):
-            raise MuscleError(f'expected a finite value, got {self.value}')
+        check_number(MuscleError, 'at', self.at, 0, unit='s')
+        check_number(MuscleError, 'duration', self.duration, 0, above=True, unit='s')
+        check_number(MuscleError, 'value', self.value)
         if self.fault in NEED_VALUE and self.value == 0.0:
             raise MuscleError(f'expected a value for a {self.fault} sensor, got 0')
 

@@ -6,14 +6,13 @@ The presets are the averages of the paper; `random_subject` draws from its range
 method can be tried on people who differ as much as the subjects of the paper.
 """
 
-import math
 from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.errors import MuscleError
+from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.muscle.recruitment import IntensityRecruitment, RateRecruitment
 from rpms_ros.muscle.twitch import twitch_area
 from rpms_ros.pulses import FloatArray
@@ -61,12 +60,10 @@ class Subject:
     maximum_force: float = 10.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.latency) and self.latency >= 0):
-            raise MuscleError(f'expected a latency of at least 0 s, got {self.latency}')
+        check_number(MuscleError, 'latency', self.latency, 0, unit='s')
         if self.order not in range(1, 7):
             raise MuscleError(f'expected a whole order from 1 to 6, got {self.order}')
-        if not (math.isfinite(self.maximum_force) and self.maximum_force > 0):
-            raise MuscleError(f'expected a maximum force above 0 N, got {self.maximum_force}')
+        check_number(MuscleError, 'maximum force', self.maximum_force, 0, above=True, unit='N')
         twitch_area(self.time_constant, self.order)
 
     def pulse_weight(self, intensity: npt.ArrayLike, rate_hz: npt.ArrayLike) -> FloatArray:

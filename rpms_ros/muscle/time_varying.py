@@ -33,7 +33,6 @@ difference to the largest potentiation, in proportion to its recruitment; it dec
 """
 
 import bisect
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import NamedTuple
@@ -42,7 +41,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.errors import MuscleError
+from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.muscle.contraction import (
     Contraction,
     Muscle,
@@ -86,10 +85,9 @@ class Fatigue:
 
     def __post_init__(self) -> None:
         for name in ('force_loss', 'slowing'):
-            _require_rate(name, getattr(self, name))
-        _require_duration('recovery', self.recovery)
-        if not 0.0 < self.lowest_gain <= 1.0:
-            raise MuscleError(f'expected a lowest_gain above 0 up to 1, got {self.lowest_gain}')
+            check_number(MuscleError, name, getattr(self, name), 0)
+        check_number(MuscleError, 'recovery', self.recovery, 0, above=True, unit='s')
+        check_number(MuscleError, 'lowest_gain', self.lowest_gain, 0, 1, above=True)
 
 
 @dataclass(frozen=True)
@@ -116,20 +114,9 @@ class Potentiation:
     decay: float = 180.0
 
     def __post_init__(self) -> None:
-        _require_rate('largest', self.largest)
-        if not 0.0 <= self.per_pulse <= 1.0:
-            raise MuscleError(f'expected a per_pulse from 0 to 1, got {self.per_pulse}')
-        _require_duration('decay', self.decay)
-
-
-def _require_rate(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value >= 0.0):
-        raise MuscleError(f'expected a finite {name} of at least 0, got {value}')
-
-
-def _require_duration(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise MuscleError(f'expected a finite {name} above 0 s, got {value}')
+        check_number(MuscleError, 'largest', self.largest, 0)
+        check_number(MuscleError, 'per_pulse', self.per_pulse, 0, 1)
+        check_number(MuscleError, 'decay', self.decay, 0, above=True, unit='s')
 
 
 # Distance of the two knots of a step, shorter than any sampling period [s].
@@ -173,23 +160,17 @@ class Change:
 
     def __post_init__(self) -> None:
         for name in ('at', 'over'):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise MuscleError(f'expected a finite {name} of at least 0, got {value}')
+            check_number(MuscleError, name, getattr(self, name), 0, unit='s')
         for name, least, most in (
             ('gain', 0.0, _LARGEST_GAIN),
+            ('time_constant', 0.0, _LONGEST_S),
             ('latency', 0.0, _LONGEST_S),
             ('threshold', -1.0, 3.0),
             ('saturation', -1.0, 3.0),
         ):
-            value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                raise MuscleError(f'expected a {name} from {least:g} to {most:g}, got {value}')
-        if self.time_constant is not None and not 0.0 < self.time_constant <= _LONGEST_S:
-            raise MuscleError(
-                f'expected a time_constant above 0 s, at most {_LONGEST_S:g} s, '
-                f'got {self.time_constant}'
-            )
+            if (value := getattr(self, name)) is not None:
+                above = name == 'time_constant'
+                check_number(MuscleError, name, value, least, most, above=above)
         if self.threshold is not None and self.saturation is not None:
             _require_apart(self.at + self.over, self.threshold, self.saturation)
         if all(getattr(self, name) is None for name in CHANGEABLE):

@@ -15,15 +15,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from rpms_ros.errors import MuscleError
+from rpms_ros.errors import MuscleError, check_number
 from rpms_ros.pulses import FloatArray
 
 
 def _require_twitch(time_constant: float, order: float) -> None:
-    if not (math.isfinite(time_constant) and time_constant > 0):
-        raise MuscleError(f'expected a time constant above 0 s, got {time_constant}')
-    if not (math.isfinite(order) and order >= 1):
-        raise MuscleError(f'expected an order of at least 1, got {order}')
+    check_number(MuscleError, 'time constant', time_constant, 0, above=True, unit='s')
+    check_number(MuscleError, 'order', order, 1)
 
 
 def twitch(lag: npt.ArrayLike, time_constant: float, order: float = 3) -> FloatArray:
@@ -108,8 +106,7 @@ def summed_twitches(
     MuscleError
         If the rate is not above zero.
     """
-    if not (math.isfinite(rate_hz) and rate_hz > 0):
-        raise MuscleError(f'expected a repetition rate above 0 Hz, got {rate_hz}')
+    check_number(MuscleError, 'repetition rate', rate_hz, 0, above=True, unit='Hz')
     moments = np.asarray(time, dtype=np.float64)
     total = np.zeros_like(moments)
     last = float(moments.max(initial=0.0))

@@ -22,7 +22,6 @@ from rpms_ros.muscle.simulation import Truth
 from rpms_ros.pulses import FloatArray
 from rpms_ros.recording.export import EstimateTable
 from rpms_ros.recording.rosbag.definitions import MUSCLE_ESTIMATE, types_of
-from rpms_ros.recording.rosbag.reading import held_bytes
 from rpms_ros.recording.rosbag.scan import Scan
 from rpms_ros.report.known_muscle import KnownMuscle, known_muscle
 from rpms_ros.report.result import IDENTIFIABILITY
@@ -93,7 +92,6 @@ class RecordedMessages:
 def recorded_messages(
     path: Path | str,
     memory: int | None = None,
-    held: int = 0,
     only: tuple[str, ...] = _TYPES,
 ) -> RecordedMessages:
     """Return the messages of an identifier and a driver in a recording.
@@ -104,8 +102,6 @@ def recorded_messages(
         Folder or file.
     memory : int, optional
         What reading may take, as of `read_recording` [bytes].
-    held : int
-        How much of it is in use already [bytes].
     only : tuple of str
         Types that are read; all of them if not given.
 
@@ -120,7 +116,6 @@ def recorded_messages(
     topics: set[str] = set()
     unreadable = 0
     scan = Scan(Path(path), memory)
-    scan.budget.hold(held)
     for topic, type_name, size, message in _decoded(scan, only):
         try:
             if type_name == DRIVER_STATUS:
@@ -165,8 +160,7 @@ def true_muscle(
     """
     facts, truths = recording.facts, []
     if any(topic.type_name == messages.MUSCLE_TRUTH for topic in facts.topics):
-        held, only = held_bytes(recording), (messages.MUSCLE_TRUTH,)
-        truths = recorded_messages(facts.path, memory, held, only).truths
+        truths = recorded_messages(facts.path, memory, (messages.MUSCLE_TRUTH,)).truths
     return known_muscle(truths, facts.custom, rate_hz)
 
 

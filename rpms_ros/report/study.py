@@ -32,7 +32,6 @@ from rpms_ros.identification.model.physiology import PHYSIOLOGY_NAMES
 from rpms_ros.identification.quality.verdict import VerdictSettings
 from rpms_ros.printable import spreadsheet_text
 from rpms_ros.recording import Recording, Topics, read_recording
-from rpms_ros.recording.rosbag.reading import held_bytes
 from rpms_ros.recording.rosbag.scan import READERS
 from rpms_ros.report.recorded import recorded_messages
 from rpms_ros.report.result import (
@@ -142,7 +141,7 @@ def _write_report(
     from rpms_ros.report.page import as_page
     from rpms_ros.report.session import report_of
 
-    messages = recorded_messages(path, memory=options.max_memory, held=held_bytes(recording))
+    messages = recorded_messages(path, memory=options.max_memory)
     title = Path(path).resolve().name
     report = report_of(title, recording, messages, session, result, options.build)
     place = Path(options.reports or '', f'{_file_name(path)}.html')

@@ -115,8 +115,8 @@ def test_what_cannot_be_guessed_names_the_keyword_and_the_guess(tmp_path: Path) 
         ({'force_unit': 'oz'}, "expected a unit of force of N, .*, got 'oz'"),
         ({'columns': COLUMNS, 'force': 'F'}, 'expected either columns or time, force and pulse'),
         ({'force': 'x'}, "expected column 'x'"),
-        ({'sampling_rate': -1.0}, 'expected a sampling rate above 0 Hz'),
-        ({'intensity': 1.5}, 'expected an intensity from 0 to 1'),
+        ({'sampling_rate': -1.0}, 'sampling rate of at least 0 Hz'),
+        ({'intensity': 1.5}, 'intensity from 0 to 1'),
     ],
 )
 def test_a_wrong_option_of_a_file_is_named(

@@ -67,7 +67,7 @@ def test_a_file_says_itself_how_long_and_how_fast(rpms: Rpms, tmp_path: Path) ->
             'expected a schedule of uniform_random, .* or a file, got waltz',
         ),
         (['--rate', '0'], 'expected a rate of the force above 0 and up to 1e.06 Hz, got 0.0'),
-        (['--noise', '-1'], 'expected a noise of at least 0 N, got -1.0'),
+        (['--noise', '-1'], 'noise of at least 0 N, got -1.0'),
         (['--intensity', '2', '--schedule', 'constant'], 'intensity.* got 2'),
         (['--intensity', '0.5'], 'expected --schedule constant with --intensity, got --sch'),
         (['--storage', 'sqlite3', '--compression', 'lz4'], 'expected compression lz4 or zstd of'),

@@ -70,7 +70,7 @@ SLOPES = ('threshold_slope', 'saturation_slope')
         *((of(Subject, maximum_force=value), 'force above 0 N, got') for value in IMPOSSIBLE),
         (of(subject_by_name, 'x'), "a subject of rpms, fes, simulation, got 'x'"),
         *(
-            (make, 'expected a time constant above 0 s, got')
+            (make, 'time constant above 0 s, got')
             for value in IMPOSSIBLE
             for make in (
                 of(Subject, time_constant=value),
@@ -84,7 +84,7 @@ SLOPES = ('threshold_slope', 'saturation_slope')
             for value in (0.99, -1.0, NAN, INF)
         ),
         *(
-            (make, 'expected a repetition rate above 0 Hz, got')
+            (make, 'repetition rate above 0 Hz, got')
             for value in IMPOSSIBLE
             for make in (
                 of(summed_twitches, 0.1, value, 0.04),
@@ -105,13 +105,13 @@ SLOPES = ('threshold_slope', 'saturation_slope')
         (of(Fatigue, lowest_gain=0.0), 'lowest_gain above 0 up to 1, got 0'),
         (of(Potentiation, per_pulse=2.0), 'per_pulse from 0 to 1, got 2'),
         (of(Potentiation, decay=NAN), 'finite decay above 0 s, got nan'),
-        (of(Change, -1.0, gain=1.0), 'finite at of at least 0, got -1'),
-        (of(Change, 1.0, time_constant=0.0), 'time_constant above 0 s, at most 1 s, got 0'),
-        (of(Change, 1.0, time_constant=38.0), 'time_constant above 0 s, at most 1 s, got 38'),
-        (of(Change, 1.0, gain=1e308), r'a gain from 0 to 100, got 1e\+308'),
-        (of(Change, 1.0, latency=9.0), 'a latency from 0 to 1, got 9'),
-        (of(Change, 1.0, threshold=9.0), 'a threshold from -1 to 3, got 9'),
-        (of(Change, 1.0, saturation=NAN), 'a saturation from -1 to 3, got nan'),
+        (of(Change, -1.0, gain=1.0), 'finite at of at least 0 s, got -1'),
+        (of(Change, 1.0, time_constant=0.0), 'time_constant above 0 up to 1, got 0'),
+        (of(Change, 1.0, time_constant=38.0), 'time_constant above 0 up to 1, got 38'),
+        (of(Change, 1.0, gain=1e308), r'gain from 0 to 100, got 1e\+308'),
+        (of(Change, 1.0, latency=9.0), 'latency from 0 to 1, got 9'),
+        (of(Change, 1.0, threshold=9.0), 'threshold from -1 to 3, got 9'),
+        (of(Change, 1.0, saturation=NAN), 'saturation from -1 to 3, got nan'),
         (
             of(Change, 1.0, 2.0, threshold=0.9, saturation=0.3),
             r'saturation at least 0\.05 above the threshold, got 0\.3 and 0\.9 at 3 s',

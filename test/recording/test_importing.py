@@ -127,7 +127,10 @@ def test_what_is_ambiguous_names_the_option_that_decides(
         (b'\x00\x01\x02binary\x03', 'expected a table of text in .*, got bytes that are no text'),
         (b'a,b\nc,d\n', 'expected rows of numbers below the header of .*, got none among 2 lines'),
         (b't,f\n0,1\n1,x\n', "expected numbers in .*, got 'x' in row 2"),
-        (b't,f\n0,1\n1,2\n2\n' * 1, 'expected 2 cells in each row of .*, got 1 in line 4'),
+        (
+            b't,f\n0,1\n1,2\n2\n' * 1,
+            'expected 2 cells in each row of .*, got 1 in row 3 of the numbers',
+        ),
     ],
 )
 def test_what_is_no_table_is_refused_in_our_words(

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batches of messages concatenated by SQLite: the same as row by row, whatever the rows are."""
 
+import sqlite3
 from typing import Any
 
-import apsw
 import pytest
 from hypothesis import given, strategies as st
 
@@ -16,8 +16,8 @@ rows_by_id = st.dictionaries(
 )
 
 
-def database(rows: dict[int, tuple[int, int, Any]]) -> apsw.Connection:
-    connection = apsw.Connection(':memory:')
+def database(rows: dict[int, tuple[int, int, Any]]) -> sqlite3.Connection:
+    connection = sqlite3.connect(':memory:')
     connection.execute(
         'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data)'
     )
@@ -27,7 +27,7 @@ def database(rows: dict[int, tuple[int, int, Any]]) -> apsw.Connection:
     return connection
 
 
-def read(connection: apsw.Connection) -> list[tuple[int, int, bytes]]:
+def read(connection: sqlite3.Connection) -> list[tuple[int, int, bytes]]:
     return [
         (int(topic[index]), int(records.time_ns[index]), records.message(index))
         for topic, records in batches(connection)

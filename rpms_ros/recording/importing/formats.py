@@ -13,13 +13,11 @@ import pickle
 import signal
 import subprocess
 import sys
-import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
 import numpy as np
 
@@ -40,20 +38,13 @@ from rpms_ros.recording.export import (
     WIDTH,
 )
 from rpms_ros.recording.importing.signals import Events, Signal, SignalFile, needed, unit_of
-from rpms_ros.recording.importing.text import header
-from rpms_ros.recording.rosbag.records import LEAST, PER_BYTE
+from rpms_ros.recording.importing.text import first_row, signals_of
 
 _HDF5 = b'\x89HDF'
 _RATES = ('fs', 'samplerate', 'samplingrate', 'sampling_rate', 'sample_rate', 'rate', 'srate')
 _MOST_COLUMNS = 64
-_HEAD, _TAG = 128, 8
-# Types of variables: plain, and packed.  Nothing else is in a file beside them.
-_MATRIX, _PACKED = 14, 15
-# Unpacking eight bytes needs no more of a variable than this.
-_BEGINNING = 4096
 _WAVEFORM = {'interval', 'start', 'values'}
 _EVENTS = {'title', 'length', 'times'}
-_LARGEST_WORKBOOK = 300_000_000
 
 _SCIPY = """\
 import pickle, sys
@@ -100,7 +91,6 @@ def read_matlab(path: Path) -> SignalFile:
         hdf5 = _HDF5 in file.read(1024)
     try:
         if not hdf5:
-            _refuse_packed_bomb(path)
             content = by_scipy('loadmat', path, squeeze_me=True, struct_as_record=False)
             if (channels := _spike2_channels(path, content)) is not None:
                 return channels
@@ -152,63 +142,14 @@ def _fields(value: Any) -> dict[str, Any]:
 def _from_hdf5(path: Path) -> Iterator[tuple[str, Any]]:
     h5py = needed('h5py', f'a MATLAB file of version 7.3 ({path})')
     found: list[tuple[str, Any]] = []
-    left = _largest_content(path)
 
     def visit(name: str, item: Any) -> None:
-        nonlocal left
         if isinstance(item, h5py.Dataset) and item.dtype.kind in 'fiub' and '#' not in name:
-            left -= item.size * item.dtype.itemsize
-            if left < 0:
-                raise _too_large(path)
             found.append((name.replace('/', '.'), item[()]))
 
     with h5py.File(path, 'r') as file:
         file.visititems(visit)
     yield from found
-
-
-def _largest_content(path: Path) -> int:
-    """Return what a file may unpack into [bytes]: as much as a recording may take."""
-    return LEAST + PER_BYTE * path.stat().st_size
-
-
-def _too_large(path: Path) -> RecordingError:
-    """Return the error for a file that unpacks into more."""
-    return RecordingError(
-        f'expected a file that unpacks into {_largest_content(path) / 1e9:.3g} GB at most, '
-        f'got more in {path}'
-    )
-
-
-def _refuse_packed_bomb(path: Path) -> None:
-    """Raise `RecordingError` if the variables of a file of version 5 are larger than they may be.
-
-    What is no such file is left to its reader, which refuses it at the first element of another
-    type: to step on through hundreds of megabytes of zeros by eight bytes takes a minute.
-    """
-    left = _largest_content(path)
-    with path.open('rb') as file:
-        head = file.read(_HEAD)
-        order = 'little' if head[126:128] == b'IM' else 'big'
-        while len(tag := file.read(_TAG)) == _TAG:
-            kind, size = (int.from_bytes(part, order) for part in (tag[:4], tag[4:]))  # type: ignore[arg-type]
-            if kind not in (_MATRIX, _PACKED):
-                return
-            begin = file.tell()
-            if kind == _PACKED:
-                left -= _stated(file.read(min(size, _BEGINNING)), order)
-            if left < 0:
-                raise _too_large(path)
-            file.seek(begin + size)
-
-
-def _stated(packed: bytes, order: str) -> int:
-    """Return the size that the first element in packed bytes states; 0 if they are damaged."""
-    try:
-        beginning = zlib.decompressobj().decompress(packed, _TAG)
-    except zlib.error:
-        return 0
-    return int.from_bytes(beginning[4:_TAG], order)  # type: ignore[arg-type]
 
 
 def _spike2_channels(path: Path, content: Mapping[str, Any]) -> SignalFile | None:
@@ -251,7 +192,7 @@ def _text(channel: Mapping[str, Any], name: str) -> str:
 
 
 def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
-    """Return the columns of a sheet.
+    """Return the columns of a sheet, as those of a table of text.
 
     Parameters
     ----------
@@ -267,45 +208,22 @@ def read_excel(path: Path, sheet: str | None = None) -> SignalFile:
     """
     openpyxl = needed('openpyxl', f'an Excel workbook ({path})')
     try:
-        with ZipFile(path) as archive:
-            size = sum(part.file_size for part in archive.infolist())
-        if size > _LARGEST_WORKBOOK:
-            raise RecordingError(
-                f'expected a workbook of at most {_LARGEST_WORKBOOK} bytes unpacked at {path}, '
-                f'got {size}'
-            )
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         chosen = _chosen(path, book.sheetnames, sheet)
-        rows = [row for row in book[chosen].iter_rows(values_only=True) if set(row) - {None}]
+        found = [row for row in book[chosen].iter_rows(values_only=True) if set(row) - {None}]
         book.close()
     except RecordingError:
         raise
     # openpyxl raises whatever the damage leads to: of the archive, of XML, of a part that lacks
     except Exception as error:
         raise RecordingError(f'expected an Excel workbook at {path}, got {error}') from error
-    first = next((index for index, row in enumerate(rows) if _numbers(row)), None)
-    if first is None:
-        got = ', '.join(str(cell)[:40] for cell in rows[-1] if cell is not None) if rows else ''
-        raise RecordingError(
-            f'expected rows of numbers in {path}, got none; the last row is: {got or "empty"}'
-        )
-    width = max(len(row) for row in rows[first:])
-    titles, units = header([_titles(row, width) for row in rows[:first]], width)
-    table = np.array(
-        [
-            [_cell(path, cell, first + index + 1) for cell in row]
-            for index, row in enumerate(rows[first:])
-        ]
-    )
-    return SignalFile(
-        path,
-        'Excel workbook',
-        tuple(
-            Signal(name, np.ascontiguousarray(column), unit or unit_of(name))
-            for name, unit, column in zip(titles, units, table.T, strict=True)
-        ),
-        facts=(f'sheet {chosen}',),
-    )
+    width = max(map(len, found), default=0)
+    rows = [['' if cell is None else str(cell).strip() for cell in row] for row in found]
+    rows = [[*row, *[''] * (width - len(row))] for row in rows]
+    if not rows:
+        raise RecordingError(f'expected rows of numbers in {path}, got an empty sheet')
+    signals = signals_of(path, rows, first_row(path, rows))
+    return SignalFile(path, 'Excel workbook', signals, facts=(f'sheet {chosen}',))
 
 
 def _chosen(path: Path, names: list[str], sheet: str | None) -> str:
@@ -317,26 +235,6 @@ def _chosen(path: Path, names: list[str], sheet: str | None) -> str:
     if sheet is not None and sheet not in names:
         raise RecordingError(f'expected a sheet of {", ".join(names)} in {path}, got {sheet!r}')
     return sheet or names[0]
-
-
-def _numbers(row: tuple[object, ...]) -> bool:
-    return all(cell is None or isinstance(cell, int | float) for cell in row)
-
-
-def _titles(row: tuple[object, ...], width: int) -> list[str]:
-    cells = ['' if cell is None else str(cell).strip() for cell in row]
-    return [*cells, *[''] * width][:width]
-
-
-def _cell(path: Path, cell: object, row: int) -> float:
-    if cell is None:
-        return float('nan')
-    if not isinstance(cell, int | float):
-        raise RecordingError(
-            f'expected numbers in {path}, got {str(cell)[:40]!r} in row {row} of those that are '
-            'not empty'
-        )
-    return float(cell)
 
 
 def read_xdf(path: Path) -> SignalFile:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rpms_ros.errors import RecordingError
+from rpms_ros.errors import RecordingError, check_number
 from rpms_ros.pulses import FloatArray
 
 _BRACKETS = re.compile(r'^.*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
@@ -184,12 +184,9 @@ class ImportOptions:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value != 0.0):
                 raise RecordingError(f'expected a finite {name} that is not 0, got {value}')
-        if self.sampling_rate is not None and self.sampling_rate < 0.0:
-            raise RecordingError(f'expected a sampling rate above 0 Hz, got {self.sampling_rate}')
-        if not 0 <= self.share <= 1:
-            raise RecordingError(f'expected an intensity from 0 to 1, got {self.intensity}')
-        if self.threshold is not None and not np.isfinite(self.threshold):
-            raise RecordingError(f'expected a finite threshold, got {self.threshold}')
+        check_number(RecordingError, 'sampling rate', self.sampling_rate or 0.0, 0, unit='Hz')
+        check_number(RecordingError, 'intensity', self.share, 0, 1)
+        check_number(RecordingError, 'threshold', self.threshold or 0.0)
         if self.edge not in (None, RISING, FALLING):
             raise RecordingError(f'expected an edge rising or falling, got {self.edge!r}')
 

@@ -105,34 +105,53 @@ def _table(path: Path, text: str, encoding: str) -> SignalFile:
     if not lines:
         raise RecordingError(f'expected a table in {path}, got an empty file')
     separator = _separator(lines)
-    rows = _splitter(separator)
-    comma = separator != ',' and _decimal_comma(rows, lines)
-    first = _first_row(rows, lines, comma)
-    if first == len(lines):
-        cells = [cell for line in lines[-_LOOKED_AT:] for cell in rows(line)]
-        points = [cell for cell in cells if comma and _has_point(cell)]
-        _refuse_thousands(path, points + [cell for cell in cells if number(cell, comma) is None])
-        raise RecordingError(
-            f'expected rows of numbers below the header of {path}, got none among {first} lines'
-        )
-    width = len(rows(lines[first]))
+    split = _splitter(separator)
+    rows = [split(line) for line in lines]
+    comma = separator != ',' and _decimal_comma(rows)
+    first = first_row(path, rows, comma)
     if separator == ',' and first:
-        sample = [rows(line) for line in lines[first : first + _LOOKED_AT]]
-        _refuse_decimal_commas(path, rows(lines[first - 1]), sample)
-    names, units = header([rows(line) for line in lines[:first]], width)
-    columns = _columns(path, rows, lines, first, width, comma)
-    begin, volts = rows(lines[first]), any(_VOLTS.search(line) for line in lines[:first])
-    signals = []
-    for name, unit, cell, values in zip(names, units, begin, columns, strict=True):
-        stated = TIME_OF_DAY if _CLOCK.match(cell) else unit or unit_of(name)
-        signals.append(Signal(name, values, stated or ('V' if volts else '')))
+        _refuse_decimal_commas(path, rows[first - 1], rows[first : first + _LOOKED_AT])
+    volts = any(_VOLTS.search(line) for line in lines[:first])
+    signals = signals_of(path, rows, first, comma, 'V' if volts else '')
     facts = [encoding, f'separated by {_SEPARATORS[separator]}']
     facts += ['decimal comma'] if comma else []
     facts += [] if first else ['no header']
-    rate = None if any('time' in name.lower() for name in names) else _rate(lines[:first])
-    return SignalFile(
-        path, 'table of text', tuple(signals), sampling_rate_hz=rate, facts=tuple(facts)
-    )
+    rate = None if any('time' in one.name.lower() for one in signals) else _rate(lines[:first])
+    return SignalFile(path, 'table of text', signals, sampling_rate_hz=rate, facts=tuple(facts))
+
+
+def signals_of(
+    path: Path, rows: Sequence[list[str]], first: int, comma: bool = False, usual: str = ''
+) -> tuple[Signal, ...]:
+    """Return the columns of a table as signals.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    rows : sequence of list of str
+        Cells of the table: lines above the numbers, then the numbers.
+    first : int
+        The first row of numbers.
+    comma : bool
+        Whether the decimal mark is a comma.
+    usual : str
+        Unit of what states none.
+
+    Raises
+    ------
+    RecordingError
+        If a row has another length, or a cell is no number.
+    """
+    width = len(rows[first])
+    names, units = _header(rows[:first], width)
+    columns = _columns(path, rows[first:], width, comma)
+    units = [unit or unit_of(name) or usual for name, unit in zip(names, units, strict=True)]
+    units = [
+        TIME_OF_DAY if _CLOCK.match(cell) else unit
+        for cell, unit in zip(rows[first], units, strict=True)
+    ]
+    return tuple(map(Signal, names, columns, units))
 
 
 def _rate(above: Sequence[str]) -> float | None:
@@ -167,8 +186,8 @@ def _splitter(separator: str) -> Callable[[str], list[str]]:
     return split
 
 
-def _decimal_comma(rows: Callable[[str], list[str]], lines: Sequence[str]) -> bool:
-    cells = [cell for line in lines[-_LOOKED_AT:] for cell in rows(line)]
+def _decimal_comma(rows: Sequence[list[str]]) -> bool:
+    cells = [cell for row in rows[-_LOOKED_AT:] for cell in row]
     return any(re.fullmatch(r'[-+]?\d*,\d+(?:[eE][-+]?\d+)?', cell) for cell in cells)
 
 
@@ -217,19 +236,29 @@ def number(cell: str, comma: bool) -> float | None:
         return None
 
 
-def _first_row(rows: Callable[[str], list[str]], lines: Sequence[str], comma: bool) -> int:
-    """Return the first line that holds numbers only, and as many as most lines."""
-    width = Counter(len(rows(line)) for line in lines[-_LOOKED_AT:]).most_common(1)[0][0]
-    for index, line in enumerate(lines):
-        cells = rows(line)
+def first_row(path: Path, rows: Sequence[list[str]], comma: bool = False) -> int:
+    """Return the first row that holds numbers only, and as many as most rows.
+
+    Raises
+    ------
+    RecordingError
+        If there is none.
+    """
+    width = Counter(len(row) for row in rows[-_LOOKED_AT:]).most_common(1)[0][0]
+    for index, cells in enumerate(rows):
         numbers = [number(cell, comma) for cell in cells]
         some = any(value is not None and not np.isnan(value) for value in numbers)
         if len(cells) == width and some and None not in numbers:
             return index
-    return len(lines)
+    cells = [cell for row in rows[-_LOOKED_AT:] for cell in row]
+    points = [cell for cell in cells if comma and _has_point(cell)]
+    _refuse_thousands(path, points + [cell for cell in cells if number(cell, comma) is None])
+    raise RecordingError(
+        f'expected rows of numbers below the header of {path}, got none among {len(rows)} lines'
+    )
 
 
-def header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
+def _header(above: Sequence[list[str]], width: int) -> tuple[list[str], list[str]]:
     """Return names and units of the columns from the lines above the numbers."""
     wide = [cells for cells in above if len(cells) == width]
     units = [''] * width
@@ -239,22 +268,14 @@ def header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
     return names, units
 
 
-def _columns(
-    path: Path,
-    rows: Callable[[str], list[str]],
-    lines: Sequence[str],
-    first: int,
-    width: int,
-    comma: bool,
-) -> list[FloatArray]:
-    table = np.empty((len(lines) - first, width))
+def _columns(path: Path, rows: Sequence[list[str]], width: int, comma: bool) -> list[FloatArray]:
+    table = np.empty((len(rows), width))
     days: set[str] = set()
-    for index, line in enumerate(lines[first:]):
-        cells = rows(line)
+    for index, cells in enumerate(rows):
         if len(cells) != width:
             raise RecordingError(
-                f'expected {width} cells in each row of {path}, got {len(cells)} in line '
-                f'{first + index + 1} of those that are not empty'
+                f'expected {width} cells in each row of {path}, got {len(cells)} in row '
+                f'{index + 1} of the numbers'
             )
         for column, cell in enumerate(cells):
             value = number(cell, comma)
@@ -285,7 +306,6 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
     if not 1 <= chosen <= len(blocks):
         raise RecordingError(f'expected a block from 1 to {len(blocks)} of {path}, got {chosen}')
     head, rows = blocks[chosen - 1]
-    comma = any(',' in cell for row in rows[:50] for cell in row)
     width = min((len(row) for row in rows), default=0)
     if width < 2:
         raise RecordingError(f'expected time and channels in {path}, got no such rows')
@@ -296,11 +316,10 @@ def _labchart(path: Path, text: str, encoding: str, block: int | None) -> Signal
         _at(stated, index) or _at(ranges, index).rpartition(' ')[2] for index in range(width - 1)
     ]
     names = [*titles, *[''] * width][: width - 1]
-    table = np.array([[_value(path, cell, comma) for cell in row[:width]] for row in rows])
-    time = table[:, 0]
+    time, *channels = _columns(path, [row[:width] for row in rows], width, _decimal_comma(rows))
     signals = tuple(
-        Signal(name, np.ascontiguousarray(table[:, index + 1]), units[index], time)
-        for index, name in enumerate(names)
+        Signal(name, values, unit, time)
+        for name, values, unit in zip(names, channels, units, strict=True)
     )
     return SignalFile(path, 'LabChart text', signals, facts=(encoding, f'block {chosen}'))
 
@@ -319,13 +338,6 @@ def _blocks(lines: list[str]) -> list[tuple[dict[str, list[str]], list[list[str]
             cells = [cell.strip() for cell in line.split('#')[0].rstrip('\t ').split('\t')]
             blocks[-1][1].append(cells)
     return blocks
-
-
-def _value(path: Path, cell: str, comma: bool) -> float:
-    value = number(cell, comma)
-    if value is None:
-        raise RecordingError(f'expected numbers in {path}, got {cell[:40]!r}')
-    return value
 
 
 def _at(texts: list[str], index: int) -> str:

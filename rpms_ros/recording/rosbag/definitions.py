@@ -12,7 +12,6 @@ length of that string is known, and records of one such length are an array of o
 rosbags, which decodes one message after the other, takes minutes for an hour at 1 kHz.
 """
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -24,7 +23,6 @@ import numpy as np
 from rosbags.typesys import (
     Stores,
     TypesysError,
-    get_types_from_idl,
     get_types_from_msg,
     get_typestore,
 )
@@ -40,15 +38,11 @@ FLOAT64 = 'std_msgs/msg/Float64'
 MUSCLE_ESTIMATE = 'rpms_msgs/msg/MuscleEstimate'
 
 FOLDER = Path(__file__).parents[1] / 'msg'
-_IDL_SEPARATOR = '=' * 80 + '\n'
 
 # Ten times what the largest messages of ROS have.
 _LONGEST = 500_000
 _MOST_FIELDS = 10_000
 _DEEPEST = 30
-_DEEPEST_IDL = 8
-_IDL_TEXT = re.compile(r'"(?:[^"\\\n]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
-_IDL_EXPRESSION = re.compile(r'\bconst\b[^;=]*=[^;]*[(|^&<>+*/%~]')
 # What rosbags raises at texts that are no definitions.
 _ERRORS = (
     TypesysError,
@@ -129,14 +123,15 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
     text : str
         Its definition with those of its parts; empty if the recording carries none.
     encoding : str
-        ``ros2msg`` or ``ros2idl``.
+        ``ros2msg``, as recorders write it; a definition in another one, such as ``ros2idl``, is
+        not read, and a type that is known is taken as it is known.
 
     Raises
     ------
     RecordingError
         If the definition cannot be used, or is missing and the type is not known either.
     """
-    if not text:
+    if not text or (encoding != 'ros2msg' and type_name in known_types().fielddefs):
         if type_name not in known_types().fielddefs:
             raise RecordingError(
                 f'expected a definition of {type_name} in the recording, got none'
@@ -146,7 +141,9 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
     try:
         if len(text) > _LONGEST:
             raise TypesysError(f'{len(text)} characters')
-        store.register(_parse(type_name, text, encoding))
+        if encoding != 'ros2msg':
+            raise TypesysError(f'one in {encoding}')
+        store.register(dict(get_types_from_msg(text, type_name)))
         fields_of(store, type_name)
     except _ERRORS as error:
         reason = str(error).splitlines() or [type(error).__name__]
@@ -154,30 +151,6 @@ def types_of(type_name: str, text: str, encoding: str) -> Typestore:
             f'expected a definition of {type_name} that can be used, got {reason[0]:.200}'
         ) from error
     return store
-
-
-def _parse(type_name: str, text: str, encoding: str) -> Types:
-    if encoding == 'ros2msg':
-        return dict(get_types_from_msg(text, type_name))
-    _expect_simple_idl(text)
-    types: Types = {}
-    parts = text.split(_IDL_SEPARATOR)[1:] if text.startswith(_IDL_SEPARATOR) else [text]
-    for part in parts:
-        body = part.split('\n', 1)[1] if part.startswith('IDL: ') else part
-        types.update(get_types_from_idl(body))
-    return types
-
-
-def _expect_simple_idl(text: str) -> None:
-    """Refuse what rosbags' parser of IDL takes longer for with every level, without end."""
-    bare = _IDL_TEXT.sub('', text)
-    if _IDL_EXPRESSION.search(bare) or bare.count('<') > _MOST_FIELDS:
-        raise TypesysError('a constant that is calculated')
-    depth = 0
-    for char in filter('<>{}'.__contains__, bare):
-        depth += 1 if char in '<{' else -1
-        if depth > _DEEPEST_IDL:
-            raise TypesysError(f'more than {_DEEPEST_IDL} levels')
 
 
 ENCODING, LENGTH = 'CDR encoding', 'string length'

@@ -3,8 +3,7 @@
 """What stands beside the messages of a recording: metadata.yaml, checksums, and a signature.
 
 metadata.yaml is written as version 9 of rosbag2; that of any writer is believed only if it is
-whole and what it should be.  No YAML reader of Python bounds what aliases stand for, nor how deep
-it calls itself.
+whole and what it should be.  No YAML reader of Python bounds how deep it calls itself.
 
 ``SHA256SUMS`` is the format of ``sha256sum --check``.  ``SHA256SUMS.hmac`` holds the HMAC-SHA256
 of that file under the key of the laboratory: it cannot be made without the key.
@@ -136,7 +135,6 @@ class _Dumper(yaml.SafeDumper):
 # A recording with a thousand topics has a tenth of it [bytes].
 _LARGEST = 4_000_000
 _DEEPEST = 32
-_MOST_NODES = 100_000
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _REQUIRED = (
     (1, ('version', 'storage_identifier', 'relative_file_paths', 'duration', 'starting_time')),
@@ -201,37 +199,21 @@ def regular_text(path: Path) -> str:
 
 
 def loaded(text: str) -> Any:
-    """Return a YAML document, if it is neither too deep nor too large with all aliases resolved.
-
-    An alias stands for the content of its anchor: a few nested ones stand for more than a memory
-    holds.  The loader calls itself for every level: thousands of them end the process.
+    """Return a YAML document that is not too deep: its loader calls itself for every level.
 
     Raises
     ------
     RecordingError
-        If it is too deep or too large.
+        If it is too deep.
     yaml.YAMLError, ValueError
         If it is no YAML.
     """
-    sizes: dict[str | None, int] = {}
-    open_nodes: list[tuple[str | None, int]] = [(None, 0)]
-    total = 0
+    depth = 0
     for event in yaml.parse(text, _LOADER):
-        if isinstance(event, yaml.AliasEvent):
-            # An anchor that is not closed yet would contain itself.
-            total += sizes.get(event.anchor, _MOST_NODES)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            anchor, begun = open_nodes.pop()
-            if anchor:
-                sizes[anchor] = total - begun
-        elif isinstance(event, yaml.NodeEvent):
-            if isinstance(event, yaml.CollectionStartEvent):
-                open_nodes.append((event.anchor, total))
-            elif event.anchor:
-                sizes[event.anchor] = 1
-            total += 1
-        if len(open_nodes) > _DEEPEST or total > _MOST_NODES:
-            raise RecordingError(f'expected at most {_DEEPEST} levels and {_MOST_NODES} entries')
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise RecordingError(f'expected at most {_DEEPEST} levels')
     return yaml.load(text, _LOADER)
 
 

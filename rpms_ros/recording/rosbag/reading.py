@@ -338,18 +338,6 @@ def read_recording(
     )
 
 
-def held_bytes(recording: Recording) -> int:
-    """Return what the arrays of a recording take [bytes]."""
-    pulses, forces = recording.pulses, recording.forces
-    arrays = (
-        *(pulses.onset_ns, pulses.intensity, pulses.sequence, pulses.width),
-        *(forces.stamp_ns, forces.force),
-        *(recording.pulse_received_ns, recording.force_received_ns),
-        recording.samples_before_pulse,
-    )
-    return sum(array.nbytes for array in arrays)
-
-
 def _facts(
     scan: Scan,
     schedules: ScheduleReading,

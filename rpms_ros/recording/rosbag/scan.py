@@ -121,8 +121,10 @@ class Scan:
         if named != self.storage:
             remark = f'{METADATA} names the storage {named!r:.40}, got files of {self.storage}'
             self.findings.add('damaged_metadata', remark)
-        custom = metadata.get('custom_data') or {}
-        self.custom = {str(key): str(value) for key, value in custom.items()}
+        custom = (metadata.get('custom_data') or {}).items()
+        # a few aliases within each other stand for more than a memory holds
+        plain = (str, int, float)
+        self.custom = {str(key): str(one) for key, one in custom if isinstance(one, plain)}
         self._crc32 = self.custom.pop(CRC_KEY, '')
         self._stated = metadata.get('message_count')
         entries = [one['topic_metadata'] for one in metadata.get('topics_with_message_count', [])]

@@ -1,13 +1,6 @@
 # Copyright 2026 rpms_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Topics and raw messages of a sqlite3 file of rosbag2, complete, hot or cut off; files written.
-
-A row that becomes Python objects costs a microsecond: reading an hour at 1 kHz row by row takes
-more than twice as long.  Concatenated by SQLite, a batch is a few objects: the data of all its
-rows in one, and their lengths, times, topics and ids as text.  Every aggregate of a query sees the
-rows in the same order, whichever it is, and the ids tell it.  A batch that does not add up, or is
-damaged, is read row by row.  The SQLite of apsw, which rosbags needs too, is the quicker one.
-"""
+"""Topics and messages of a sqlite3 file of rosbag2, complete, hot or cut off; files written."""
 
 import os
 import shutil
@@ -19,7 +12,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import apsw
 import numpy as np
 
 from rpms_ros.errors import RecordingError
@@ -28,67 +20,25 @@ from rpms_ros.recording.rosbag.metadata import VERSION, TopicEntry, qos_text
 from rpms_ros.recording.rosbag.records import Batch, Budget, Channel, Findings, Records
 
 _ROWS = 8192
-_SINGLE_ROWS = 1000
-# Larger batches, as of images beside the force, are read row by row.
-_LARGEST = 1 << 25
-_RANGE = 'FROM messages WHERE id BETWEEN ? AND ?'
-_PACKED = (
-    "SELECT CAST(group_concat(data, '') AS BLOB), group_concat(length(data)), "
-    f'group_concat(timestamp), group_concat(topic_id), group_concat(id) {_RANGE}'
-)
-_SINGLE = f'SELECT topic_id, timestamp, data {_RANGE} ORDER BY id'
-_LAST_ID = 2**63 - 1
 
 
-def batches(connection: apsw.Connection) -> Iterator[Batch]:
+def batches(connection: sqlite3.Connection) -> Iterator[Batch]:
     """Yield messages in the order of their ids.
+
+    What is not of its type cannot be decoded, or belongs nowhere.
 
     Raises
     ------
-    apsw.Error
+    sqlite3.Error
         Where the file is damaged, after what comes before it.
     """
-    ((begin,),) = connection.execute('SELECT min(id) FROM messages')
-    while begin is not None:
-        end = min(begin + _ROWS - 1, _LAST_ID)
-        packed = _packed(connection, begin, end)
-        if packed is None:
-            yield from _singly(connection, begin, end)
-        else:
-            yield packed
-        ((begin,),) = connection.execute('SELECT min(id) FROM messages WHERE id > ?', (end,))
-
-
-def _packed(connection: apsw.Connection, begin: int, end: int) -> Batch | None:
-    """Return a batch, or None if it has to be read row by row."""
-    usual = connection.limit(apsw.SQLITE_LIMIT_LENGTH, _LARGEST)
-    try:
-        ((data, *texts),) = connection.execute(_PACKED, (begin, end))
-    except apsw.Error:
-        return None
-    finally:
-        connection.limit(apsw.SQLITE_LIMIT_LENGTH, usual)
-    if data is None or None in texts:
-        return None
-    length, time_ns, topic, number = (np.fromstring(text, np.int64, sep=',') for text in texts)
-    same = len(length) == len(time_ns) == len(topic) == len(number)
-    if not same or length.sum() != len(data):
-        return None
-    stop = np.cumsum(length)
-    records = Records(np.frombuffer(data, np.uint8), stop - length, stop, time_ns)
-    order = np.argsort(number, kind='stable')
-    return topic[order], records.select(order)
-
-
-def _singly(connection: apsw.Connection, begin: int, end: int) -> Iterator[Batch]:
-    """Yield rows; what is not of its type cannot be decoded, or belongs nowhere."""
-    cursor = connection.execute(_SINGLE, (begin, end))
-    failure: apsw.Error | None = None
+    cursor = connection.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
+    failure: sqlite3.Error | None = None
     while failure is None:
         rows: list[tuple[Any, ...]] = []
         try:
-            rows.extend(islice(cursor, _SINGLE_ROWS))
-        except apsw.Error as error:
+            rows.extend(islice(cursor, _ROWS))
+        except sqlite3.Error as error:
             failure = error
         if rows:
             topics, times, messages = zip(*rows, strict=True)
@@ -176,10 +126,9 @@ class SqliteFile:
             yield from self._read(copy.as_uri(), cut_off=not hot)
 
     def _read(self, uri: str, cut_off: bool = False) -> Iterator[Batch]:
-        flags = apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_URI
         name = self._path.name
         try:
-            with closing(apsw.Connection(uri, flags)) as connection:
+            with closing(sqlite3.connect(uri, uri=True)) as connection:
                 if cut_off:
                     # Lets SQLite open a file that is shorter than its header says.
                     connection.execute('PRAGMA writable_schema = ON')
@@ -193,26 +142,28 @@ class SqliteFile:
                         self._findings.add('truncated_file', found)
                 try:
                     yield from batches(connection)
-                except (apsw.Error, ValueError) as error:
+                except (sqlite3.Error, ValueError) as error:
                     found = f'{name} cannot be read to its end: {error}'
                     self._findings.add('truncated_file', found)
-        except (apsw.Error, TypeError, ValueError) as error:
+        except (sqlite3.Error, TypeError, ValueError) as error:
             raise RecordingError(
                 f'expected tables of rosbag2 in {self._path}, got {error}'
             ) from error
 
 
-def _tables(connection: apsw.Connection) -> set[str]:
+def _tables(connection: sqlite3.Connection) -> set[str]:
     """Return the names of all tables; refuse views and virtual ones, which may never end."""
     virtual = "coalesce(sql, '') LIKE 'create virtual%'"
     found = list(connection.execute(f'SELECT name, type, {virtual} FROM sqlite_master'))
     for name, kind, is_virtual in found:
         if name in _TABLES_READ and (kind != 'table' or is_virtual):
-            raise apsw.SQLError(f'{name} is no plain table')
+            raise sqlite3.DatabaseError(f'{name} is no plain table')
     return {name for name, _, _ in found}
 
 
-def _channels(connection: apsw.Connection, tables: set[str], budget: Budget) -> dict[int, Channel]:
+def _channels(
+    connection: sqlite3.Connection, tables: set[str], budget: Budget
+) -> dict[int, Channel]:
     definitions: dict[str, tuple[str, str]] = {}
     if 'message_definitions' in tables:
         query = 'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions'
@@ -229,7 +180,7 @@ def _channels(connection: apsw.Connection, tables: set[str], budget: Budget) -> 
     }
 
 
-def _rows(connection: apsw.Connection, query: str, budget: Budget) -> Iterator[tuple[Any, ...]]:
+def _rows(connection: sqlite3.Connection, query: str, budget: Budget) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a query, each of which is kept; a row costs more than its texts."""
     for row in connection.execute(query):
         budget.hold(_ROW + sum(len(value) for value in row if isinstance(value, str | bytes)))
