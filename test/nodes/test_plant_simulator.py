@@ -170,7 +170,7 @@ def test_presets_are_changed_where_a_parameter_says_so() -> None:
     ('values', 'message'),
     [
         ({'real_time_factor': 2.0}, r'expected publish_clock with a real_time_factor .* got 2\.0'),
-        ({'maximum_force': 0.0}, r'expected a maximum force above 0 N, got 0\.0'),
+        ({'maximum_force': 0.0}, r'maximum force above 0 N, got 0\.0'),
     ],
 )
 def test_parameters_that_do_not_go_together_are_refused(
